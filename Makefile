@@ -1,0 +1,62 @@
+# make demo | test | slow | lint | bench | clean          what to pass on: make demo ARGS=--fast
+# Needs make and Python with venv; everything else is installed into .venv.
+
+VENV ?= .venv
+BIN := $(VENV)/bin
+SUPPORTED := import sys; sys.exit(sys.version_info < (3, 11))
+PYTHON ?= $(or $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	$$p -c '$(SUPPORTED)' 2>/dev/null && echo $$p && break; done),python3)
+DEBIAN_VENV = $(or $(filter python3.%,$(notdir $(PYTHON))),python3)-venv
+QUADMATH := libquadmath.so.0
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: demo test slow lint bench clean check
+
+demo: $(VENV)/.report
+	$(BIN)/python -m ngbrain demo $(ARGS)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(ARGS)
+
+slow: $(VENV)/.dev
+	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=0 $(ARGS)
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# Each benchmark's last line is its JSON.
+bench: $(VENV)/.dev
+	@mkdir -p out/bench
+	@for script in benchmarks/[!_]*.py; do name=$$(basename $$script .py); echo "$$script --json $(ARGS)"; \
+		$(BIN)/python $$script --json $(ARGS) > out/bench/$$name.txt && tail -n 1 out/bench/$$name.txt > out/bench/$$name.json \
+		|| exit 1; done
+
+clean:
+	rm -rf build dist out *.egg-info .cache .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	find ngbrain meshes tests tutorials benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+# One line that says what to install, or nothing.
+check:
+	@command -v "$(PYTHON)" >/dev/null || \
+		{ echo "Python is missing ($(PYTHON)): apt install python3 python3-venv"; exit 1; }
+	@"$(PYTHON)" -c '$(SUPPORTED)' || { echo "ngbrain needs Python 3.11 or newer and found $$("$(PYTHON)" -V 2>&1):" \
+		"apt install python3 python3-venv on Debian 12 or newer, or make PYTHON=/path/to/python3"; exit 1; }
+	@"$(PYTHON)" -m ensurepip --version >/dev/null 2>&1 || \
+		{ echo "$(PYTHON) has no venv module: apt install $(DEBIAN_VENV)"; exit 1; }
+
+$(BIN)/pip: | check
+	"$(PYTHON)" -m venv --clear $(VENV)
+
+# NGSolve's wheel expects $(QUADMATH) from the system; where that is missing, SciPy's wheel brings one that serves.
+$(VENV)/.report: extras := report
+$(VENV)/.dev: extras := dev,report
+$(VENV)/.report $(VENV)/.dev: setup.cfg pyproject.toml | $(BIN)/pip
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[$(extras)]"
+	@$(BIN)/python -c 'import ctypes; ctypes.CDLL("$(QUADMATH)")' 2>/dev/null || \
+		{ cd $(VENV)/lib/python3*/site-packages && set -- scipy.libs/libquadmath-* && \
+		test ! -e "$$1" || ln -sf "../$$1" ngsolve_openblas/$(QUADMATH); }
+	@$(BIN)/python -c 'import ngsolve'
+	@touch $@

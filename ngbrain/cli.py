@@ -1,0 +1,93 @@
+"""The command line: thin over the library. Exit 0 on success, 2 on bad input, 3 when a solver gave up."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, MissingExtra, SolverError, require
+from ngbrain.progress import ProgressBar
+from ngbrain.scene import Scene
+from ngbrain.surgery.retraction import CHECKS, solve, write_json
+
+EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a verb; returns the exit status."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return int(arguments.verb(arguments) or 0)
+    except (InputError, MissingExtra) as error:
+        print(f"ngbrain: {error}", file=sys.stderr)
+        return EXIT_INPUT
+    except SolverError as error:
+        print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
+        return EXIT_SOLVER
+    except KeyboardInterrupt:
+        print(f"ngbrain: stopped; go on with --resume -o {arguments.output}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="ngbrain", description="In silico brain surgery.")
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+    demo = verbs.add_parser("demo", help="a retraction on the demonstration head, three ways")
+    demo.add_argument("--head", choices=["idealised"], default="idealised", help="which head")
+    demo.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
+    demo.set_defaults(verb=_demo)
+    retract = verbs.add_parser("retract", help="one scene")
+    retract.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
+    retract.set_defaults(verb=_retract)
+    for verb, folder in ((demo, "demo"), (retract, "out")):
+        verb.add_argument("-o", dest="output", type=Path, default=Path(folder), metavar="DIR", help=f"where results go ({folder})")
+        verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
+        verb.add_argument("--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side")
+        verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of threads")
+    return number
+
+
+def _demo(arguments: argparse.Namespace) -> None:
+    _run(Scene.shipped("demo_fast" if arguments.fast else "demo"), "demo", arguments)
+
+
+def _retract(arguments: argparse.Namespace) -> None:
+    _run(Scene.from_toml(arguments.scene), "retract", arguments)
+
+
+def _run(scene: Scene, verb: str, arguments: argparse.Namespace) -> None:
+    for package in ("matplotlib", "jinja2"):  # before the work, not after it
+        require(package, "report")
+    folder: Path = arguments.output
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    with ProgressBar(len(scene.protocols) + CHECKS, arguments.quiet) as bar:
+        result = solve(scene, folder, arguments.threads, arguments.resume, bar.tell)
+    result["verb"] = verb
+    write_json(folder / "result.json", result)
+    from ngbrain.report import build
+
+    report = build(folder)
+    if not arguments.quiet:
+        print(_summary(result), f"report: {report}", sep="\n")
+
+
+def _summary(result: dict[str, Any]) -> str:
+    lines = [f"{'protocol':<14}{'peak mmHg':>10}{'tip mmHg':>10}{'force N':>9}{'s > 20':>8}{'dose mmHg min':>15}{'MPS p95':>9}"]
+    for name, a in result["answers"].items():
+        lines.append(
+            f"{name:<14}{a['peak_pressure_mmHg']:>10.1f}{a['peak_tip_pressure_mmHg']:>10.1f}{a['peak_force_N']:>9.2f}"
+            f"{a['s_above_20_mmHg']:>8.0f}{a['dose_mmHg_min']:>15.0f}{a['mps_p95']:>9.3f}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,82 @@
+"""Every way a call can fail, by name.
+
+The command line turns `InputError` and `MissingExtra` into exit status 2 and `SolverError` into exit status 3.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+
+class NgbrainError(Exception):
+    """Base of every exception that ngbrain raises on purpose."""
+
+
+class InputError(NgbrainError, ValueError):
+    """Something the user gave cannot be used.
+
+    One line that names the file (where there is one), the field, the value found and what is wanted.
+
+    >>> print(InputError("blade.width_mm", 14.0, "at most 12, the width of the cleft", file="case.toml"))
+    case.toml: blade.width_mm is 14.0; wanted: at most 12, the width of the cleft
+    """
+
+    def __init__(self, field: str, value: Any, wanted: str, file: str | Path | None = None) -> None:
+        self.field, self.value, self.wanted, self.file = field, value, wanted, file
+        where = f"{file}: " if file else ""
+        super().__init__(f"{where}{field} is {value}; wanted: {wanted}")
+
+
+class SolverError(NgbrainError, RuntimeError):
+    """A computation gave up; the message says what happened and what to try."""
+
+
+class ConvergenceError(SolverError):
+    """Newton's method did not reach its tolerance."""
+
+
+class InvertedElementError(SolverError):
+    """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
+
+
+class ContactError(SolverError):
+    """The tissue went into a blade further than the contact law allows."""
+
+
+class MissingExtra(NgbrainError, ImportError):
+    """An optional package is needed.
+
+    >>> print(MissingExtra("matplotlib", "report"))
+    matplotlib is not installed; get it with: pip install "ngbrain[report]"
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f'{package} is not installed; get it with: pip install "ngbrain[{extra}]"')
+
+
+def require(package: str, extra: str) -> ModuleType:
+    """Import an optional package, or raise `MissingExtra` naming the extra that brings it.
+
+    >>> require("json", "report").dumps([1])
+    '[1]'
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise MissingExtra(package.partition(".")[0], extra) from error
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint for a misspelt name: the nearest known one, or all of them.
+
+    >>> nearest("widht_mm", ["width_mm", "length_mm"])
+    "did you mean 'width_mm'?"
+    """
+    known = list(known)
+    close = get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else "one of " + ", ".join(sorted(known))

@@ -1,0 +1,176 @@
+"""A nearly incompressible relaxing body in mixed form, as one energy; what Newton's method needs of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.forward.contact import BONUS_INTORDER, Contact
+from ngbrain.forward.history import History
+from ngbrain.materials import Law, Viscous, perturbed_lagrangian
+from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
+
+LENGTH_SCALE = 1e-3
+"""Displacements (m) are judged against a millimetre in the size of a Newton correction,"""
+PRESSURE_SCALE = 1e3
+"""pressures (Pa) against a kilopascal."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a region is made of: a law of shape (relaxing or not) and a bulk modulus K (Pa)."""
+
+    law: Viscous | Law
+    bulk: float
+
+    @property
+    def viscous(self) -> Viscous:
+        """The law of shape as a `Viscous`, without branches if it does not relax."""
+        return self.law if isinstance(self.law, Viscous) else Viscous(self.law)
+
+
+class Body:
+    """Energy Σ_regions W(C̄; history) + p(J - 1) - p²/2K + contact, on P_k displacements and P_{k-1} pressures.
+
+    mesh       NGSolve mesh, tetrahedra
+    materials  region pattern → `Material`
+    fixed      boundary pattern held at u = 0
+    contacts   rigid bodies that walls see
+    order      k ≥ 2
+
+    Attributes: `fes`, `gfu` (compound), `u`, `p` (its components), `history`. Raises `InputError` for a pattern that
+    matches no region or boundary.
+    """
+
+    def __init__(
+        self,
+        mesh: ngs.Mesh,
+        materials: dict[str, Material],
+        fixed: str,
+        contacts: Sequence[Contact] = (),
+        order: int = 2,
+    ) -> None:
+        check_patterns(mesh, materials, [fixed, *(contact.wall for contact in contacts)])
+        self.mesh, self.materials, self.contacts, self.order = mesh, materials, tuple(contacts), order
+        self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
+        self.gfu = ngs.GridFunction(self.fes)
+        self.u, self.p = self.gfu.components
+        self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
+        F = deformation_gradient(self.u)
+        self.history.follow(isochoric(right_cauchy_green(F)))
+        self._det = ngs.Det(F).Compile()
+        rule = ngs.IntegrationRule(ngs.TRIG, 2 * order + BONUS_INTORDER)
+        self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
+        self.tissue_form, self.contact_form, self.form = self._forms()
+        self._gaps = [
+            (contact.gap(self.u).Compile(), mesh.MapToAllElements(rule, mesh.Boundaries(contact.wall)))
+            for contact in self.contacts
+        ]
+        self._vec = self.gfu.vec.CreateVector()
+        free = np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
+        self._free = free.astype(float)
+        n_u = self.fes.components[0].ndof
+        self.is_u = np.arange(self.fes.ndof) < n_u
+        scale = np.where(self.is_u, LENGTH_SCALE, PRESSURE_SCALE)
+        self.weights = self._free / scale**2 / self.fes.ndof
+
+    def _forms(self) -> tuple[ngs.BilinearForm, ngs.BilinearForm, ngs.BilinearForm]:
+        u, p = self.fes.TrialFunction()
+        F = deformation_gradient(u)
+        J = ngs.Det(F)
+        C = isochoric(right_cauchy_green(F))
+        tissue = ngs.BilinearForm(self.fes, symmetric=True)
+        contact = ngs.BilinearForm(self.fes, symmetric=True)
+        both = ngs.BilinearForm(self.fes, symmetric=True)
+        for pattern, material in self.materials.items():
+            law = material.viscous
+            energy = law.energy(C, self.history.shares[: len(law.branches)])
+            if law.branches:
+                energy += 0.5 * ngs.InnerProduct(self.history.pull, C)
+            energy += perturbed_lagrangian(J, p, material.bulk)
+            # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
+            term = energy.Compile() * ngs.dx(definedon=self.mesh.Materials(pattern), intrules=self.history.rules)
+            tissue += ngs.Variation(term)
+            both += ngs.Variation(term)
+        for body in self.contacts:
+            term = body.energy(u).Compile() * body.measure()
+            contact += ngs.Variation(term)
+            both += ngs.Variation(term)
+        return tissue, contact, both
+
+    # What Newton's method asks (solvers.newton.System).
+
+    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """Residual on the free unknowns, and the norm of all nodal forces of the displacement rows."""
+        r = self._apply(self.form, x)
+        return r * self._free, float(np.linalg.norm(r[self.is_u]))
+
+    def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Tangent at x, factorised; symmetric and quasi-definite, so no pivoting is needed."""
+        self._set(x)
+        self.form.AssembleLinearization(self.gfu.vec)
+        try:
+            inverse = self.form.mat.Inverse(self.fes.FreeDofs(), inverse="sparsecholesky")
+        except Exception as error:  # NGSolve raises bare exceptions of several kinds here
+            raise FloatingPointError(f"the tangent cannot be factorised: {error}") from error
+        out = self._vec.CreateVector()
+
+        def solve(r: np.ndarray) -> np.ndarray:
+            self._vec.FV().NumPy()[:] = r
+            out.data = inverse * self._vec
+            return out.FV().NumPy() * self._free
+
+        return solve
+
+    def min_det(self, x: np.ndarray) -> float:
+        """Smallest det F over all quadrature points."""
+        self._set(x)
+        return float(np.min(self._det(self._points)))
+
+    def min_gap(self) -> float:
+        """Smallest signed distance (m) between tissue and rigid bodies over the walls' quadrature points."""
+        return min((float(np.min(gap(points))) for gap, points in self._gaps), default=float("inf"))
+
+    # State and forces.
+
+    @property
+    def state(self) -> np.ndarray:
+        """All unknowns as one array (a view)."""
+        return self.gfu.vec.FV().NumPy()
+
+    def tissue_forces(self) -> np.ndarray:
+        """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""
+        return self._apply(self.tissue_form, self.state.copy())[self.is_u]
+
+    def contact_forces(self) -> np.ndarray:
+        """Nodal forces (N) of the contact energies at the current state."""
+        return self._apply(self.contact_form, self.state.copy())[self.is_u]
+
+    def _set(self, x: np.ndarray) -> None:
+        self.gfu.vec.FV().NumPy()[:] = x
+
+    def _apply(self, form: ngs.BilinearForm, x: np.ndarray) -> np.ndarray:
+        self._set(x)
+        form.Apply(self.gfu.vec, self._vec)
+        return self._vec.FV().NumPy().copy()
+
+
+def check_patterns(mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str]) -> None:
+    """Raise `InputError` if a pattern matches nothing, or a region has no material."""
+    covered = ngs.BitArray(mesh.GetNE(ngs.VOL) and len(mesh.GetMaterials()))
+    covered.Clear()
+    for pattern in regions:
+        mask = mesh.Materials(pattern).Mask()
+        if mask.NumSet() == 0:
+            raise InputError("tissue region", repr(pattern), nearest(pattern, set(mesh.GetMaterials())))
+        covered |= mask
+    if covered.NumSet() < len(mesh.GetMaterials()):
+        bare = sorted({name for i, name in enumerate(mesh.GetMaterials()) if not covered[i]})
+        raise InputError("tissue", "not given for " + ", ".join(bare), "a tissue for every region of the mesh")
+    for pattern in boundaries:
+        if mesh.Boundaries(pattern).Mask().NumSet() == 0:
+            raise InputError("boundary", repr(pattern), nearest(pattern, set(mesh.GetBoundaries())))

@@ -1,0 +1,232 @@
+"""Quasi-static motion of a relaxing body against moving rigid bodies: time steps that land on events and can be redone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
+from ngbrain.forward.body import Body
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import NewtonRecord, Work
+
+
+class Motion(Protocol):
+    """How the rigid bodies move."""
+
+    events: Sequence[float]
+    """Times (s) at which the motion changes; steps land on them exactly. The last one ends the run."""
+
+    def set(self, t: float) -> None:
+        """Put the bodies where they are at time t."""
+
+    def travel(self, start: float, end: float) -> float:
+        """How far (m) they move towards the tissue between two times; negative when they withdraw."""
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """Time steps, chosen beforehand from the motion and cut when a step fails.
+
+    contact_dt   longest step (s) while a body moves in touch with the tissue
+    first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
+    restart      first step when a body that rested in touch moves again, as a fraction of contact_dt
+    growth       factor from step to step while nothing is pushed (holds, rests)
+    dt_max       longest step (s) there
+    smallest     fraction of contact_dt below which the run gives up
+    """
+
+    contact_dt: float
+    first: float = 0.05
+    restart: float = 0.25
+    touch_growth: float = 2.0
+    growth: float = 2.0
+    dt_max: float = 60.0
+    smallest: float = 1e-3
+
+    def halved(self) -> StepControl:
+        """The same steps at half the length, for measuring what the step length costs in accuracy."""
+        return replace(self, contact_dt=self.contact_dt / 2, dt_max=self.dt_max / 2)
+
+
+@dataclass
+class Progress:
+    """Where a run stands; what a checkpoint has to hold besides the body's own arrays."""
+
+    t: float = 0.0
+    dt: float = 0.0
+    event: int = 0
+    touching: bool = False
+    moving: bool = False
+    rested: bool = True
+    steps: int = 0
+    rejected: int = 0
+    newton: int = 0
+    work: Work = field(default_factory=Work)
+
+
+Watch = Callable[[Body, Progress, NewtonRecord], None]
+
+
+class Transient:
+    """Time stepping of a `Body` under a `Motion`.
+
+    penetration_limit   a step that ends with tissue further (m) inside a body is rejected
+
+    `run` raises `ConvergenceError`, `InvertedElementError` or `ContactError` when steps get too short; the body then
+    holds the last accepted state.
+    """
+
+    def __init__(
+        self, body: Body, motion: Motion, control: StepControl, penetration_limit: float, newton: Newton | None = None
+    ) -> None:
+        self.body, self.motion, self.control = body, motion, control
+        self.penetration_limit = penetration_limit
+        self.newton = newton or Newton()
+        self.progress = Progress(dt=control.contact_dt * control.first)
+        self.before = body.state.copy()
+        self._now = 0.0
+        self._factored: dict[str, Any] = {}
+        self.motion.set(0.0)
+
+    def run(self, observe: Watch, until: float = float("inf")) -> None:
+        """Step to the last event (or to `until`, s), calling `observe` after every accepted step."""
+        end = min(until, self.motion.events[-1])
+        while self.progress.t < end:
+            record = self.step()
+            observe(self.body, self.progress, record)
+
+    def step(self) -> NewtonRecord:
+        """One accepted step, cut as often as needed."""
+        at = self.progress
+        start = self.body.state.copy()
+        dt = self._propose()
+        while True:
+            record, problem = self._attempt(start, dt)
+            at.work += record.work
+            at.newton += record.iterations
+            if not problem:
+                self._accept(start, dt)
+                return record
+            at.rejected += 1
+            self.body.state[:] = start
+            self.motion.set(at.t)
+            dt = dt / 3
+            if dt < self.control.smallest * self.control.contact_dt:
+                raise _error(problem, at.t, dt)
+
+    def _propose(self) -> float:
+        """Step length from what the motion does next: touch gently, push evenly, rest with growing steps."""
+        at, control = self.progress, self.control
+        left = self.motion.events[at.event] - at.t
+        travel = self.motion.travel(at.t, at.t + min(left, control.contact_dt))
+        if at.touching and travel:
+            start = control.contact_dt * control.restart
+            dt = start if at.rested else min(at.dt * control.touch_growth, control.contact_dt)
+        else:
+            dt = control.contact_dt if at.rested else min(at.dt * control.growth, control.dt_max)
+            dt = self._up_to_touch(dt)
+        # Two even steps rather than a long one and a sliver before an event.
+        return left if dt >= left * (1 - 1e-9) else min(dt, left / 2) if dt > left / 2 else dt
+
+    def _up_to_touch(self, dt: float) -> float:
+        """Shorten a step of bodies that come nearer so that it ends just after first touch."""
+        at, control = self.progress, self.control
+        touch_dt = control.contact_dt * control.first
+        speed = self.motion.travel(at.t, at.t + touch_dt) / touch_dt
+        return min(dt, max(self.body.min_gap(), 0.0) / speed + touch_dt) if speed > 0 else dt
+
+    def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
+        at, body = self.progress, self.body
+        body.history.begin(dt)
+        self._now = at.t + dt
+        self.motion.set(self._now)
+        guess = start
+        if at.moving and at.touching and not at.rested:
+            guess = start + (start - self.before) * (dt / at.dt)
+            if not body.min_det(guess) > self.newton.min_det:
+                guess = start
+        x, record = self.newton.solve(self, guess)
+        body.state[:] = x
+        if not record.converged:
+            return record, record.reason
+        depth = -body.min_gap()
+        if depth > self.penetration_limit:
+            return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
+        return record, ""
+
+    def _accept(self, start: np.ndarray, dt: float) -> None:
+        at = self.progress
+        self.body.history.finish()
+        self.before = start
+        touched = self.body.min_gap() < 0
+        at.moving = self.motion.travel(at.t, at.t + dt) != 0
+        # After first touch the steps start again from a short one.
+        at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
+        at.touching = touched
+        at.steps += 1
+        event = self.motion.events[at.event]
+        at.rested = abs(at.t + dt - event) < 1e-9 * max(event, 1.0)
+        at.t = event if at.rested else at.t + dt
+        if at.rested:
+            at.event = min(at.event + 1, len(self.motion.events) - 1)
+
+    # What Newton's method asks (solvers.newton.System): the body's answers, with a note of where a factor was made.
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The body's weights."""
+        return self.body.weights
+
+    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """The body's residual."""
+        return self.body.residual(x)
+
+    def min_det(self, x: np.ndarray) -> float:
+        """The body's smallest det F."""
+        return self.body.min_det(x)
+
+    def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """The body's factorisation; what it was made at is kept so that a restart makes the same one."""
+        history = self.body.history
+        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt, "pull": history.pull.vec.FV().NumPy().copy()}
+        return self.body.factorise(x)
+
+    # Restart.
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Everything that decides the steps to come, as arrays and numbers."""
+        return {
+            "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
+            "x": self.body.state.copy(),
+            "before": self.before,
+            "stress": self.body.history.stress,
+            "overstress": self.body.history.overstress,
+            "factor": self._factored if self.newton.inverse is not None else {},
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from a checkpoint, to the same bits on one thread."""
+        body, history, factor = self.body, self.body.history, saved["factor"]
+        if factor:
+            history.begin(factor["dt"])
+            history.pull.vec.FV().NumPy()[:] = factor["pull"]
+            self._now = factor["t"]
+            self.motion.set(self._now)
+            self.newton.renew(self, factor["x"], NewtonRecord())
+        self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
+        history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
+        self.before = np.array(saved["before"])
+        body.state[:] = saved["x"]
+        self.motion.set(self.progress.t)
+
+
+def _error(problem: str, t: float, dt: float) -> Exception:
+    kind = InvertedElementError if "det F" in problem else ContactError if "penetration" in problem else ConvergenceError
+    return kind(
+        f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {problem}; "
+        "try a finer mesh at the site or a slower blade"
+    )

@@ -1,0 +1,6 @@
+"""Files in and out."""
+
+from ngbrain.io.checkpoint import Checkpoint, Frame, load, save
+from ngbrain.io.nodes import QuadraticGrid
+
+__all__ = ["Checkpoint", "Frame", "QuadraticGrid", "load", "save"]

@@ -1,0 +1,299 @@
+"""One file that shows a run in ParaView and restarts it.
+
+A checkpoint is a VTKHDF 2 file (`.vtkhdf`, an HDF5 file): the mesh once, the frames as time steps. Beside the group
+`/VTKHDF` stands `/ngbrain`, which viewers ignore: the exact mesh and whatever the run needs to go on.
+
+    /VTKHDF            quadratic tetrahedra, PointData per frame, CellData/region, FieldData/region_names, Steps
+    /ngbrain           attributes: format, ngsolve (the version that wrote it)
+    /ngbrain/mesh      the pickled ngsolve.Mesh, bytes
+    /ngbrain/state     the state as JSON; in it ["array", i] stands for /ngbrain/arrays/i
+    last 48 bytes      a mark and the SHA-256 of all bytes before; HDF5 readers do not look behind their data
+"""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import io
+import json
+import math
+import os
+import pickle
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import h5py
+import ngsolve as ng
+import numpy as np
+import numpy.typing as npt
+
+from ngbrain.errors import InputError
+from ngbrain.io.nodes import QuadraticGrid
+
+Array = npt.NDArray[Any]
+
+_FORMAT = 1
+_MARK = b"ngbrain  sha256\n"
+_SEAL = len(_MARK) + hashlib.sha256().digest_size
+_VTK_QUADRATIC_TETRA = 24
+# What VTK has: no half or extended precision, no complex numbers, no bool.
+_VTK_TYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What is shown at one time.
+
+    Attributes:
+        time: s (or whatever orders the frames).
+        point_data: name → (n,) or (n, k) values at the nodes of the grid, as `QuadraticGrid.values` gives them. Their
+            type is kept: pass float32 where a picture is all you want.
+    """
+
+    time: float
+    point_data: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """What `load` found, as `save` was given it; the mesh is that of `grid`."""
+
+    grid: QuadraticGrid
+    frames: tuple[Frame, ...]
+    state: dict[str, Any]
+    cell_data: dict[str, Array]
+
+    @property
+    def mesh(self) -> ng.Mesh:
+        """The mesh of the run: same points to the last bit, same numbering, same curving."""
+        return self.grid.mesh
+
+
+def save(
+    path: str | os.PathLike[str],
+    grid: QuadraticGrid,
+    frames: Sequence[Frame] = (),
+    state: Mapping[str, Any] | None = None,
+    cell_data: Mapping[str, Array] | None = None,
+) -> None:
+    """Write a checkpoint; the file at `path` is always the old one or the new one, whole.
+
+    It is written beside its place, forced to disk and then renamed. A process killed meanwhile leaves the old file
+    and perhaps a `.NAME.PID.tmp`, which the next `save` clears away; so let only one process write to a path.
+
+    Args:
+        path: best with the suffix `.vtkhdf`, by which ParaView knows the format; its folder must exist.
+        grid: the mesh.
+        frames: in order of time, all with the same fields; may be empty.
+        state: names → None, bool, int, float, str, NumPy numbers, NumPy arrays of any dtype without objects, and
+            lists, tuples and mappings of these.
+        cell_data: name → (ntets,) or (ntets, k), the same at all times. "region" is always added.
+
+    Raises:
+        InputError: something of the above does not hold. Nothing is written.
+        OSError: the disk is full, the folder is not writable, ...
+
+    >>> import tempfile
+    >>> from netgen.occ import unit_cube
+    >>> grid = QuadraticGrid(ng.Mesh(unit_cube.GenerateMesh(maxh=1)))
+    >>> u = ng.GridFunction(ng.VectorH1(grid.mesh, order=2))
+    >>> u.Set(ng.CF((ng.x, 0, 0)))
+    >>> frames = [Frame(0.5, {"displacement": grid.values(u)})]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(f"{folder}/run.vtkhdf", grid, frames, {"u": u.vec.FV().NumPy(), "step": 12})
+    ...     back = load(f"{folder}/run.vtkhdf")
+    >>> v = ng.GridFunction(ng.VectorH1(back.mesh, order=2))
+    >>> v.vec.FV().NumPy()[:] = back.state["u"]
+    >>> back.state["step"], back.frames[0].time
+    (12, 0.5)
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError("checkpoint", path, "a file in a folder that exists")
+    arrays: list[tuple[str, Array]] = []
+    packed = _pack(dict(state or {}), "state", arrays)
+    if "region" in (cell_data or {}):
+        raise InputError("cell_data", "'region'", "another name, this one is taken")
+    cells: dict[str, Array] = {"region": grid.region, **(cell_data or {})}
+    _check(frames, cells, grid)
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with h5py.File(part, "w") as file:
+            _write_vtk(file.create_group("VTKHDF"), grid, frames, cells)
+            own = file.create_group("ngbrain")
+            own.attrs.update({"format": _FORMAT, "ngsolve": ng.__version__})
+            own["mesh"] = np.frombuffer(grid.pickled, np.uint8)
+            own["state"] = np.frombuffer(json.dumps(packed).encode(), np.uint8)
+            for i, (name, array) in enumerate(arrays):
+                _write_array(own, f"arrays/{i}", array).attrs["name"] = name
+        with open(part, "r+b") as stream:
+            stream.write(_MARK + _digest(stream, part.stat().st_size))  # the digest has read up to the end
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    for left in path.parent.glob(f".{glob.escape(path.name)}.[0-9]*.tmp"):  # by processes that were killed here
+        left.unlink(missing_ok=True)
+
+
+def load(path: str | os.PathLike[str]) -> Checkpoint:
+    """Read a checkpoint back: arrays, floats and mesh equal to the last bit.
+
+    The mesh is unpickled, and unpickling can run any code: **open only checkpoints you trust**. The checksum finds
+    damage, not malice.
+
+    Raises:
+        InputError: no such file; cut short, damaged, edited or not written by `save`; written by a version of ngsolve
+            whose mesh this one cannot read or numbers otherwise.
+    """
+    path = Path(path)
+    _verify(path)
+    with h5py.File(path, "r") as file:
+        own, vtk = file["ngbrain"], file["VTKHDF"]
+        if own.attrs["format"] != _FORMAT:
+            raise InputError("checkpoint", path, f"format {_FORMAT}, not {own.attrs['format']}: update ngbrain")
+        grid = _read_grid(path, own, vtk)
+        arrays = [_read_array(own[f"arrays/{i}"]) for i in range(len(own.get("arrays", ())))]
+        state = _unpack(json.loads(own["state"][()].tobytes()), arrays)
+        cells = {name: data[()] for name, data in vtk["CellData"].items() if name != "region"}
+        times = vtk["Steps/Values"][()] if "Steps" in vtk else np.zeros(0)
+        points = {name: data[()].reshape(len(times), -1, *data.shape[1:]) for name, data in vtk["PointData"].items()}
+    frames = tuple(Frame(float(t), {name: data[i] for name, data in points.items()}) for i, t in enumerate(times))
+    return Checkpoint(grid, frames, state, cells)
+
+
+def _digest(stream: BinaryIO, size: int) -> bytes:
+    """SHA-256 of the first `size` bytes, in pieces: a checkpoint may be larger than the memory left."""
+    sha = hashlib.sha256()
+    while size > 0 and (piece := stream.read(min(size, 1 << 20))):
+        sha.update(piece)
+        size -= len(piece)
+    return sha.digest()
+
+
+def _verify(path: Path) -> None:
+    """Check the seal before HDF5 or pickle see a byte: neither is made for damaged input."""
+    try:
+        with open(path, "rb") as stream:
+            size = os.fstat(stream.fileno()).st_size - _SEAL
+            digest = _digest(stream, size)
+            seal = stream.read() if size >= 0 else b""
+    except OSError as error:
+        raise InputError("checkpoint", path, f"a file that can be read ({error.strerror})") from error
+    if not seal.startswith(_MARK):
+        raise InputError("checkpoint", path, "a whole checkpoint; this is cut short, or ngbrain did not write it")
+    if seal != _MARK + digest:
+        raise InputError("checkpoint", path, "a checkpoint as it was written; the checksum of this one does not match")
+
+
+def _read_grid(path: Path, own: h5py.Group, vtk: h5py.Group) -> QuadraticGrid:
+    wrote = f"ngsolve {own.attrs['ngsolve']}, which wrote it (this is {ng.__version__})"
+    try:
+        grid = QuadraticGrid(pickle.loads(own["mesh"][()].tobytes()))
+    except Exception as error:  # whatever a foreign version's pickle may raise
+        raise InputError("checkpoint", path, f"{wrote}; its mesh does not open: {error!r}") from error
+    if not np.array_equal(vtk["Connectivity"][()], grid.connectivity.ravel()):
+        raise InputError("checkpoint", path, f"{wrote}; edges are numbered otherwise here")
+    return grid
+
+
+def _check(frames: Sequence[Frame], cells: Mapping[str, Array], grid: QuadraticGrid) -> None:
+    times = [frame.time for frame in frames]
+    if not all(map(math.isfinite, times)) or any(b <= a for a, b in pairwise(times)):
+        raise InputError("frames", f"at times {times}", "finite times, each later than the one before")
+    kinds = [_check_fields(f"frames[{i}].point_data", f.point_data, len(grid.points)) for i, f in enumerate(frames)]
+    for i, kind in enumerate(kinds):
+        if kind != kinds[0]:
+            raise InputError(f"frames[{i}].point_data", kind, f"the fields of the first frame, {kinds[0]}")
+    _check_fields("cell_data", cells, len(grid.connectivity))
+
+
+def _check_fields(where: str, fields: Mapping[str, Array], rows: int) -> dict[str, str]:
+    """Refuse what VTK cannot hold; the kind of every field, in words."""
+    for name, data in fields.items():
+        data = np.asarray(data)
+        if name in ("", ".") or "/" in name:
+            raise InputError(where, repr(name), "a name without '/'")
+        if data.ndim not in (1, 2) or len(data) != rows or data.dtype.str[1:] not in _VTK_TYPES:
+            found = f"{data.dtype} of shape {data.shape}"
+            raise InputError(f"{where}[{name!r}]", found, f"real numbers of shape ({rows},) or ({rows}, k)")
+    return {name: f"{np.asarray(data).dtype} {np.shape(data)}" for name, data in fields.items()}
+
+
+def _write_vtk(vtk: h5py.Group, grid: QuadraticGrid, frames: Sequence[Frame], cells: Mapping[str, Array]) -> None:
+    """The VTKHDF part: one piece, geometry shared by all steps (their offsets into it are all 0)."""
+    ntets, n, steps = len(grid.connectivity), len(grid.points), len(frames)
+    vtk.attrs["Version"] = [2, 2]
+    vtk.attrs["Type"] = np.bytes_("UnstructuredGrid")  # readers want a string of fixed length
+    vtk["NumberOfPoints"], vtk["NumberOfCells"], vtk["NumberOfConnectivityIds"] = [n], [ntets], [10 * ntets]
+    vtk["Points"], vtk["Connectivity"] = grid.points, grid.connectivity.ravel()
+    vtk["Offsets"] = np.arange(ntets + 1) * 10
+    vtk["Types"] = np.full(ntets, _VTK_QUADRATIC_TETRA, np.uint8)
+    for name, data in cells.items():
+        vtk[f"CellData/{name}"] = data
+    # UTF-8 bytes under an ASCII label: VTK 9.7 crashes on text of fixed length or labelled UTF-8.
+    names = [name.encode() for name in grid.region_names]
+    vtk.create_dataset("FieldData/region_names", data=names, dtype=h5py.string_dtype("ascii"))
+    points = vtk.create_group("PointData")
+    if not frames:
+        return  # a still mesh
+    series = vtk.create_group("Steps")
+    series.attrs["NSteps"] = steps
+    series["Values"] = np.array([frame.time for frame in frames], float)
+    series["NumberOfParts"] = np.ones(steps, int)
+    still = ["PartOffsets", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets", "FieldDataOffsets/region_names"]
+    for name in still + [f"CellDataOffsets/{name}" for name in cells]:
+        series[name] = np.zeros(steps, int)
+    series["FieldDataSizes/region_names"] = np.tile([1, len(grid.region_names)], (steps, 1))
+    for name, first in frames[0].point_data.items():
+        data = points.create_dataset(name, (steps * n, *np.shape(first)[1:]), np.asarray(first).dtype)
+        for i, frame in enumerate(frames):
+            data[i * n : (i + 1) * n] = frame.point_data[name]
+        series[f"PointDataOffsets/{name}"] = np.arange(steps) * n
+
+
+def _pack(value: Any, name: str, arrays: list[tuple[str, Array]]) -> Any:
+    """As JSON, the arrays put aside. Sequences carry their kind in front, so that a list is never taken for a mark."""
+    if isinstance(value, np.number | np.bool_):  # in place: a list may hold thousands
+        return ["number", value.dtype.str, value.tobytes().hex()]
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value  # JSON as Python writes it keeps every float, inf and nan included
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {key: _pack(item, f"{name}.{key}", arrays) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [type(value).__name__, *(_pack(item, f"{name}[{i}]", arrays) for i, item in enumerate(value))]
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        arrays.append((name, value))
+        return ["array", len(arrays) - 1]
+    wanted = "numbers, text, None, arrays (a vector's: vec.FV().NumPy()), lists, mappings with text keys"
+    raise InputError(name, f"a {type(value).__name__}", wanted)
+
+
+def _unpack(packed: Any, arrays: Sequence[Array]) -> Any:
+    if isinstance(packed, dict):
+        return {key: _unpack(item, arrays) for key, item in packed.items()}
+    if not isinstance(packed, list):
+        return packed
+    kind, *items = packed
+    if kind in ("array", "number"):
+        return arrays[items[0]] if kind == "array" else np.frombuffer(bytes.fromhex(items[1]), items[0])[0]
+    return (tuple if kind == "tuple" else list)(_unpack(item, arrays) for item in items)
+
+
+def _write_array(group: h5py.Group, name: str, array: Array) -> h5py.Dataset:
+    """Plain numbers as HDF5 has them; dtypes that HDF5 lacks (text, dates, records, long double) as .npy bytes."""
+    if array.dtype.kind in "biufc" and array.dtype.char not in "gG":
+        return group.create_dataset(name, data=array)
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    group.create_dataset(name, data=np.frombuffer(stream.getbuffer(), np.uint8)).attrs["npy"] = True
+    return group[name]
+
+
+def _read_array(data: h5py.Dataset) -> Array:
+    return np.asarray(np.load(io.BytesIO(data[()]), allow_pickle=False) if "npy" in data.attrs else data[()])

@@ -1,0 +1,25 @@
+"""Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
+
+from ngbrain.materials.base import Law, Sum
+from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
+from ngbrain.materials.isotropic import NeoHooke, Ogden
+from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, instantaneous, step_factors
+from ngbrain.materials.volumetric import perturbed_lagrangian
+
+__all__ = [
+    "CATALOGUE",
+    "Branch",
+    "Law",
+    "NeoHooke",
+    "Ogden",
+    "OgdenBranches",
+    "Prony",
+    "Scaled",
+    "Sum",
+    "Viscous",
+    "after",
+    "constants",
+    "instantaneous",
+    "perturbed_lagrangian",
+    "step_factors",
+]

@@ -1,0 +1,119 @@
+"""Relaxing materials by a hereditary law whose time step is again an energy.
+
+Each branch k has its own isochoric energy W_k(C̄) and time τ_k; W_∞ stays. With S̄_k = DEV{2 ∂W_k/∂C̄},
+x_k = Δt/τ_k, e_k = exp(-x_k) and β_k = (1 - e_k)/x_k, the state at the end of a step minimises
+
+    W = W_∞(C̄) + Σ β_k W_k(C̄) + ½ Σ (e_k H_k - β_k S̄_k) : C̄          (H_k, S̄_k at the start of the step)
+
+and the history moves on by H_k ← e_k H_k + β_k (S̄_k,new - S̄_k). Exact for S̄ linear in time within a step, second
+order otherwise, stable for any Δt/τ; Δt → 0 gives W_∞ + Σ W_k, Δt → ∞ gives W_∞.
+
+Source: Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.materials.base import Law, Value, positive
+from ngbrain.tensors import lagrangian_deviator
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One relaxing branch: its energy W_k (a law) and its time τ_k (s)."""
+
+    law: Law
+    tau: Value
+
+    def __post_init__(self) -> None:
+        positive(self.tau, "Branch.tau")
+
+    def stress(self, C: CoefficientFunction) -> CoefficientFunction:
+        """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
+        C = C.MakeVariable()
+        return lagrangian_deviator(2 * self.law.energy(C).Diff(C), C)
+
+
+@dataclass(frozen=True)
+class Viscous:
+    """A law that stays, W_∞, and branches that relax."""
+
+    equilibrium: Law
+    branches: tuple[Branch, ...] = ()
+
+    def energy(self, C: CoefficientFunction, shares: Sequence[Value]) -> CoefficientFunction:
+        """W_∞ + Σ β_k W_k (Pa) at the isochoric C̄; `shares` are the β_k (1 for the instantaneous law, 0 for W_∞)."""
+        relaxing = (beta * branch.law.energy(C) for beta, branch in zip(shares, self.branches, strict=True))
+        return sum(relaxing, self.equilibrium.energy(C))
+
+
+def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noqa: N802  (reads as a law)
+    """Quasi-linear viscoelasticity: W_k = g_k W, W_∞ = (1 - Σ g_k) W, with W the instantaneous law.
+
+    g     fractions of the initial modulus that relax, each > 0, sum < 1
+    tau   relaxation times (s)
+
+    >>> from ngbrain.materials import NeoHooke
+    >>> len(Prony(NeoHooke(842.0), g=[0.45, 0.365], tau=[0.5, 50.0]).branches)
+    2
+    """
+    if len(g) != len(tau):
+        raise InputError("Prony.tau", f"{len(tau)} values", f"as many as g has: {len(g)}")
+    for value in g:
+        positive(value, "Prony.g")
+    if not sum(g) < 1:
+        raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
+    rest = Scaled(law, 1 - sum(g))
+    return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """factor × law."""
+
+    law: Law
+    factor: Value
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return self.factor * self.law.energy(C)
+
+
+def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of a step, to full precision for any Δt/τ ≥ 0 (β = 1 at 0).
+
+    >>> e, beta = step_factors(1.0, np.array([1e9]))
+    >>> float(beta[0]) <= 1.0 and 1 - float(beta[0]) < 1e-9
+    True
+    """
+    x = dt / tau
+    safe = np.where(x > 0, x, 1.0)
+    return np.exp(-x), np.where(x > 0, -np.expm1(-safe) / safe, 1.0)
+
+
+def instantaneous(material: Viscous) -> Law:
+    """The law of a step of no duration, W_∞ + Σ W_k."""
+    return _Fixed(material, (1.0,) * len(material.branches))
+
+
+def after(material: Viscous, dt: float) -> Law:
+    """The elastic law that one step of `dt` seconds from rest amounts to, W_∞ + Σ β_k W_k; numbers as τ only."""
+    taus = np.array([float(branch.tau) for branch in material.branches])
+    return _Fixed(material, tuple(float(b) for b in step_factors(dt, taus)[1]))
+
+
+@dataclass(frozen=True)
+class _Fixed:
+    material: Viscous
+    shares: tuple[float, ...]
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        return self.material.energy(C, self.shares)
+
+

@@ -1,0 +1,7 @@
+"""Meshes with named regions and boundaries."""
+
+from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.library import load
+from ngbrain.mesh.shapes import Sizes, block, cleft_to, idealised_head
+
+__all__ = ["Cleft", "Sizes", "block", "cleft_to", "idealised_head", "load"]

@@ -1,0 +1,169 @@
+"""Shapes made by Open CASCADE: a block and an idealised head, with named regions and boundaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import netgen.occ as occ
+import ngsolve as ngs
+import numpy as np
+from scipy.optimize import brentq
+
+from ngbrain.errors import InputError
+from ngbrain.mesh.cleft import Cleft, frame
+
+SEMI_AXES = np.array([0.066, 0.084, 0.060])
+"""Half width (left-right), length (front-back) and height (m) of the idealised brain: 1.39 l."""
+CORTEX_THICKNESS = 0.008
+"""Folded cortex as a mantle (m)."""
+VENTRICLE_CENTRE = np.array([0.013, 0.0, 0.006])
+VENTRICLE_SEMI_AXES = np.array([0.007, 0.028, 0.009])
+NEAR_DEPTH = 0.016
+"""Depth (m) of the zone under the craniotomy that is meshed finer."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Element sizes (m): on the cleft (`site`), under the craniotomy (`near`) and elsewhere (`far`)."""
+
+    site: float = 2e-3
+    near: float = 6e-3
+    far: float = 20e-3
+    grading: float = 0.5
+
+
+def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0.01) -> ngs.Mesh:
+    """A box from the origin, region `tissue`, boundaries `left`/`right` (x), `front`/`back` (y), `bottom`/`top` (z).
+
+    >>> mesh = block(maxh=0.02)
+    >>> sorted(set(mesh.GetBoundaries()))
+    ['back', 'bottom', 'front', 'left', 'right', 'top']
+    """
+    box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(*size))
+    box.mat("tissue")
+    for axis, low, high in ((occ.X, "left", "right"), (occ.Y, "front", "back"), (occ.Z, "bottom", "top")):
+        box.faces.Min(axis).name, box.faces.Max(axis).name = low, high
+    return _mesh(box, maxh, 0.3)
+
+
+def cleft_to(
+    target: np.ndarray,
+    opening: float = 4e-3,
+    width: float = 12e-3,
+    approach: np.ndarray | None = None,
+    across: np.ndarray | None = None,
+) -> Cleft:
+    """The slot from the idealised brain's surface to `target` (m), by the shortest way or along `approach` (outwards).
+
+    Raises `InputError` when the target lies outside the brain or in a ventricle.
+    """
+    target = np.asarray(target, float)
+    shown = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
+    if np.sum((target / SEMI_AXES) ** 2) >= 1:
+        raise InputError("cleft.target_mm", shown, "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm")
+    mirrored = target * np.array([np.sign(target[0]) or 1.0, 1, 1])
+    if np.sum(((mirrored - VENTRICLE_CENTRE) / VENTRICLE_SEMI_AXES) ** 2) <= 1:
+        raise InputError("cleft.target_mm", shown, "a point in tissue, not in a ventricle")
+    out, across = frame(_way_out(target) if approach is None else approach, across)
+    # |(target + s out)/axes| = 1, the positive root
+    a, b = np.sum((out / SEMI_AXES) ** 2), np.sum(out * target / SEMI_AXES**2)
+    c = np.sum((target / SEMI_AXES) ** 2) - 1
+    depth = float((-b + np.sqrt(b * b - a * c)) / a)
+    return Cleft(target, out, across, depth, opening, width)
+
+
+def _way_out(target: np.ndarray) -> np.ndarray:
+    """Direction from a point to the nearest point of the brain's surface: x = target / (1 + λ/axes²) on the ellipsoid."""
+    squared = SEMI_AXES**2
+
+    def outside(shift: float) -> float:
+        return float(np.sum((target * SEMI_AXES / (squared + shift)) ** 2) - 1)
+
+    lowest = -float(np.min(squared))
+    shift = brentq(outside, lowest * (1 - 1e-9), 0.0, xtol=1e-16) if outside(lowest * (1 - 1e-9)) > 0 else lowest * (1 - 1e-9)
+    return target * squared / (squared + shift) - target
+
+
+def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes: Sizes | None = None) -> ngs.Mesh:
+    """A smooth brain, optionally opened: curved elements of second order.
+
+    Regions `cortex`, `white`, `ventricle_left`, `ventricle_right`; boundaries `skull` (the surface), `ventricle_wall`,
+    and with a cleft `craniotomy` (a disc of that diameter, m, around it) and the cleft's own (see `Cleft`).
+
+    cleft        from `cleft_to`; None for the whole head
+    craniotomy   diameter (m)
+    sizes        element sizes
+
+    >>> mesh = idealised_head(sizes=Sizes(far=0.03))
+    >>> sorted(set(mesh.GetMaterials()))
+    ['cortex', 'ventricle_left', 'ventricle_right', 'white']
+    """
+    sizes = sizes or Sizes()
+    brain, inner = _ellipsoid(np.zeros(3), SEMI_AXES), _ellipsoid(np.zeros(3), SEMI_AXES - CORTEX_THICKNESS)
+    brain.faces.name = "skull"
+    left = _ellipsoid(VENTRICLE_CENTRE * [-1, 1, 1], VENTRICLE_SEMI_AXES)
+    right = _ellipsoid(VENTRICLE_CENTRE, VENTRICLE_SEMI_AXES)
+    for ventricle, name in ((left, "ventricle_left"), (right, "ventricle_right")):
+        ventricle.faces.name = "ventricle_wall"
+        ventricle.mat(name)
+    tissues = {"cortex": brain - inner, "white": inner - left - right}
+    parts = []
+    for name, tissue in tissues.items():
+        pieces = [tissue] if cleft is None else _opened(tissue, cleft, craniotomy, sizes)
+        for piece in pieces:
+            piece.mat(name)
+        parts += pieces
+    whole = occ.Glue([*parts, left, right])
+    for face in whole.faces:
+        if cleft is not None and face.name == "skull" and _under(face, cleft, craniotomy):
+            face.name = "craniotomy"
+        elif face.name is None:
+            face.name = "inside"
+    return _mesh(whole, sizes.far, sizes.grading)
+
+
+def _opened(tissue: occ.TopoDS_Shape, cleft: Cleft, craniotomy: float, sizes: Sizes) -> list[occ.TopoDS_Shape]:
+    """A tissue without the slot, split into the zone under the craniotomy and the rest."""
+    slot = _plane(cleft, cleft.target).RectangleC(cleft.opening, cleft.width).Face().Extrude(cleft.depth + 0.02)
+    for face in slot.faces:
+        face.name, face.maxh = _cleft_face(cleft, face), sizes.site
+    zone = _plane(cleft, cleft.entry - NEAR_DEPTH * cleft.out).Circle(craniotomy / 2).Face().Extrude(NEAR_DEPTH + 0.03)
+    near = tissue * zone - slot
+    near.maxh = sizes.near
+    return [tissue - zone - slot, near]
+
+
+def _cleft_face(cleft: Cleft, face: occ.Face) -> str:
+    a, b, height = cleft.coordinates(np.array([[face.center.x, face.center.y, face.center.z]]))[0]
+    if abs(a) > 0.49 * cleft.opening:
+        return "wall_plus" if a > 0 else "wall_minus"
+    if abs(b) > 0.49 * cleft.width:
+        return "end_plus" if b > 0 else "end_minus"
+    return "floor" if height < cleft.depth / 2 else "lid"
+
+
+def _under(face: occ.Face, cleft: Cleft, craniotomy: float) -> bool:
+    a, b, height = cleft.coordinates(np.array([[face.center.x, face.center.y, face.center.z]]))[0]
+    return bool(np.hypot(a, b) < craniotomy / 4 and height > 0)
+
+
+def _plane(cleft: Cleft, origin: np.ndarray) -> occ.WorkPlane:
+    return occ.WorkPlane(occ.Axes(tuple(map(float, origin)), occ.Vec(*cleft.out), occ.Vec(*cleft.across)))
+
+
+def _ellipsoid(centre: np.ndarray, semi_axes: np.ndarray) -> occ.Solid:
+    # Made at the origin and moved: an Axes with an offset displaces the scaled surface.
+    shape = occ.Ellipsoid(occ.Axes((0, 0, 0), occ.X, occ.Y), *map(float, semi_axes))
+    return shape.Move(occ.Vec(*map(float, centre)))
+
+
+def _mesh(shape: occ.TopoDS_Shape, maxh: float, grading: float) -> ngs.Mesh:
+    # One thread and a fixed order of work: the same shape gives the same mesh, bit for bit.
+    geometry = occ.OCCGeometry(shape)
+    mesh = ngs.Mesh(geometry.GenerateMesh(maxh=maxh, grading=grading, curvaturesafety=1.0, parallel_meshing=False))
+    mesh.Curve(2)
+    points = mesh.MapToAllElements(ngs.IntegrationRule(ngs.TET, 4), ngs.VOL)
+    smallest = float(np.min(ngs.Det(ngs.specialcf.JacobianMatrix(3))(points)))
+    if not smallest > 0:
+        raise InputError("mesh sizes", f"so coarse that a curved element is inverted ({smallest:.1e})", "smaller elements")
+    return mesh

@@ -1,0 +1,1 @@
+"""Scenes that come with the package, as TOML: `Scene.shipped("demo")`."""

@@ -1,0 +1,165 @@
+"""Newton's method that keeps its factorisation and never accepts an inverted or non-finite state.
+
+Error-oriented throughout: progress is judged by the size of the correction M⁻¹R, which does not depend on how the
+equations are scaled against one another (forces beside volumes), rather than by the residual, which stays finite and
+can shrink at inverted states. A factorisation is kept across iterations and across calls; Broyden's good update
+(QNERR) makes the kept one converge superlinearly, and it is renewed only when the contraction is worse than 1/2.
+
+Source: Deuflhard, Newton Methods for Nonlinear Problems (2004), sections 2.1.4 and 3.3; 10.1007/978-3-642-23899-4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ngbrain.solvers.record import NewtonRecord
+
+Array = np.ndarray
+
+
+class System(Protocol):
+    """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
+
+    weights: Array
+    """Diagonal of the inner product that measures corrections (1/scale² for each unknown)."""
+
+    def residual(self, x: Array) -> tuple[Array, float]:
+        """Residual at x on the free unknowns, and the size of the reactions that it is judged against."""
+
+    def factorise(self, x: Array) -> Callable[[Array], Array]:
+        """Solver r ↦ M⁻¹r with the tangent M at x; raises FloatingPointError when it cannot be factorised."""
+
+    def min_det(self, x: Array) -> float:
+        """Smallest det F over all quadrature points; NaN counts as inverted."""
+
+
+@dataclass
+class Newton:
+    """Settings and the factorisation kept from call to call.
+
+    rtol        free residual / reactions at convergence
+    xtol        largest weighted correction at convergence (weights make it dimensionless)
+    max_iter, max_factorisations   what a solve may spend before it gives up
+    min_det     states below are not accepted
+    min_damping smallest fraction of a step from a fresh factorisation that is tried
+    keep        renew the factorisation when a correction shrinks by less than this factor; 0 renews it every time
+    """
+
+    rtol: float = 1e-8
+    xtol: float = 1e-8
+    max_iter: int = 40
+    max_factorisations: int = 8
+    min_det: float = 0.02
+    keep: float = 0.7
+    min_damping: float = 0.1
+    inverse: Callable[[Array], Array] | None = None
+    made_at: Array | None = None
+
+    def renew(self, system: System, x: Array, record: NewtonRecord) -> None:
+        """Factorise at x and remember where, so that a restart can make the same factor again."""
+        self.inverse = system.factorise(x)
+        self.made_at = x.copy()
+        record.work.factorisations += 1
+
+    def solve(self, system: System, x: Array) -> tuple[Array, NewtonRecord]:
+        """Solve R(x) = 0 from x; returns the last accepted state and its record (look at `record.converged`)."""
+        record = NewtonRecord()
+        try:
+            x = self._iterate(system, x, record)
+        except FloatingPointError as error:
+            record.reason = str(error)
+        if record.reason:
+            self.inverse = None
+        return x, record
+
+    def _iterate(self, system: System, x: Array, record: NewtonRecord) -> Array:
+        weights = system.weights
+        record.min_det_F = system.min_det(x)
+        if not record.min_det_F > self.min_det:
+            raise FloatingPointError(f"the starting state is inverted (smallest det F {record.min_det_F:.3g})")
+        r, reactions = _residual(system, x, record)
+        chain: list[tuple[Array, float]] = []
+        fresh = False
+        while record.iterations < self.max_iter:
+            if self.inverse is None:
+                if record.work.factorisations == self.max_factorisations:
+                    raise FloatingPointError(f"no convergence with {self.max_factorisations} factorisations")
+                self.renew(system, x, record)
+                chain, fresh = [], True
+            if not chain:
+                step = -self._backsolve(r, record)
+                chain = [(step, _size(step, weights))]
+            record.iterations += 1
+            record.residuals.append(float(np.linalg.norm(r)))
+            record.corrections.append(chain[-1][1])
+            trial = self._trial(system, x, chain[-1], record, damped=fresh)
+            if trial is None:
+                self.inverse = None
+                continue
+            x, r, reactions, v, damping = trial
+            if np.linalg.norm(r) <= self.rtol * reactions and _size(v, weights) <= self.xtol:
+                record.converged = True
+                return x
+            fresh = False
+            if damping < 1:
+                self.inverse = None
+                continue
+            v, contraction = _broyden(chain, v, weights)
+            chain.append((v, _size(v, weights)))
+            if contraction > self.keep:
+                self.inverse = None
+        record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
+        return x
+
+    def _trial(
+        self, system: System, x: Array, last: tuple[Array, float], record: NewtonRecord, damped: bool
+    ) -> tuple[Array, Array, float, Array, float] | None:
+        """Take the step if the next correction shrinks (natural monotonicity); halve it if `damped`, else give None."""
+        step, size = last
+        if not np.isfinite(size):
+            raise FloatingPointError("the tangent gave a correction that is not finite")
+        damping = 1.0
+        while damping > self.min_damping:
+            candidate = x + damping * step
+            det = system.min_det(candidate)
+            if det > self.min_det:
+                r, reactions = _residual(system, candidate, record)
+                v = -self._backsolve(r, record)
+                if _size(v, system.weights) <= (1 - damping / 4) * size or size <= self.xtol:
+                    record.min_det_F = det
+                    return candidate, r, reactions, v, damping
+            if not damped:
+                return None
+            damping /= 2
+        raise FloatingPointError(f"no acceptable step (smallest det F of the last trial {det:.3g})")
+
+    def _backsolve(self, r: Array, record: NewtonRecord) -> Array:
+        assert self.inverse is not None
+        record.work.solves += 1
+        return self.inverse(r)
+
+
+def _size(v: Array, weights: Array) -> float:
+    return float(np.sqrt(weights @ (v * v)))
+
+
+def _residual(system: System, x: Array, record: NewtonRecord) -> tuple[Array, float]:
+    r, reactions = system.residual(x)
+    record.work.residuals += 1
+    if not (np.isfinite(reactions) and np.all(np.isfinite(r))):
+        raise FloatingPointError("the residual is not finite")
+    return r, reactions
+
+
+def _broyden(chain: list[tuple[Array, float]], v: Array, weights: Array) -> tuple[Array, float]:
+    """Next step of the good update and the contraction; by its recursion only steps are kept, never a matrix."""
+    for (before, size), (after, _) in zip(chain, chain[1:], strict=False):
+        v = v + (weights * v) @ before / size**2 * after
+    step, size = chain[-1]
+    alpha = float((weights * v) @ step) / size**2
+    contraction = _size(v, weights) / size
+    return (v / (1 - alpha) if alpha < 0.9 else v), contraction

@@ -1,0 +1,192 @@
+"""From runs to answers in the units of the field: what `result.json` says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ngbrain.scene import Scene
+from ngbrain.surgery.injury import dose, times_above
+from ngbrain.surgery.model import TISSUE, Model
+from ngbrain.units import to_ml, to_mm, to_mmHg
+
+if TYPE_CHECKING:
+    from ngbrain.surgery.retraction import Outcome
+
+Runs = dict[str, "Outcome"]
+
+THRESHOLDS_MMHG = (20.0, 30.0)
+"""Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6, after 15 minutes in the rat."""
+
+LEFT_OUT = (
+    "inertia: the blade moves at less than a millimetre per second",
+    "friction between blade and tissue",
+    "blood flow and drainage of tissue fluid; ventricles are a soft drained filling",
+    "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape",
+    "damage: the tissue recovers whatever it was strained to",
+)
+
+
+def answer(run: Outcome) -> dict[str, Any]:
+    """A protocol's numbers and its series over time."""
+    t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
+    times = {}
+    for threshold in THRESHOLDS_MMHG:
+        total, longest = times_above(t, pressure, threshold)
+        times[f"s_above_{threshold:.0f}_mmHg"] = total
+        times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
+    peak = run.peak
+    return {
+        "peak_pressure_mmHg": float(pressure.max()),
+        "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
+        "peak_force_N": float(run.column("force").max()),
+        "min_net_reaction_N": float(run.column("net_reaction").min()),
+        "dose_mmHg_min": dose(t, pressure),
+        **times,
+        "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
+        "oss_p95": peak.oss_p95,
+        "mps_p50": peak.mps_p50,
+        "mps_p95": peak.mps_p95,
+        "mps_p99": peak.mps_p99,
+        "strain_peak_at_s": peak.t,
+        "volume_mps_above": peak.volume_mps_above,
+        "beyond_fit_ml": peak.beyond_fit_ml,
+        "volumes_ml": peak.volume,
+        "min_det_F": float(run.column("min_det_F").min()),
+        "working_s": run.working_s,
+        "series": {
+            "t_s": t.tolist(),
+            "opening_mm": to_mm(run.column("opening")).tolist(),
+            "blade_mm": to_mm(run.column("advance")).tolist(),
+            "force_N": run.column("force").tolist(),
+            "contact_area_mm2": (1e6 * run.column("area")).tolist(),
+            "pressure_mmHg": pressure.tolist(),
+            "tip_pressure_mmHg": to_mmHg(run.column("tip_pressure")).tolist(),
+            "min_gap_mm": to_mm(run.column("gap")).tolist(),
+        },
+    }
+
+
+def model(made: Model, runs: Runs) -> dict[str, Any]:
+    """Size of the model and work done."""
+    import ngsolve as ngs
+
+    def volume(pattern: str) -> float:
+        return to_ml(ngs.Integrate(ngs.CF(1), made.mesh, definedon=made.mesh.Materials(pattern)))
+
+    n_u = 3 * (made.mesh.nv + made.mesh.nedge) + made.mesh.nv
+    return {
+        "n_tets": made.mesh.ne,
+        "n_unknowns": n_u,
+        "brain_ml": volume(TISSUE),
+        "ventricles_ml": volume("ventricle.*"),
+        "n_steps": sum(run.steps for run in runs.values()),
+        "rejected": sum(run.rejected for run in runs.values()),
+        "newton": sum(run.newton for run in runs.values()),
+        "factorisations": sum(run.factorisations for run in runs.values()),
+    }
+
+
+def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float | None]:
+    """Name → value; what each should be is in the report. Worst over the protocols."""
+    energy, volume, off_force, off_gap, recontact = [], [], [], [], []
+    for run in runs.values():
+        work, size = run.column("blade_work")[-1] - run.column("tissue_work")[-1], run.column("tissue_work_size")[-1]
+        energy.append(abs(work) / size)
+        parts = np.array(list(run.peak.volume.values()))
+        volume.append(abs(parts.sum()) / np.abs(parts).max())
+        away = run.column("gap") > 0
+        away[0] = False  # the start, in touch without force
+        off_force.append(float(np.abs(run.column("force")[away]).max(initial=0.0)))
+        if away.any():
+            off_gap.append(float(run.column("gap")[away].min()))
+            recontact.append(_recovered(run, away))
+    ramp = scene.retraction.ramp
+    firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
+    peak = firsts[0] if firsts else float("nan")
+    low, high = results["one order more"]
+    return {
+        "reaction_balance": max(float(run.column("balance").max()) for run in runs.values()),
+        "volume_balance": float(max(volume)),
+        "energy_balance": float(max(energy)),
+        "dt_halving": abs(results["half steps"] / peak - 1) if firsts else None,
+        "order_plus_one": abs(high / low - 1),
+        "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
+        "force_while_off_N": max(off_force),
+        "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,
+        "first_peaks_differ": (max(firsts) - min(firsts)) / peak if len(firsts) > 1 else None,
+        "recontact_opening_below_release_mm": to_mm(min(recontact)) if recontact else None,
+    }
+
+
+def _full_ramps(scene: Scene, runs: Runs) -> list[Outcome]:
+    """Runs that reach the full opening in one go."""
+    kinds = {p.name: p.kind for p in scene.protocols}
+    return [run for name, run in runs.items() if kinds[name] in ("continuous", "intermittent")]
+
+
+def _recovered(run: Outcome, away: np.ndarray) -> float:
+    """How much smaller (m) the opening is at touch again than when the blade began to let go; the smallest of all times."""
+    opening, advance = run.column("opening"), run.column("advance")
+    recovered = []
+    for i in np.flatnonzero(away[:-1] & ~away[1:]):
+        held = np.flatnonzero(advance[:i] >= advance.max() * (1 - 1e-9))
+        if held.size:
+            recovered.append(opening[held[-1]] - opening[i])
+    return min(recovered, default=float("nan"))
+
+
+def comparison(runs: Runs) -> dict[str, Any]:
+    """Metric by metric, which protocol is lowest; and continuous against intermittent at equal working time."""
+    numbers = {name: answer(run) for name, run in runs.items()}
+    findings = []
+    for metric, text in (
+        ("peak_pressure_mmHg", "Peak pressure (mmHg)"),
+        ("peak_tip_pressure_mmHg", "Peak pressure at the tip (mmHg)"),
+        ("dose_mmHg_min", "Pressure-time dose over the whole time (mmHg min)"),
+        ("longest_s_above_20_mmHg", "Longest time above 20 mmHg without a break (s)"),
+        ("longest_s_above_30_mmHg", "Longest time above 30 mmHg without a break (s)"),
+        ("mps_p95", "95th percentile of maximum principal strain near the site"),
+    ):
+        values = {name: number[metric] for name, number in numbers.items()}
+        findings.append(f"{text}: " + _ranked(values))
+    result: dict[str, Any] = {"findings": findings}
+    if {"continuous", "intermittent"} <= set(runs):
+        working = runs["intermittent"].working_s
+        continuous = runs["continuous"]
+        t, pressure = continuous.column("t"), to_mmHg(continuous.column("pressure"))
+        upto = np.append(t[t < working], working)
+        equal = {
+            "working_s": working,
+            "continuous": dose(upto, np.interp(upto, t, pressure)),
+            "intermittent": numbers["intermittent"]["dose_mmHg_min"],
+        }
+        result["dose_at_equal_working_time_mmHg_min"] = equal
+        higher = "higher" if equal["intermittent"] > equal["continuous"] else "lower"
+        findings.append(
+            f"At equal working time ({working:.0f} s) the dose of intermittent retraction is {higher}: "
+            f"{equal['intermittent']:.1f} against {equal['continuous']:.1f} mmHg min."
+        )
+    return result
+
+
+def _ranked(values: dict[str, float]) -> str:
+    spread = max(values.values()) - min(values.values())
+    listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(values.items(), key=lambda item: item[1]))
+    if spread <= 5e-3 * abs(max(values.values())):
+        return f"equal within 0.5 % ({listed})."
+    return f"lowest with {min(values, key=values.__getitem__)} ({listed})."
+
+
+def material_band(runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
+    """Peak pressure as given and with Miller's exponent, and how much tissue is strained beyond what the law was fitted to."""
+    first = next(iter(runs.values()))
+    return {
+        "peak_pressure_mmHg": {
+            "as given": max(float(to_mmHg(run.column("pressure").max())) for run in runs.values()),
+            "Miller alpha -4.7": float(to_mmHg(results["Miller's exponent"])),
+        },
+        "beyond_fit_ml": first.peak.beyond_fit_ml,
+        "beyond_fit_percent": 100 * first.peak.beyond_fit_ml / first.peak.tissue_ml,
+    }

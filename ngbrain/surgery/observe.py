@@ -1,0 +1,149 @@
+"""What is read off a body under a blade after every step: force, area, pressure, opening, balances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.body import Body
+from ngbrain.forward.contact import current_normal_area
+from ngbrain.surgery.blades import Spatula
+
+PATCH_MARGIN = 1e-3
+"""The pressure patch stays this far (m) inside the face's edges;"""
+TIP_HEIGHT = 5e-3
+"""its last part, from the tip, has a pressure of its own."""
+SURFACE_ORDER = 8
+"""Order of the wall's integrals, as of the contact energy at second order."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a run's record; SI units."""
+
+    t: float
+    advance: float
+    opening: float
+    force: float
+    net_reaction: float
+    area: float
+    pressure: float
+    tip_pressure: float
+    gap: float
+    min_det_F: float  # noqa: N815
+    balance: float
+    blade_work: float
+    tissue_work: float
+    tissue_work_size: float
+
+
+class Observer:
+    """Evaluates a `Row`; holds the boundary integrals' expressions and the running work.
+
+    Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
+    the same over its last 5 mm. Force is what the blade feels along the push. The net reaction is the tissue's own
+    nodal force on the wall along the push, from the equilibrium residual without the contact term; `balance` is
+    |blade + supports| / |blade| (0 without a force). Blade work is ∫ force d(advance), tissue work ∫∫ P:Ḟ; its size
+    Σ |∫ P:ΔF| over steps is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
+    """
+
+    def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
+        self.body = body
+        (self.contact,) = [c for c in body.contacts if c.wall == wall]
+        u = body.u
+        self._wall = body.mesh.Boundaries(wall)
+        push = ngs.CF(tuple(map(float, blade.cleft.across)))
+        pressure = self.contact.pressure(u)
+        area = ngs.Norm(current_normal_area(u))
+        patch, tip = blade.patch(PATCH_MARGIN), blade.patch(PATCH_MARGIN, TIP_HEIGHT)
+        self._reference_area = ngs.Integrate(patch, body.mesh, definedon=self._wall, order=SURFACE_ORDER)
+        # One pass over the wall for all of them.
+        self._integrals = ngs.CF(
+            (
+                ngs.IfPos(pressure, area, 0),
+                patch * pressure,
+                patch * area,
+                tip * pressure,
+                tip * area,
+                patch * ngs.InnerProduct(u, push),
+            )
+        ).Compile()
+        displacement = body.fes.components[0]
+        self._push = _nodal(displacement, push)
+        self._on_wall = _mask(displacement, wall)
+        self._on_fixed = _mask(displacement, fixed)
+        self._forces = np.zeros(displacement.ndof)
+        self._u = np.zeros(displacement.ndof)
+        self._advance, self._force = 0.0, 0.0
+        self.blade_work = self.tissue_work = self.tissue_work_size = 0.0
+
+    def __call__(self, t: float, advance: float, min_det: float) -> Row:
+        """The body as it stands at time t with the blade at `advance` (m)."""
+        values = ngs.Integrate(self._integrals, self.body.mesh, definedon=self._wall, order=SURFACE_ORDER)
+        area, patch_force, patch_area, tip_force, tip_area, opening = values
+        tissue = self.body.tissue_forces()
+        contact = self.body.contact_forces()
+        reaction = float(self._push[self._on_wall] @ tissue[self._on_wall])
+        force = max(-float(self._push @ contact), 0.0)
+        supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
+        self._add_work(tissue, force, advance)
+        return Row(
+            t,
+            advance,
+            opening / self._reference_area,
+            force,
+            reaction,
+            area,
+            patch_force / patch_area,
+            tip_force / tip_area,
+            self.body.min_gap(),
+            min_det,
+            abs(supports + force) / force if force else 0.0,
+            self.blade_work,
+            self.tissue_work,
+            self.tissue_work_size,
+        )
+
+    def checkpoint(self) -> dict[str, object]:
+        """The running work and the state it is measured from."""
+        names = ("_u", "_forces", "_advance", "_force", "blade_work", "tissue_work", "tissue_work_size")
+        return {name.lstrip("_"): getattr(self, name) for name in names}
+
+    def restore(self, saved: dict[str, object]) -> None:
+        """Go on from a checkpoint."""
+        for name, value in saved.items():
+            setattr(self, name if hasattr(self, name) else f"_{name}", value)
+
+    def _add_work(self, tissue: np.ndarray, force: float, advance: float) -> None:
+        u = np.array(self.body.u.vec.FV().NumPy())
+        step = float((tissue + self._forces) @ (u - self._u)) / 2
+        self.tissue_work += step
+        self.tissue_work_size += abs(step)
+        self.blade_work += (force + self._force) / 2 * (advance - self._advance)
+        self._u, self._forces, self._advance, self._force = u, tissue, advance, force
+
+
+def _nodal(space: ngs.FESpace, field: ngs.CoefficientFunction) -> np.ndarray:
+    gfu = ngs.GridFunction(space)
+    gfu.Set(field)
+    return np.array(gfu.vec.FV().NumPy())
+
+
+def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
+    return np.fromiter(space.GetDofs(space.mesh.Boundaries(boundary)), bool, space.ndof)
+
+
+def swept_volume(body: Body, boundary: str) -> float:
+    """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
+    grad, normal = ngs.Grad(body.u), ngs.specialcf.normal(3)
+    stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
+    rate = sum(w * ngs.InnerProduct(body.u, ngs.Cof(ngs.Id(3) + s * grad) * normal) for s, w in stages)
+    return float(ngs.Integrate(rate * ngs.ds(boundary, bonus_intorder=6), body.mesh))
+
+
+def volume_change(body: Body, region: str) -> float:
+    """∫ (J - 1) dV over a region (m³)."""
+    change = ngs.Det(ngs.Id(3) + ngs.Grad(body.u)) - 1
+    return float(ngs.Integrate(change * ngs.dx(definedon=body.mesh.Materials(region), bonus_intorder=6), body.mesh))

@@ -1,0 +1,71 @@
+"""Independent computations side by side: one process a thread, each single-threaded, so that results do not depend on how many."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from typing import Any
+
+from ngbrain.threads import set_threads
+
+Task = tuple[str, Callable[..., Any], tuple[Any, ...]]
+"""Name, function (importable by name) and its arguments; it is also passed `tell`."""
+Tell = Callable[[str, float, float], None]
+
+_queue: Any = None
+_parent: int = 0
+
+
+def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[str, Any]:
+    """Results by task name; `tell(name, t, share)` hears of progress. The first exception ends the others and is raised."""
+    tell = tell or (lambda *_: None)
+    if workers <= 1:
+        set_threads(1)
+        return {name: function(*args, tell=tell) for name, function, args in tasks}
+    context = multiprocessing.get_context("spawn")  # NGSolve's threads do not survive a fork
+    messages = context.Queue()
+    done = threading.Event()
+    listener = threading.Thread(target=_listen, args=(messages, done, tell), daemon=True)
+    listener.start()
+    results = {}
+    with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, (messages, os.getpid())) as executor:
+        futures = {executor.submit(_call, function, args): name for name, function, args in tasks}
+        try:
+            for future in as_completed(futures):
+                results[futures[future]] = future.result()
+        except BaseException:
+            for process in list(executor._processes.values()):
+                process.terminate()
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+        finally:
+            done.set()
+    return {name: results[name] for name, _, _ in tasks}
+
+
+def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
+    while not done.is_set():
+        try:
+            tell(*messages.get(timeout=0.2))
+        except queue.Empty:
+            continue
+
+
+def _start(messages: Any, parent: int) -> None:
+    global _queue, _parent
+    _queue, _parent = messages, parent
+    set_threads(1)
+
+
+def _call(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    return function(*args, tell=_report)
+
+
+def _report(name: str, t: float, share: float) -> None:
+    if os.getppid() != _parent:  # the run was killed: do not go on writing beside its successor
+        os._exit(1)
+    _queue.put((name, t, share))

@@ -1,0 +1,105 @@
+"""How a blade is driven: its advance over time as straight pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+
+CLEAR = 1e-3
+"""How far (m) behind first contact a withdrawn blade waits."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Advance (m) of a blade from first contact at times (s), straight in between; negative is clear of the tissue."""
+
+    name: str
+    times: tuple[float, ...]
+    advance: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.times) != len(self.advance) or len(self.times) < 2:
+            raise InputError(f"protocol {self.name!r}", f"{len(self.times)} times, {len(self.advance)} advances", "as many of each, two or more")
+        if self.times[0] != 0 or np.any(np.diff(self.times) <= 0):
+            raise InputError(f"protocol {self.name!r} times", list(self.times), "times that start at 0 and increase")
+
+    def at(self, t: float) -> float:
+        """Advance (m) at time t (s)."""
+        return float(np.interp(t, self.times, self.advance))
+
+    @property
+    def working_s(self) -> float:
+        """Time (s) during which the blade holds or spreads the tissue: advance > 0 and not withdrawing."""
+        t, s = np.array(self.times), np.array(self.advance)
+        working = (s[1:] > 0) & (s[1:] >= s[:-1])
+        return float(np.sum(np.diff(t)[working]))
+
+    def first_ramp_end(self) -> float:
+        """Time (s) at which the advance first stops growing."""
+        s = np.array(self.advance)
+        return self.times[int(np.argmax(np.diff(s) <= 0))] if np.any(np.diff(s) <= 0) else self.times[-1]
+
+
+class Drive:
+    """A protocol as a `Motion`: it moves a Parameter that the blade's distance depends on."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self.events = protocol.times[1:]
+        self.parameter = ngs.Parameter(protocol.at(0.0))
+
+    def set(self, t: float) -> None:
+        """Put the blade where it is at time t."""
+        self.parameter.Set(self.protocol.at(t))
+
+    def travel(self, start: float, end: float) -> float:
+        """Advance (m) between two times."""
+        return self.protocol.at(end) - self.protocol.at(start)
+
+
+def continuous(opening: float, ramp: float, elapsed: float, name: str = "continuous") -> Protocol:
+    """Open at an even rate in `ramp` seconds, hold until `elapsed`."""
+    return Protocol(name, (0.0, ramp, elapsed), (0.0, opening, opening))
+
+
+def intermittent(
+    opening: float, ramp: float, elapsed: float, hold: float, rest: float, name: str = "intermittent"
+) -> Protocol:
+    """Hold for `hold` s after opening, let go, rest for `rest` s from letting go to opening again, …; same rate both ways.
+
+    A cycle is ramp + hold + rest; `elapsed` must end a hold.
+    """
+    rate = opening / ramp
+    away = (opening + CLEAR) / rate
+    if not rest > 2 * away - ramp:
+        raise InputError(f"protocol {name!r} rest", f"{rest} s", f"more than the {2 * away - ramp:g} s that the blade needs to go and come back")
+    times, advance = [0.0], [0.0]
+    start = 0.0
+    while True:
+        times += [start + ramp, min(start + ramp + hold, elapsed)]
+        advance += [opening, opening]
+        if times[-1] >= elapsed * (1 - 1e-12):
+            break
+        start = times[-1] + rest
+        back = start - CLEAR / rate
+        if start + ramp >= elapsed:
+            raise InputError(f"protocol {name!r} elapsed", f"{elapsed} s", f"a time within a hold, not in the rest that ends at {start:g} s")
+        times += [times[-1] + away, back, start]
+        advance += [-CLEAR, -CLEAR, 0.0]
+    return Protocol(name, tuple(times), tuple(advance))
+
+
+def staged(opening: float, ramp: float, elapsed: float, stages: int, rest: float, name: str = "staged") -> Protocol:
+    """Reach the opening in equal steps at the same rate, `rest` s between them, then hold until `elapsed`."""
+    times, advance = [0.0], [0.0]
+    for stage in range(1, stages + 1):
+        times.append(times[-1] + ramp / stages)
+        advance.append(opening * stage / stages)
+        last = stage == stages
+        times.append(elapsed if last else times[-1] + rest)
+        advance.append(advance[-1])
+    return Protocol(name, tuple(times), tuple(advance))

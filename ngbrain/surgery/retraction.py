@@ -1,0 +1,159 @@
+"""The main job: a scene's protocols and the checks of their worth, to the answers a team asks for."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ngsolve import ngsglobals
+
+from ngbrain.scene import Scene
+from ngbrain.surgery import answers, checks, pool
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.runs import Peak, ProtocolRun, table
+
+Tell = Callable[[str, float, float], None]
+
+
+_CHECKS: dict[str, Callable[[Scene], Any]] = {
+    "half steps": checks.halved_steps_peak,
+    "Miller's exponent": checks.miller_peak,
+    "one order more": checks.order_peaks,
+}
+CHECKS = len(_CHECKS)
+"""Runs beside the protocols', for a progress bar."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a protocol's run leaves behind, small enough to pass between processes.
+
+    rows   columns of `Row` by name, SI units; peak: strain at its largest; steps, rejected, newton, factorisations: work
+    """
+
+    rows: dict[str, np.ndarray]
+    peak: Peak
+    working_s: float
+    steps: int
+    rejected: int
+    newton: int
+    factorisations: int
+
+    def column(self, name: str) -> np.ndarray:
+        """One column of the record."""
+        return self.rows[name]
+
+
+def solve(
+    scene: Scene, folder: str | Path | None = None, threads: int = 1, resume: bool = False, tell: Tell | None = None
+) -> dict[str, Any]:
+    """Run every protocol of a scene and the checks; returns what `result.json` holds.
+
+    scene      what to do (`Scene.from_toml`, `Scene.shipped`)
+    folder     where run files (`NAME.vtkhdf`, restartable) and `result.json` go; None writes nothing
+    threads    processes side by side; the results do not depend on it
+    resume     go on from the run files in `folder`
+    tell       called with (run, its time in s, share done) after every step
+
+    Raises `InputError` for a scene that cannot be built and `SolverError` when a run gives up.
+
+    Example, with a coarse mesh (about two minutes)::
+
+        import ngbrain
+        result = ngbrain.solve(ngbrain.Scene.shipped("demo_fast"), threads=2)
+        result["answers"]["continuous"]["peak_pressure_mmHg"]
+    """
+    started = time.perf_counter()
+    ngsglobals.msg_level = 0
+    where = None if folder is None else Path(folder)
+    if where is not None:
+        where.mkdir(parents=True, exist_ok=True)
+    model = Model.of(scene)
+    model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
+    results = pool.run(_tasks(scene, where, resume), threads, tell)
+    runs = {p.name: results[p.name] for p in scene.protocols}
+    result = {
+        "verb": "retract",
+        "title": scene.title,
+        "versions": versions(),
+        "seed": 0,
+        "threads": threads,
+        "scene": scene.to_dict(),
+        "geometry": _geometry(model),
+        "model": answers.model(model, runs),
+        "checks": answers.checks(scene, runs, results),
+        "answers": {name: answers.answer(run) for name, run in runs.items()},
+        "comparison": answers.comparison(runs),
+        "material_band": answers.material_band(runs, results),
+        "left_out": list(answers.LEFT_OUT),
+        "time_s": time.perf_counter() - started,
+    }
+    if where is not None:
+        write_json(where / "result.json", result)
+    return result
+
+
+def _tasks(scene: Scene, folder: Path | None, resume: bool) -> list[pool.Task]:
+    """The longest first, so that the processes end together."""
+    data = scene.to_dict()
+    protocols: list[pool.Task] = [
+        (p.name, _protocol, (data, i, folder, resume)) for i, p in enumerate(scene.protocols)
+    ]
+    protocols.sort(key=lambda task: -len(Model.program(scene, scene.protocols[task[2][1]]).times))
+    extra: list[pool.Task] = [(name, _check, (data, name)) for name in _CHECKS]
+    return [*protocols, *extra]
+
+
+def _protocol(data: dict[str, Any], index: int, folder: Path | None, resume: bool, tell: Tell) -> Outcome:
+    scene = Scene.from_dict(data)
+    model = Model.of(scene)
+    run = ProtocolRun(model, model.program(scene, scene.protocols[index]), folder, resume).go(tell)
+    at = run.transient.progress
+    assert run.peak is not None
+    return Outcome(
+        table(run.rows), run.peak, run.protocol.working_s, at.steps, at.rejected, at.newton, at.work.factorisations
+    )
+
+
+def _check(data: dict[str, Any], name: str, tell: Tell) -> Any:
+    tell(name, 0.0, 0.0)
+    value = _CHECKS[name](Scene.from_dict(data))
+    tell(name, 0.0, 1.0)
+    return value
+
+
+def _geometry(model: Model) -> dict[str, Any]:
+    cleft, blade = model.cleft, model.blade
+    return {
+        "target_m": cleft.target.tolist(),
+        "out": cleft.out.tolist(),
+        "across": cleft.across.tolist(),
+        "along": cleft.along.tolist(),
+        "depth_m": cleft.depth,
+        "opening_m": cleft.opening,
+        "width_m": cleft.width,
+        "craniotomy_m": model.scene.cleft.craniotomy,
+        "blade": {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name != "cleft"},
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that numbers depend on."""
+    packages = {name: version(name) for name in ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy", "h5py")}
+    return {"python": platform.python_version(), **packages}
+
+
+def write_json(path: Path, data: dict[str, Any]) -> None:
+    """Write, then rename: a reader never sees half a file."""
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(json.dumps(data, indent=1, allow_nan=False))
+    os.replace(temporary, path)
+

@@ -1,0 +1,155 @@
+"""One protocol from rest to end, checkpointed after every step; what it leaves behind is all a report needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.body import Body
+from ngbrain.forward.transient import Progress, Transient
+from ngbrain.io import Frame, QuadraticGrid, load, save
+from ngbrain.solvers.record import NewtonRecord
+from ngbrain.surgery.injury import MPS_THRESHOLDS, Strain, StrainSampler
+from ngbrain.surgery.model import TISSUE, WALL, Model
+from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
+from ngbrain.surgery.protocols import Protocol
+from ngbrain.tensors import deformation_gradient, right_cauchy_green
+from ngbrain.units import to_ml
+
+FRAME_SPACING = 1 / 12
+"""A frame is kept at events and at least every such share of the run."""
+
+Tell = Callable[[str, float, float], None]
+"""Called with a run's name, its time (s) and the share of it that is done."""
+
+
+@dataclass
+class Peak:
+    """Strain at the step where its 95th percentile was largest."""
+
+    t: float
+    oss_p95: float
+    mps_p50: float
+    mps_p95: float
+    mps_p99: float
+    volume_mps_above: dict[str, float]
+    beyond_fit_ml: float
+    tissue_ml: float
+    volume: dict[str, float]
+
+    @classmethod
+    def of(cls, t: float, strain: Strain, fitted: float, volume: dict[str, float]) -> Peak:
+        """Percentiles near the site and volumes over all tissue; `fitted` is the strain range of the law's data."""
+        mps = strain.mps
+        above = {f"{threshold:.2f}": strain.volume_where(mps > threshold) for threshold in MPS_THRESHOLDS}
+        beyond = np.any(np.abs(strain.stretch - 1) > fitted, axis=1)
+        p50, p95, p99 = (strain.percentile(mps, q) for q in (50, 95, 99))
+        return cls(
+            t,
+            strain.percentile(strain.oss, 95),
+            p50,
+            p95,
+            p99,
+            above,
+            strain.volume_where(beyond),
+            to_ml(float(np.sum(strain.volume))),
+            volume,
+        )
+
+
+class ProtocolRun:
+    """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes."""
+
+    def __init__(self, model: Model, protocol: Protocol, folder: Path | None, resume: bool = False) -> None:
+        self.model, self.protocol = model, protocol
+        self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
+        self.transient: Transient = model.run(protocol)
+        body = self.transient.body
+        self.observer = Observer(body, model.blade, WALL, model.scene.support.fixed)
+        self.sampler = StrainSampler(body, model.cleft, TISSUE)
+        self.rows: list[Row] = []
+        self.peak: Peak | None = None
+        self.frames: list[Frame] = []
+        self.grid = None if self.path is None else QuadraticGrid(model.mesh)
+        fits = [tissue.fitted_strain for tissue in model.scene.tissues if tissue.fitted_strain is not None]
+        self._fitted = min(fits, default=float("inf"))
+        if resume and self.path is not None and self.path.exists():
+            self._restore(load(self.path).state)
+        else:
+            self._look(self.transient.body, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
+
+    def go(self, tell: Tell | None = None) -> ProtocolRun:
+        """Run to the end; raises what `Transient.run` raises, with the last good step saved."""
+        end = self.protocol.times[-1]
+
+        def watch(body: Body, at: Progress, record: NewtonRecord) -> None:
+            self._look(body, at, record)
+            if tell is not None:
+                tell(self.protocol.name, at.t, at.t / end)
+
+        self.transient.run(watch)
+        return self
+
+    def _look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
+        self.rows.append(self.observer(at.t, self.protocol.at(at.t), record.min_det_F))
+        strain = self.sampler()
+        if self.peak is None or strain.percentile(strain.mps, 95) > self.peak.mps_p95:
+            self.peak = Peak.of(at.t, strain, self._fitted, self._volumes(body))
+        if self.path is not None:
+            self._save(body, at)
+
+    def _volumes(self, body: Body) -> dict[str, float]:
+        """Volumes (ml) that leave through the window and into the cleft, and what ventricles and tissue lose."""
+        boundaries = {"window": "craniotomy", "cleft": "wall_.*|end_.*|floor"}
+        parts = {name: to_ml(swept_volume(body, pattern)) for name, pattern in boundaries.items()}
+        parts["ventricles"] = -to_ml(volume_change(body, "ventricle.*"))
+        parts["compression"] = -to_ml(volume_change(body, TISSUE))
+        return parts
+
+    # The file.
+
+    def _save(self, body: Body, at: Progress) -> None:
+        assert self.grid is not None and self.path is not None
+        frame = Frame(at.t, self._fields(body))
+        spacing = FRAME_SPACING * self.protocol.times[-1]
+        keep = not self.frames or at.rested or self.peak is None or at.t - self.frames[-1].time >= spacing
+        keep = keep or self.peak.t == at.t
+        state = {
+            "transient": self.transient.checkpoint(),
+            "observer": self.observer.checkpoint(),
+            "rows": table(self.rows),
+            "peak": asdict(self.peak) if self.peak else {},
+            "scene": self.model.scene.to_dict(),
+            "kept_frames": len(self.frames) + bool(keep),
+        }
+        save(self.path, self.grid, [*self.frames, frame], state)
+        if keep:
+            self.frames.append(frame)
+
+    def _fields(self, body: Body) -> dict[str, np.ndarray]:
+        """Displacement (m) and maximum principal strain at the nodes."""
+        assert self.grid is not None
+        C = self.grid.values(right_cauchy_green(deformation_gradient(body.u))).reshape(-1, 3, 3)
+        strain = (np.linalg.eigvalsh(C)[:, 2] - 1) / 2
+        fields = {"displacement": self.grid.values(body.u), "max_principal_strain": strain}
+        return {name: values.astype(np.float32) for name, values in fields.items()}
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        assert self.path is not None
+        if state["scene"] != self.model.scene.to_dict():
+            raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
+        self.transient.restore(state["transient"])
+        self.observer.restore(state["observer"])
+        self.rows = [Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)]
+        self.peak = Peak(**state["peak"])
+        self.frames = list(load(self.path).frames[: state["kept_frames"]])
+
+
+def table(rows: list[Row]) -> dict[str, np.ndarray]:
+    """Rows as columns, by field name."""
+    return {name: np.array([getattr(row, name) for row in rows]) for name in Row.__annotations__}

@@ -1,0 +1,79 @@
+"""The body's residual and tangent are derivatives of its energy; forces balance; bad names are refused."""
+
+import numpy as np
+import pytest
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
+from ngbrain.forward.body import Body, Material
+from ngbrain.materials import NeoHooke
+from ngbrain.mesh import block
+
+
+@pytest.fixture
+def loaded(make_body, plate, rng):
+    """A relaxing body with a history, a contact and a state that is neither small nor special."""
+    drive = plate((0, 1), (0, 1e-3))
+    body = make_body(contacts=[drive.contact(1e6)])
+    drive.set(1.0)
+    body.history.stress[:] = 30 * rng.standard_normal(body.history.stress.shape)
+    body.history.overstress[:] = 20 * rng.standard_normal(body.history.stress.shape)
+    body.history.begin(0.7)
+    free = body.weights > 0
+    x = np.where(body.is_u, 2e-4, 50.0) * rng.standard_normal(body.fes.ndof) * free
+    dx = np.where(body.is_u, 2e-4, 50.0) * rng.standard_normal(body.fes.ndof) * free
+    return body, x, dx
+
+
+def energy(body, x):
+    body.state[:] = x
+    return body.form.Energy(body.gfu.vec)
+
+
+def test_residual_is_the_gradient_of_the_energy(loaded):
+    body, x, dx = loaded
+    rates = taylor(lambda y: energy(body, y), body.residual(x)[0], x, dx)
+    assert np.all(np.abs(rates - 2) < 0.1), rates
+
+
+def test_tangent_is_the_derivative_of_the_residual(loaded):
+    body, x, dx = loaded
+    body.state[:] = x
+    body.form.AssembleLinearization(body.gfu.vec)
+    direction, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
+    direction.FV().NumPy()[:] = dx
+    product.data = body.form.mat * direction  # symmetric storage: the lower triangle stands for both
+    slope = product.FV().NumPy().copy() * (body.weights > 0)
+    rates = taylor(lambda y: body.residual(y)[0], lambda _: slope, x, dx)
+    assert np.all(np.abs(rates - 2) < 0.1), rates
+
+
+def test_history_moves_the_residual(loaded):
+    # A term that Newton's method does not see is inert: a longer step must change the forces.
+    body, x, _ = loaded
+    short = body.residual(x)[0]
+    body.history.begin(70.0)
+    assert np.linalg.norm(body.residual(x)[0] - short) > 1e-2 * np.linalg.norm(short)
+
+
+def test_smallest_determinant_sees_an_inverted_quadrature_point(make_body):
+    body = make_body()
+    x = np.zeros(body.fes.ndof)
+    assert body.min_det(x) == pytest.approx(1.0)
+    import ngsolve as ngs
+
+    body.u.Set(ngs.CF((0, 0, -1.2 * ngs.z)))
+    assert body.min_det(body.state.copy()) == pytest.approx(-0.2, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("materials", "fixed", "message"),
+    [
+        ({"tisue": Material(NeoHooke(1.0), 10.0)}, "bottom", "tissue"),
+        ({"tissue": Material(NeoHooke(1.0), 10.0)}, "botom", "bottom"),
+        ({}, "bottom", "tissue"),
+    ],
+)
+def test_names_that_match_nothing_are_refused(materials, fixed, message):
+    with pytest.raises(InputError, match=message):
+        Body(block(maxh=0.04), materials, fixed)

@@ -1,0 +1,98 @@
+"""Time stepping: closed forms, order in time, unilateral contact, restart, rejected steps."""
+
+import numpy as np
+import pytest
+
+from ngbrain.errors import ContactError
+from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
+from ngbrain.solvers.newton import Newton
+
+PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
+
+
+def force(body):
+    """Force (N) of the plate on the top: the contact's nodal forces along z."""
+    import ngsolve as ngs
+
+    up = ngs.GridFunction(body.fes.components[0])
+    up.Set(ngs.CF((0, 0, 1)))
+    return float(up.vec.FV().NumPy() @ body.contact_forces())
+
+
+def run(body, drive, control, **kwargs):
+    transient = Transient(body, drive, control, 1e-3, **kwargs)
+    rows = []
+    transient.run(lambda b, at, record: rows.append((at.t, force(b), b.min_gap())))
+    return transient, np.array(rows)
+
+
+def test_steps_land_on_events_and_nothing_pulls(make_body, plate):
+    drive = plate(*PRESS)
+    transient, rows = run(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10))
+    t, f, gap = rows.T
+    assert {4.0, 40.0, 44.0, 60.0} <= set(t)
+    pressed = (t > 0) & (t <= 40)
+    assert np.all(f[pressed] > 0) and np.all(np.diff(f[(t >= 4) & (t <= 40)]) < 0)
+    away = gap > 0
+    assert away.any() and np.all(np.abs(f[away]) < 1e-15)
+    assert np.all(f >= -1e-12)
+
+
+def test_a_step_is_second_order_in_time(make_body, plate):
+    law = Viscous(NeoHooke(300.0), (Branch(NeoHooke(700.0), 3.0),))
+    forces = []
+    for dt in (2.0, 1.0, 0.5, 0.0625):
+        drive = plate((0, 4), (0, 3e-3))
+        body = make_body(law, [drive.contact()])
+        control = StepControl(dt, first=1.0, touch_growth=1.0)
+        forces.append(run(body, drive, control)[1][-1, 1])
+    errors = np.abs(np.array(forces[:-1]) / forces[-1] - 1)
+    rates = np.log2(errors[:-1] / errors[1:])
+    assert errors[0] < 0.02 and np.all(rates > 1.7), (errors, rates)
+
+
+def test_restart_goes_on_with_the_same_bits(make_body, plate):
+    control = StepControl(1.0, dt_max=10)
+    drive = plate(*PRESS)
+    whole, rows = run(make_body(contacts=[drive.contact()]), drive, control)
+    half_drive = plate(*PRESS)
+    half = Transient(make_body(contacts=[half_drive.contact()]), half_drive, control, 1e-3)
+    half.run(lambda *_: None, until=10.0)
+    saved = half.checkpoint()
+    other_drive = plate(*PRESS)
+    other = Transient(make_body(contacts=[other_drive.contact()]), other_drive, control, 1e-3)
+    other.restore(saved)
+    other.run(lambda *_: None)
+    assert np.array_equal(other.body.state, whole.body.state)
+    assert other.progress.steps == whole.progress.steps
+
+
+def test_too_deep_a_penetration_is_rejected_and_named(make_body, plate):
+    drive = plate((0, 4), (0, 4e-3))
+    body = make_body(contacts=[drive.contact(penalty=1e5)])
+    transient = Transient(body, drive, StepControl(1.0), penetration_limit=1e-3)
+    with pytest.raises(ContactError, match="penetration"):
+        transient.run(lambda *_: None)
+    assert transient.progress.rejected > 0 and body.min_gap() > -1e-3
+
+
+def test_kept_and_renewed_factorisations_agree(make_body, plate):
+    ends = []
+    for keep in (0.0, 0.7):
+        drive = plate((0, 4), (0, 3e-3))
+        newton = Newton(keep=keep, max_factorisations=50)
+        transient, rows = run(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), newton=newton)
+        ends.append((rows[-1, 1], transient.progress.work.factorisations))
+    assert ends[0][0] == pytest.approx(ends[1][0], rel=1e-7)
+    assert ends[1][1] < ends[0][1] / 3
+
+
+def test_doubling_every_modulus_doubles_every_force(make_body, plate):
+    results = []
+    for factor in (1.0, 2.0):
+        law = Viscous(Ogden(factor * 300.0, -12.0), (Branch(Ogden(factor * 700.0, -15.0), 3.0),))
+        drive = plate(*PRESS)
+        body = make_body(law, [drive.contact(factor * 1e8)], bulk=factor * 1.5e6)
+        results.append(run(body, drive, StepControl(1.0, dt_max=10))[1][:, 1])
+    assert np.allclose(results[1], 2 * results[0], rtol=1e-6, atol=1e-9)
