@@ -16,16 +16,23 @@ from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 LENGTH_SCALE = 1e-3
 """Displacements (m) are judged against a millimetre in the size of a Newton correction,"""
+POINTWISE_SHARE = 0.02
+"""Share of the bulk modulus that holds J at every point, not only in the mean over an element."""
 PRESSURE_SCALE = 1e3
 """pressures (Pa) against a kilopascal."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """What a region is made of: a law of shape (relaxing or not) and a bulk modulus K (Pa)."""
+    """What a region is made of: a law of shape (relaxing or not), a bulk modulus K (Pa) and a viscosity η (Pa s).
+
+    The viscosity resists a change of shape, η/(8 Δt) |C̄ - C̄_n|² a step: a little of it keeps tissue that snaps from one
+    shape to another (reversed overstress in a tight corner) on a path that time steps can follow.
+    """
 
     law: Viscous | Law
     bulk: float
+    viscosity: float = 0.0
 
     @property
     def viscous(self) -> Viscous:
@@ -34,7 +41,7 @@ class Material:
 
 
 class Body:
-    """Energy Σ_regions W(C̄; history) + p(J - 1) - p²/2K + contact, on P_k displacements and P_{k-1} pressures.
+    """Energy Σ_regions W(C̄; history) + viscosity + p(J - 1) - p²/2K + contact, on P_k displacements and P_{k-1} pressures.
 
     mesh       NGSolve mesh, tetrahedra
     materials  region pattern → `Material`
@@ -91,7 +98,10 @@ class Body:
             energy = law.energy(C, self.history.shares[: len(law.branches)])
             if law.branches:
                 energy += 0.5 * ngs.InnerProduct(self.history.pull, C)
-            energy += perturbed_lagrangian(J, p, material.bulk)
+            if material.viscosity:
+                change = C - self.history.shape
+                energy += material.viscosity / 8 * self.history.per_dt * ngs.InnerProduct(change, change)
+            energy += perturbed_lagrangian(J, p, material.bulk, POINTWISE_SHARE * material.bulk)
             # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
             term = energy.Compile() * ngs.dx(definedon=self.mesh.Materials(pattern), intrules=self.history.rules)
             tissue += ngs.Variation(term)

@@ -14,7 +14,7 @@ REST = 1e30
 
 
 class History:
-    """H_k, S̄_k per branch and what a time step's energy needs of them: β_k and G = Σ (e_k H_k - β_k S̄_k).
+    """H_k, S̄_k per branch and what a time step's energy needs of them: β_k and G = Σ (e_k H_k - β_k S̄_k); C̄ before it.
 
     mesh       NGSolve mesh
     laws       region pattern → `Viscous`
@@ -27,6 +27,9 @@ class History:
         self.rules = self.space.GetIntegrationRules()
         tensors = ngs.MatrixValued(self.space, 3)
         self.pull = ngs.GridFunction(tensors)
+        self.shape = ngs.GridFunction(tensors)
+        self.shape.vec.FV().NumPy()[:] = np.outer(np.eye(3).ravel(), np.ones(self.space.ndof)).ravel()
+        self.per_dt = ngs.Parameter(0.0)
         self._new = ngs.GridFunction(tensors)
         self.n_branches = max((len(law.branches) for law in laws.values()), default=0)
         points = self.space.ndof
@@ -40,11 +43,12 @@ class History:
             field.Interpolate(mesh.MaterialCF(times, default=REST))
             self.tau[k] = field.vec.FV().NumPy()
         self._stress_cf: list[CoefficientFunction] = []
+        self._shape_cf: CoefficientFunction = ngs.Id(3)
         self.dt = 0.0
 
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `finish` evaluates the branch stresses at."""
-        self._stress_cf = []
+        self._stress_cf, self._shape_cf = [], C.Compile()
         zero = ngs.CF((0,) * 9, dims=(3, 3))
         for k in range(self.n_branches):
             by_region = {
@@ -57,6 +61,7 @@ class History:
     def begin(self, dt: float) -> None:
         """Set β_k and the pull G of a step of `dt` seconds."""
         self.dt = dt
+        self.per_dt.Set(1 / dt)
         pull = np.zeros((9, self.space.ndof))
         for k in range(self.n_branches):
             e, beta = step_factors(dt, self.tau[k])
@@ -66,6 +71,7 @@ class History:
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands."""
+        self.shape.Interpolate(self._shape_cf)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self.tau[k])
             self._new.Interpolate(self._stress_cf[k])

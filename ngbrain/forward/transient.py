@@ -40,9 +40,9 @@ class StepControl:
     """
 
     contact_dt: float
-    first: float = 0.05
+    first: float = 0.02
     restart: float = 0.25
-    touch_growth: float = 2.0
+    touch_growth: float = 3.0
     growth: float = 2.0
     dt_max: float = 60.0
     smallest: float = 1e-3
@@ -60,7 +60,6 @@ class Progress:
     dt: float = 0.0
     event: int = 0
     touching: bool = False
-    moving: bool = False
     rested: bool = True
     steps: int = 0
     rejected: int = 0
@@ -87,7 +86,7 @@ class Transient:
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.contact_dt * control.first)
-        self.before = body.state.copy()
+        self.follow = np.zeros_like(body.weights)
         self._now = 0.0
         self._factored: dict[str, Any] = {}
         self.motion.set(0.0)
@@ -145,8 +144,10 @@ class Transient:
         self._now = at.t + dt
         self.motion.set(self._now)
         guess = start
-        if at.moving and at.touching and not at.rested:
-            guess = start + (start - self.before) * (dt / at.dt)
+        travel = self.motion.travel(at.t, self._now)
+        if at.touching and travel:
+            # The tissue follows the body as it did when it was last pushed, or goes back the same way.
+            guess = start + self.follow * travel
             if not body.min_det(guess) > self.newton.min_det:
                 guess = start
         x, record = self.newton.solve(self, guess)
@@ -161,9 +162,10 @@ class Transient:
     def _accept(self, start: np.ndarray, dt: float) -> None:
         at = self.progress
         self.body.history.finish()
-        self.before = start
         touched = self.body.min_gap() < 0
-        at.moving = self.motion.travel(at.t, at.t + dt) != 0
+        travel = self.motion.travel(at.t, at.t + dt)
+        if touched and at.touching and travel:
+            self.follow = (self.body.state - start) / travel
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
         at.touching = touched
@@ -192,7 +194,8 @@ class Transient:
     def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """The body's factorisation; what it was made at is kept so that a restart makes the same one."""
         history = self.body.history
-        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt, "pull": history.pull.vec.FV().NumPy().copy()}
+        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt}
+        self._factored |= {name: getattr(history, name).vec.FV().NumPy().copy() for name in ("pull", "shape")}
         return self.body.factorise(x)
 
     # Restart.
@@ -202,9 +205,10 @@ class Transient:
         return {
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "x": self.body.state.copy(),
-            "before": self.before,
+            "follow": self.follow,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
+            "shape": self.body.history.shape.vec.FV().NumPy(),
             "factor": self._factored if self.newton.inverse is not None else {},
         }
 
@@ -213,13 +217,15 @@ class Transient:
         body, history, factor = self.body, self.body.history, saved["factor"]
         if factor:
             history.begin(factor["dt"])
-            history.pull.vec.FV().NumPy()[:] = factor["pull"]
+            for name in ("pull", "shape"):
+                getattr(history, name).vec.FV().NumPy()[:] = factor[name]
             self._now = factor["t"]
             self.motion.set(self._now)
             self.newton.renew(self, factor["x"], NewtonRecord())
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
-        self.before = np.array(saved["before"])
+        history.shape.vec.FV().NumPy()[:] = saved["shape"]
+        self.follow = np.array(saved["follow"])
         body.state[:] = saved["x"]
         self.motion.set(self.progress.t)
 

@@ -16,8 +16,8 @@ SEMI_AXES = np.array([0.066, 0.084, 0.060])
 """Half width (left-right), length (front-back) and height (m) of the idealised brain: 1.39 l."""
 CORTEX_THICKNESS = 0.008
 """Folded cortex as a mantle (m)."""
-VENTRICLE_CENTRE = np.array([0.013, 0.0, 0.006])
-VENTRICLE_SEMI_AXES = np.array([0.007, 0.028, 0.009])
+VENTRICLE_CENTRE = np.array([0.014, 0.0, 0.006])
+VENTRICLE_SEMI_AXES = np.array([0.009, 0.021, 0.010])
 NEAR_DEPTH = 0.016
 """Depth (m) of the zone under the craniotomy that is meshed finer."""
 
@@ -29,7 +29,7 @@ class Sizes:
     site: float = 2e-3
     near: float = 6e-3
     far: float = 20e-3
-    grading: float = 0.5
+    grading: float = 0.7
 
 
 def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0.01) -> ngs.Mesh:
@@ -160,7 +160,10 @@ def _ellipsoid(centre: np.ndarray, semi_axes: np.ndarray) -> occ.Solid:
 def _mesh(shape: occ.TopoDS_Shape, maxh: float, grading: float) -> ngs.Mesh:
     # One thread and a fixed order of work: the same shape gives the same mesh, bit for bit.
     geometry = occ.OCCGeometry(shape)
-    mesh = ngs.Mesh(geometry.GenerateMesh(maxh=maxh, grading=grading, curvaturesafety=1.0, parallel_meshing=False))
+    try:
+        mesh = ngs.Mesh(geometry.GenerateMesh(maxh=maxh, grading=grading, curvaturesafety=1.0, parallel_meshing=False))
+    except Exception as error:  # Netgen raises its own exceptions and bare ones
+        raise InputError("mesh sizes", f"such that Netgen gives up ({error})", "smaller elements") from error
     mesh.Curve(2)
     points = mesh.MapToAllElements(ngs.IntegrationRule(ngs.TET, 4), ngs.VOL)
     smallest = float(np.min(ngs.Det(ngs.specialcf.JacobianMatrix(3))(points)))

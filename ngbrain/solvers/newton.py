@@ -49,10 +49,10 @@ class Newton:
     keep        renew the factorisation when a correction shrinks by less than this factor; 0 renews it every time
     """
 
-    rtol: float = 1e-8
+    rtol: float = 1e-7
     xtol: float = 1e-8
     max_iter: int = 40
-    max_factorisations: int = 8
+    max_factorisations: int = 6
     min_det: float = 0.02
     keep: float = 0.7
     min_damping: float = 0.1

@@ -19,10 +19,12 @@ from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent,
 
 WALL = "wall_plus"
 """The wall that the blade pushes."""
-PENALTY = 1000.0
-"""Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 1 % of the opening deep."""
+PENALTY = 500.0
+"""Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 2 % of the opening deep."""
 SOFTNESS = 0.004
 """Penetration up to which the contact pressure sets in softly, in openings."""
+STABILISING_TIME = 0.3
+"""Viscosity over initial shear modulus (s): in a ramp of ten seconds it adds less than a percent to the stress."""
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
 
@@ -52,12 +54,15 @@ class Model:
 
     def materials(self) -> dict[str, Material]:
         """Region pattern → law of shape and bulk modulus."""
-        return {tissue.region: Material(tissue.law(), tissue.bulk) for tissue in self.scene.tissues}
+        return {
+            tissue.region: Material(tissue.law(), tissue.bulk, STABILISING_TIME * tissue.initial_modulus)
+            for tissue in self.scene.tissues
+        }
 
     def elastic(self, seconds: float) -> dict[str, Material]:
         """The elastic laws that one step of `seconds` from rest amounts to."""
         return {
-            region: replace(m, law=after(m.law, seconds)) if isinstance(m.law, Viscous) else m
+            region: replace(m, law=after(m.law, seconds), viscosity=0.0) if isinstance(m.law, Viscous) else m
             for region, m in self.materials().items()
         }
 

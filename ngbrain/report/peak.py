@@ -1,0 +1,159 @@
+"""A protocol's state at its largest strain, as the pictures need it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.io import load
+from ngbrain.mesh import Cleft
+from ngbrain.report.surface import Floats, Ints, faces, triangles
+
+ABOVE = 25e-3
+"""How far (m) the blade is drawn beyond the surface."""
+OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
+"""Boundaries that do not lie on the skull."""
+ARC = 7
+"""Points of a rounded corner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """What is drawn of one protocol.
+
+    points, rest   (n, 3) m, displaced and as they were
+    strain         (n,) maximum principal strain
+    tets, region   (ntets, 10) nodes in VTK's order; (ntets,) names
+    outer          boundary name → six-node faces of the outer surface, outwards
+    advance        of the blade's face (m) from the wall at rest
+    time           s
+    """
+
+    protocol: str
+    time: float
+    points: Floats
+    rest: Floats
+    strain: Floats
+    tets: Ints
+    region: np.ndarray
+    outer: dict[str, Ints]
+    cleft: Cleft
+    craniotomy: float
+    blade: Mapping[str, float]
+    advance: float
+
+    @classmethod
+    def read(cls, folder: Path, protocol: str, geometry: Mapping[str, Any], answer: Mapping[str, Any]) -> Peak:
+        """From `folder/PROTOCOL.vtkhdf`: the frame nearest to when strain peaked.
+
+        Raises `InputError` for a file that is missing, damaged or without frames of displacement and strain.
+        """
+        path = folder / f"{protocol}.vtkhdf"
+        checkpoint = load(path)
+        frames = [f for f in checkpoint.frames if {"displacement", "max_principal_strain"} <= set(f.point_data)]
+        if not frames:
+            raise InputError("frames", "without displacement and max_principal_strain", "a run of ngbrain", file=path)
+        when = answer.get("strain_peak_at_s", (checkpoint.state.get("peak") or {}).get("t"))
+        if when is None:
+            frame = max(frames, key=lambda f: float(np.percentile(f.point_data["max_principal_strain"], 99)))
+        else:
+            frame = min(frames, key=lambda f: abs(f.time - float(when)))
+        grid = checkpoint.grid
+        series = answer.get("series", {})
+        advance = float(np.interp(frame.time, series["t_s"], series["blade_mm"])) * 1e-3
+        cleft = Cleft(
+            *(np.array(geometry[key], float) for key in ("target_m", "out", "across")),
+            *(float(geometry[key]) for key in ("depth_m", "opening_m", "width_m")),
+        )
+        return cls(
+            protocol,
+            frame.time,
+            grid.points + np.asarray(frame.point_data["displacement"], float),
+            grid.points,
+            np.asarray(frame.point_data["max_principal_strain"], float),
+            grid.connectivity,
+            np.array(grid.region_names)[grid.region],
+            _named(grid.mesh, faces(grid.connectivity)),
+            cleft,
+            float(geometry["craniotomy_m"]),
+            {key: float(value) for key, value in geometry["blade"].items()},
+            advance,
+        )
+
+    def skull(self) -> Ints:
+        """Triangles of the surface under the skull."""
+        return self._triangles(lambda name: not OPENED.match(name))
+
+    def window(self) -> Ints:
+        """Triangles of the surface under the craniotomy."""
+        return self._triangles(lambda name: name.startswith("craniotomy"))
+
+    def cleft_faces(self) -> dict[str, Ints]:
+        """Triangles of the walls, ends and floor of the cleft, by name."""
+        return {k: triangles(v) for k, v in self.outer.items() if OPENED.match(k) and not k.startswith("craniotomy")}
+
+    def ventricles(self) -> Ints:
+        """Triangles of the ventricles' surface."""
+        inside = np.char.startswith(self.region.astype(str), "ventricle")
+        return triangles(faces(self.tets[inside])) if inside.any() else np.zeros((0, 3), int)
+
+    def _triangles(self, wanted: Any) -> Ints:
+        parts = [six for name, six in self.outer.items() if wanted(name)]
+        return triangles(np.concatenate(parts)) if parts else np.zeros((0, 3), int)
+
+    def blade_profile(self) -> Floats:
+        """The blade cut through its middle: (across, height) in m, (k, 2)."""
+        r = min(self.blade["edge_radius_m"], self.blade["thickness_m"])
+        face, tip, top = self._face(), self.blade["tip_m"], self.cleft.depth + ABOVE
+        angle = np.linspace(-np.pi / 2, 0, ARC)
+        rounded = np.column_stack([face - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
+        back = face - self.blade["thickness_m"]
+        return np.vstack([[back, tip], rounded, [face, top], [back, top]])
+
+    def blade_solid(self) -> tuple[Floats, Ints]:
+        """The blade as points (m) and triangles: a plate whose front edges and tip are rounded."""
+        r = min(self.blade["edge_radius_m"], self.blade["thickness_m"])
+        angle = np.linspace(0, np.pi / 2, ARC)
+        slices = [(r * (1 - np.sin(q)), -r * (1 - np.cos(q))) for q in angle]  # from the face backwards
+        slices = [*reversed(slices), (0.0, -self.blade["thickness_m"])]
+        slices = sorted(slices, key=lambda one: -one[1])
+        rings = [self._outline(r, inset, self._face() + behind) for inset, behind in slices]
+        n, points = len(rings[0]), np.concatenate(rings)
+        i, j = np.arange(n), (np.arange(n) + 1) % n
+        tris = []
+        for k in range(len(rings) - 1):
+            a, b = k * n, (k + 1) * n
+            tris += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
+        for start in (0, len(points) - n):
+            tris.append(start + np.column_stack([0 * i[2:], i[1:-1], i[2:]]))
+        cleft = self.cleft
+        axes = np.stack([cleft.across, cleft.along, cleft.out])
+        return cleft.target + points @ axes, np.concatenate(tris)
+
+    def _outline(self, radius: float, inset: float, across: float) -> Floats:
+        """A section of the blade at a height of `across`: its outline, drawn in by `inset`, rounded at the tip."""
+        half, tip, top = self.blade["width_m"] / 2 - inset, self.blade["tip_m"] + inset, self.cleft.depth + ABOVE
+        r = max(2 * radius - inset, 0.0)
+        angle = np.linspace(-np.pi / 2, 0, ARC)
+        right = np.column_stack([half - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
+        left = right[::-1] * [-1, 1]
+        ring = np.vstack([left, right, [half, top], [-half, top]])
+        return np.column_stack([np.full(len(ring), across), ring])
+
+    def _face(self) -> float:
+        return self.cleft.opening / 2 + self.advance
+
+
+def _named(mesh: ngs.Mesh, outer: Ints) -> dict[str, Ints]:
+    """The faces of the outer surface by the mesh's boundary names."""
+    names = {tuple(sorted(v.nr for v in element.vertices)): element.mat for element in mesh.Elements(ngs.BND)}
+    corners = np.sort(outer[:, :3], axis=1)
+    found = np.array([names.get(tuple(map(int, row)), "surface") for row in corners])
+    return {str(name): outer[found == name] for name in sorted(set(found))}

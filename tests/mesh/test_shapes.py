@@ -1,0 +1,124 @@
+"""The idealised head: names, volumes against closed forms, exact planes, the same bits twice, refusals."""
+
+import hashlib
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError
+from ngbrain.mesh import Sizes, block, cleft_to, idealised_head, load
+from ngbrain.mesh.shapes import SEMI_AXES, VENTRICLE_SEMI_AXES
+
+TARGET = np.array([17.0, 5.9, 26.2]) * 1e-3
+COARSE = Sizes(4e-3, 10e-3, 24e-3)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    cleft = cleft_to(TARGET)
+    return cleft, idealised_head(cleft, sizes=COARSE)
+
+
+def volume(mesh, pattern):
+    return ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Materials(pattern))
+
+
+def area(mesh, pattern):
+    return ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Boundaries(pattern))
+
+
+def test_names(opened):
+    _, mesh = opened
+    assert set(mesh.GetMaterials()) == {"cortex", "white", "ventricle_left", "ventricle_right"}
+    walls = {"wall_plus", "wall_minus", "end_plus", "end_minus", "floor"}
+    assert set(mesh.GetBoundaries()) == walls | {"skull", "craniotomy", "ventricle_wall", "inside"}
+
+
+def test_volumes_are_those_of_ellipsoids_less_the_slot(opened):
+    cleft, mesh = opened
+    ellipsoid = 4 / 3 * np.pi * np.prod(SEMI_AXES)
+    slot = cleft.opening * cleft.width * cleft.depth
+    assert volume(mesh, ".*") == pytest.approx(ellipsoid - slot, rel=3e-3)
+    for side in ("left", "right"):
+        ventricle = 4 / 3 * np.pi * np.prod(VENTRICLE_SEMI_AXES)
+        assert volume(mesh, f"ventricle_{side}") == pytest.approx(ventricle, rel=2e-2)
+
+
+def test_the_cleft_has_exact_planes_and_the_depth_asked_for(opened):
+    cleft, mesh = opened
+    assert cleft.depth == pytest.approx(30e-3, abs=1e-4)
+    assert area(mesh, "floor") == pytest.approx(4e-3 * 12e-3, rel=1e-9)
+    for vertex in {v for el in mesh.Boundaries("wall_plus").Elements() for v in el.vertices}:
+        a, b, c = cleft.coordinates(np.array([mesh[vertex].point]))[0]
+        assert a == pytest.approx(2e-3, abs=1e-12) and abs(b) < 6.0001e-3 and c > -1e-9
+    assert area(mesh, "wall_plus") == pytest.approx(area(mesh, "wall_minus"), rel=1e-2)
+
+
+def test_the_craniotomy_is_a_disc_of_40_mm(opened):
+    # The disc less the slot; the surface bulges, so its area is a little more.
+    _, mesh = opened
+    assert 1.0 < area(mesh, "craniotomy") / (np.pi * 20e-3**2 - 48e-6) < 1.06
+
+
+def test_no_element_is_inverted_and_the_surface_is_curved(opened):
+    _, mesh = opened
+    points = mesh.MapToAllElements(ngs.IntegrationRule(ngs.TET, 6), ngs.VOL)
+    assert np.min(ngs.Det(ngs.specialcf.JacobianMatrix(3))(points)) > 0
+    assert mesh.GetCurveOrder() == 2
+
+
+def test_the_same_shape_gives_the_same_bits(opened):
+    cleft, mesh = opened
+
+    def digest(m):
+        return hashlib.sha256(np.array([v.point for v in m.vertices]).tobytes()).hexdigest()
+
+    assert digest(idealised_head(cleft, sizes=COARSE)) == digest(mesh)
+
+
+def test_the_shortest_way_out_is_normal_to_the_surface():
+    cleft = cleft_to(TARGET)
+    normal = cleft.entry / SEMI_AXES**2
+    assert np.allclose(cleft.out, normal / np.linalg.norm(normal), atol=1e-8)
+    for other in (np.array([0.0, 0.0, 40e-3]), np.array([-30e-3, 20e-3, 20e-3])):
+        entry = cleft_to(other).entry
+        assert np.sum((entry / SEMI_AXES) ** 2) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_an_approach_of_ones_own():
+    cleft = cleft_to(TARGET, approach=np.array([0, 0, 2.0]), across=np.array([0, 1.0, 0.3]))
+    assert np.allclose(cleft.out, [0, 0, 1]) and np.allclose(cleft.across, [0, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("target", "message"), [((0.0, 0.0, 0.07), "inside the brain"), ((0.014, 0.0, 0.006), "not in a ventricle")]
+)
+def test_targets_outside_the_tissue_are_refused(target, message):
+    with pytest.raises(InputError, match=message):
+        cleft_to(np.array(target))
+
+
+def test_sizes_that_invert_elements_are_refused():
+    with pytest.raises(InputError, match="smaller elements"):
+        idealised_head(cleft_to(TARGET), sizes=Sizes(4e-3, 12e-3, 40e-3, 0.9))
+
+
+def test_shipped_meshes():
+    assert volume(load("block"), "tissue") == pytest.approx(0.06 * 0.06 * 0.04)
+    head = load("idealised_head")
+    assert volume(head, ".*") == pytest.approx(4 / 3 * np.pi * np.prod(SEMI_AXES), rel=2e-3)
+    assert head.GetCurveOrder() == 2
+    with pytest.raises(InputError, match="idealised_head"):
+        load("idealized_head")
+
+
+def test_distance_to_walls():
+    cleft = cleft_to(TARGET)
+    on_wall = cleft.target + 0.002 * cleft.across + 0.01 * cleft.out
+    points = np.array([on_wall, on_wall + 5e-3 * cleft.across, on_wall + 9e-3 * cleft.along, on_wall - 14e-3 * cleft.out])
+    assert np.allclose(cleft.distance_to_walls(points), [0, 5e-3, 3e-3, 4e-3], atol=1e-12)
+
+
+def test_block_size():
+    assert volume(block((0.01, 0.02, 0.03), 0.01), "tissue") == pytest.approx(6e-6)

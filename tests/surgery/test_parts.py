@@ -1,0 +1,87 @@
+"""Blades, protocols and measures against what they are by hand."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from netgen.occ import unit_cube
+
+from ngbrain.errors import InputError
+from ngbrain.mesh import Cleft
+from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.injury import Strain, dose, times_above
+from ngbrain.surgery.protocols import CLEAR, Protocol, continuous, intermittent, staged
+
+CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+BLADE = Spatula(CLEFT, 10e-3, 1e-3, 4e-3, 2e-3)
+MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
+
+
+@pytest.mark.parametrize(
+    ("point", "distance"),
+    [
+        ((7e-3, 0, 15e-3), 4e-3),  # in front of the face, which stands at 2 + 1 mm
+        ((2.5e-3, 2e-3, 15e-3), -0.5e-3),  # inside
+        ((-50e-3, 0, 15e-3), -5e-3),  # far behind: still inside, nothing slips through
+        ((0, 8e-3, 15e-3), 3e-3),  # beside an edge
+        ((0, 0, 1e-3), 3e-3),  # below the tip
+        ((3e-3, 5e-3, 15e-3), 1e-3 * (np.sqrt(2) - 1)),  # at the rounded edge
+    ],
+)
+def test_distance_to_a_spatula(point, distance):
+    phi = BLADE.distance(ngs.CF(1e-3))(ngs.CF(point))
+    assert phi(MESH(0.3, 0.3, 0.2)) == pytest.approx(distance, abs=5e-9)
+
+
+def test_intermittent_covers_the_time_at_the_same_rate_both_ways():
+    p = intermittent(5e-3, 10.0, 900.0, 230.0, 90.0)
+    t, s = np.array(p.times), np.array(p.advance)
+    rates = np.diff(s) / np.diff(t)
+    assert np.allclose(np.abs(rates[rates != 0]), 5e-4)
+    assert t[-1] == 900 and p.working_s == pytest.approx(3 * 240)
+    assert s.min() == -CLEAR and np.sum(np.diff(s) > 0) == 2 * 3 - 1
+
+
+def test_continuous_and_staged_end_alike():
+    a, b = continuous(5e-3, 10.0, 900.0), staged(5e-3, 10.0, 900.0, 5, 30.0)
+    assert a.at(900) == b.at(900) == pytest.approx(5e-3)
+    assert b.at(2.0) == pytest.approx(1e-3) and b.at(30) == pytest.approx(1e-3) and b.times[-1] == 900
+    assert a.working_s == b.working_s == 900
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Protocol("p", (0.0, 1.0), (0.0,)),
+        lambda: Protocol("p", (0.0, 1.0, 1.0), (0.0, 1.0, 2.0)),
+        lambda: Protocol("p", (1.0, 2.0), (0.0, 1.0)),
+        lambda: intermittent(5e-3, 10.0, 300.0, 100.0, 5.0),
+        lambda: intermittent(5e-3, 10.0, 180.0, 100.0, 80.0),
+    ],
+)
+def test_protocols_that_cannot_be_are_refused(make):
+    with pytest.raises(InputError):
+        make()
+
+
+def test_times_above_and_dose():
+    t, p = np.array([0, 10, 20, 30, 40, 50.0]), np.array([0, 40, 40, 0, 40, 0.0])
+    assert times_above(t, p, 20) == pytest.approx((30.0, 20.0))
+    assert times_above(t, p, 50) == (0.0, 0.0)
+    assert dose(t, p) == pytest.approx((200 + 400 + 200 + 200 + 200) / 60)
+
+
+def test_strain_measures_of_a_known_stretch():
+    stretch = np.tile([0.8, 1.0, 1.25], (10, 1))
+    strain = Strain(stretch, np.full(10, 1e-6), np.arange(10) < 5)
+    assert strain.mps == pytest.approx(np.full(10, (1.25**2 - 1) / 2))
+    e = np.log(1.25)
+    assert strain.oss == pytest.approx(np.full(10, 2 / 3 * np.sqrt(6) * e))
+    assert strain.volume_where(strain.mps > 0.2) == pytest.approx(10.0)
+
+
+def test_percentiles_are_weighted_by_volume_and_near_the_site():
+    stretch = np.ones((4, 3))
+    stretch[:, 2] = np.sqrt(1 + 2 * np.array([0.1, 0.2, 0.3, 9.0]))
+    strain = Strain(stretch, np.array([1.0, 1.0, 2.0, 50.0]), np.array([True, True, True, False]))
+    assert strain.percentile(strain.mps, 50) == pytest.approx(0.2)
+    assert strain.percentile(strain.mps, 95) == pytest.approx(0.3)
