@@ -131,7 +131,9 @@ def measure(quick: bool) -> list[dict]:
     for order, maxh in grids:
         for dt in steps:
             records.append(record("ngbrain:exponential", lambda *a: ours(*a, 0.7), (dt, order, maxh), exact))
-        records.append(record("ngbrain:exponential, factor renewed", lambda *a: ours(*a, 0.0), (1.0, order, maxh), exact))
+        records.append(
+            record("ngbrain:exponential, factor renewed", lambda *a: ours(*a, 0.0), (1.0, order, maxh), exact)
+        )
         for dt in (1.0,) if quick else (1.0, 0.5, 0.25):
             records.append(record("plain NGSolve, backward Euler", plain, (dt, order, maxh), exact))
     return records
@@ -151,10 +153,14 @@ def chart(records: list[dict], path: str) -> None:
             colour = colours.get(method, "#D55E00")
             label = f"{method}, P{grid[0]}, {1e3 * grid[1]:.0f} mm"
             if good:
-                axes.loglog([r["cpu_s"] for r in good], [r["error"] for r in good], marks[grid] + "-", color=colour, label=label)
+                axes.loglog(
+                    [r["cpu_s"] for r in good], [r["error"] for r in good], marks[grid] + "-", color=colour, label=label
+                )
             bad = [r for r in rows if not r["converged"]]
             if bad:
-                axes.loglog([r["cpu_s"] for r in bad], [top] * len(bad), "x", color=colour, ms=10, label=f"{label}: failed")
+                axes.loglog(
+                    [r["cpu_s"] for r in bad], [top] * len(bad), "x", color=colour, ms=10, label=f"{label}: failed"
+                )
     axes.set(xlabel="CPU time (s)", ylabel="relative error of the dose", title="Pressing and holding relaxing tissue")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=7, ncols=2)
@@ -178,4 +184,6 @@ if __name__ == "__main__":
     else:
         for r in found:
             error = f"{r['error']:.1e}" if r["converged"] else "failed"
-            print(f"{r['method']:<36} P{r['order']} {1e3 * r['maxh']:3.0f} mm  dt {r['dt']:<5} {error:>8}  {r['cpu_s']:6.1f} s")
+            print(
+                f"{r['method']:<36} P{r['order']} {1e3 * r['maxh']:3.0f} mm  dt {r['dt']:<5} {error:>8}  {r['cpu_s']:6.1f} s"
+            )

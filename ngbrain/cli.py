@@ -44,9 +44,13 @@ def _parser() -> argparse.ArgumentParser:
     retract.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
     retract.set_defaults(verb=_retract)
     for verb, folder in ((demo, "demo"), (retract, "out")):
-        verb.add_argument("-o", dest="output", type=Path, default=Path(folder), metavar="DIR", help=f"where results go ({folder})")
+        verb.add_argument(
+            "-o", dest="output", type=Path, default=Path(folder), metavar="DIR", help=f"where results go ({folder})"
+        )
         verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
-        verb.add_argument("--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side")
+        verb.add_argument(
+            "--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side"
+        )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser
 
@@ -84,7 +88,9 @@ def _run(scene: Scene, verb: str, arguments: argparse.Namespace) -> None:
 
 
 def _summary(result: dict[str, Any]) -> str:
-    lines = [f"{'protocol':<14}{'peak mmHg':>10}{'tip mmHg':>10}{'force N':>9}{'s > 20':>8}{'dose mmHg min':>15}{'MPS p95':>9}"]
+    lines = [
+        f"{'protocol':<14}{'peak mmHg':>10}{'tip mmHg':>10}{'force N':>9}{'s > 20':>8}{'dose mmHg min':>15}{'MPS p95':>9}"
+    ]
     for name, a in result["answers"].items():
         lines.append(
             f"{name:<14}{a['peak_pressure_mmHg']:>10.1f}{a['peak_tip_pressure_mmHg']:>10.1f}{a['peak_force_N']:>9.2f}"

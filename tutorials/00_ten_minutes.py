@@ -38,7 +38,9 @@ print(head.GetMaterials(), set(head.GetBoundaries()), head.ne, "tetrahedra")
 
 # %%
 white = constants("griffiths2024:white_matter")
-print(f"{white.source}: initial shear modulus {white.initial_modulus:.0f} Pa, fitted to {white.fitted_strain:.0%} strain")
+print(
+    f"{white.source}: initial shear modulus {white.initial_modulus:.0f} Pa, fitted to {white.fitted_strain:.0%} strain"
+)
 
 
 class MyLaw:
@@ -62,7 +64,9 @@ def press(law, initial_modulus):
     """Force over time of a plate that goes 2 mm into a 20 mm block in 2 s and stays for a minute."""
     drive = Drive(continuous(2e-3, 2.0, 62.0))
     plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty=2e5 * initial_modulus, softness=2e-5)
-    body = Body(block((0.02,) * 3, 0.02 if FAST else 0.01), {"tissue": Material(law, 1000 * initial_modulus)}, "bottom", [plate])
+    body = Body(
+        block((0.02,) * 3, 0.02 if FAST else 0.01), {"tissue": Material(law, 1000 * initial_modulus)}, "bottom", [plate]
+    )
     t, force = [0.0], [0.0]
 
     def watch(body, progress, record):

@@ -1,0 +1,1 @@
+"""Equations and their solution: mixed bodies, contact, history, time stepping."""

@@ -17,8 +17,9 @@ from ngbrain.solvers.record import NewtonRecord, Work
 class Motion(Protocol):
     """How the rigid bodies move."""
 
-    events: Sequence[float]
-    """Times (s) at which the motion changes; steps land on them exactly. The last one ends the run."""
+    @property
+    def events(self) -> Sequence[float]:
+        """Times (s) at which the motion changes; steps land on them exactly. The last one ends the run."""
 
     def set(self, t: float) -> None:
         """Put the bodies where they are at time t."""
@@ -41,7 +42,7 @@ class StepControl:
 
     contact_dt: float
     first: float = 0.02
-    restart: float = 0.25
+    restart: float = 0.1
     touch_growth: float = 3.0
     growth: float = 2.0
     dt_max: float = 60.0
@@ -124,7 +125,8 @@ class Transient:
         travel = self.motion.travel(at.t, at.t + min(left, control.contact_dt))
         if at.touching and travel:
             start = control.contact_dt * control.restart
-            dt = start if at.rested else min(at.dt * control.touch_growth, control.contact_dt)
+            longest = control.contact_dt if travel > 0 else control.contact_dt / 2
+            dt = start if at.rested else min(at.dt * control.touch_growth, longest)
         else:
             dt = control.contact_dt if at.rested else min(at.dt * control.growth, control.dt_max)
             dt = self._up_to_touch(dt)
@@ -164,7 +166,7 @@ class Transient:
         self.body.history.finish()
         touched = self.body.min_gap() < 0
         travel = self.motion.travel(at.t, at.t + dt)
-        if touched and at.touching and travel:
+        if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
@@ -231,7 +233,9 @@ class Transient:
 
 
 def _error(problem: str, t: float, dt: float) -> Exception:
-    kind = InvertedElementError if "det F" in problem else ContactError if "penetration" in problem else ConvergenceError
+    kind = (
+        InvertedElementError if "det F" in problem else ContactError if "penetration" in problem else ConvergenceError
+    )
     return kind(
         f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {problem}; "
         "try a finer mesh at the site or a slower blade"

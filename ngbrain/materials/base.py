@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeAlias, cast, runtime_checkable
 
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 
-Value = float | CoefficientFunction
+Value: TypeAlias = float | CoefficientFunction
 """A parameter: a number, a `Parameter`, a CoefficientFunction or a GridFunction."""
 
 
@@ -25,7 +25,9 @@ class Addable:
     """Gives a law the `+` that makes a `Sum`."""
 
     def __add__(self, other: Law) -> Sum:
-        parts = [p for law in (self, other) for p in (law.parts if isinstance(law, Sum) else (law,))]
+        parts: list[Law] = []
+        for law in (cast(Law, self), other):
+            parts += law.parts if isinstance(law, Sum) else (law,)
         return Sum(tuple(parts))
 
 

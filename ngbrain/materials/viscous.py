@@ -115,5 +115,3 @@ class _Fixed:
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         return self.material.energy(C, self.shares)
-
-

@@ -60,7 +60,9 @@ def cleft_to(
     target = np.asarray(target, float)
     shown = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
     if np.sum((target / SEMI_AXES) ** 2) >= 1:
-        raise InputError("cleft.target_mm", shown, "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm")
+        raise InputError(
+            "cleft.target_mm", shown, "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm"
+        )
     mirrored = target * np.array([np.sign(target[0]) or 1.0, 1, 1])
     if np.sum(((mirrored - VENTRICLE_CENTRE) / VENTRICLE_SEMI_AXES) ** 2) <= 1:
         raise InputError("cleft.target_mm", shown, "a point in tissue, not in a ventricle")
@@ -80,7 +82,11 @@ def _way_out(target: np.ndarray) -> np.ndarray:
         return float(np.sum((target * SEMI_AXES / (squared + shift)) ** 2) - 1)
 
     lowest = -float(np.min(squared))
-    shift = brentq(outside, lowest * (1 - 1e-9), 0.0, xtol=1e-16) if outside(lowest * (1 - 1e-9)) > 0 else lowest * (1 - 1e-9)
+    shift = (
+        brentq(outside, lowest * (1 - 1e-9), 0.0, xtol=1e-16)
+        if outside(lowest * (1 - 1e-9)) > 0
+        else lowest * (1 - 1e-9)
+    )
     return target * squared / (squared + shift) - target
 
 
@@ -168,5 +174,7 @@ def _mesh(shape: occ.TopoDS_Shape, maxh: float, grading: float) -> ngs.Mesh:
     points = mesh.MapToAllElements(ngs.IntegrationRule(ngs.TET, 4), ngs.VOL)
     smallest = float(np.min(ngs.Det(ngs.specialcf.JacobianMatrix(3))(points)))
     if not smallest > 0:
-        raise InputError("mesh sizes", f"so coarse that a curved element is inverted ({smallest:.1e})", "smaller elements")
+        raise InputError(
+            "mesh sizes", f"so coarse that a curved element is inverted ({smallest:.1e})", "smaller elements"
+        )
     return mesh

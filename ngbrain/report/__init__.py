@@ -1,0 +1,103 @@
+"""What a retraction amounts to, as one page that opens alone: pictures, findings, tables."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, require
+from ngbrain.report import figures, tables
+from ngbrain.report.peak import Peak
+
+__all__ = ["build"]
+
+NEEDED = ("answers", "geometry")
+
+
+def build(folder: str | os.PathLike[str]) -> Path:
+    """Write `folder/report.html` from `folder/result.json` and the runs' `folder/PROTOCOL.vtkhdf`.
+
+    The page holds its pictures and its style, and needs nothing else to be read, sent or printed.
+
+    Raises:
+        InputError: result.json is missing, damaged or not from `demo` or `retract`; or a run's file is.
+        MissingExtra: matplotlib or jinja2 is not installed.
+    """
+    for package in ("matplotlib", "jinja2"):
+        require(package, "report")
+    folder = Path(folder)
+    result = _read(folder / "result.json")
+    page = _page(result, _pictures(folder, result))
+    path = folder / "report.html"
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        part.write_text(page, encoding="utf-8")
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError("result", path, f"a file that can be read ({error.strerror})") from error
+    except ValueError as error:
+        raise InputError("result", path, "JSON, whole") from error
+    missing = [key for key in NEEDED if not isinstance(result, dict) or not isinstance(result.get(key), dict)]
+    if missing or not result["answers"]:
+        raise InputError(missing[0] if missing else "answers", "missing", "the result of demo or retract", file=path)
+    for protocol, answer in result["answers"].items():
+        series = answer.get("series") if isinstance(answer, dict) else None
+        wanted = ("t_s", "opening_mm", "blade_mm", "pressure_mmHg")
+        if not isinstance(series, dict) or not all(series.get(key) for key in wanted):
+            raise InputError(f"answers.{protocol}.series", "incomplete", ", ".join(wanted), file=path)
+    return result
+
+
+def _pictures(folder: Path, result: dict[str, Any]) -> dict[str, str]:
+    """Name → PNG as base64. Space is drawn for the protocol whose strain is largest, the first of equals."""
+    answers = result["answers"]
+    shown = max(answers, key=lambda name: answers[name].get("mps_p95") or 0.0)
+    try:
+        peak = Peak.read(folder, shown, result["geometry"], answers[shown])
+    except (KeyError, TypeError) as error:
+        raise InputError("geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json") from error
+    drawn = {
+        "head": figures.head(peak),
+        "pressure": figures.pressure(answers),
+        "slice": figures.strain_slice(peak),
+    }
+    encoded = {name: base64.b64encode(png).decode() for name, png in drawn.items()}
+    return {**encoded, "protocol": shown, "time": tables.duration(peak.time)}
+
+
+def _page(result: dict[str, Any], pictures: dict[str, str]) -> str:
+    jinja2 = require("jinja2", "report")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=jinja2.ChainableUndefined,
+    )  # fmt: skip
+    answers = result["answers"]
+    environment.filters.update(number=tables.number, duration=tables.duration)
+    comparison = result.get("comparison") or {}
+    return str(
+        environment.get_template("report.html").render(
+            result=result,
+            pictures=pictures,
+            protocols={name: figures.colour(name, answers) for name in answers},
+            headlines=tables.headlines(answers),
+            findings=tables.findings(answers, comparison.get("findings") or []),
+            rows=tables.comparison(answers),
+            checks=tables.checks(result.get("checks") or {}),
+            equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
+            band=result.get("material_band") or {},
+            geometry=result["geometry"],
+            model=result.get("model") or {},
+        )
+    )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ngbrain.errors import require
 from ngbrain.report.peak import ABOVE, Peak
@@ -40,6 +41,7 @@ BONE = np.array([0.93, 0.89, 0.80])
 FLUID = np.array([0.45, 0.65, 0.85])
 STEEL = np.array([0.62, 0.66, 0.70])
 RIM = "#333333"
+REGIONS = {"white": "white matter"}
 
 
 def head(peak: Peak) -> bytes:
@@ -50,7 +52,7 @@ def head(peak: Peak) -> bytes:
         cleft = peak.cleft
         up = np.array([0, 0, 1.0]) if abs(cleft.out[2]) < 0.97 else np.array([0, 1.0, 0])
         side = np.array([np.sign(cleft.target[0]) or 1.0, 0, 0])
-        toward = cleft.out + 0.75 * np.array([0, 1.0, 0]) + 0.45 * side
+        toward = 0.55 * cleft.out + 0.85 * np.array([0, 1.0, 0]) + 0.45 * side
         middle = (peak.rest.max(axis=0) + peak.rest.min(axis=0)) / 2
         reach = float(np.linalg.norm(peak.rest - middle, axis=1).max()) * 1.12
         axes = figure.add_axes((0.0, 0.03, 0.475, 0.87))
@@ -63,20 +65,20 @@ def head(peak: Peak) -> bytes:
         inner = peak.ventricles()
         ventricles = Layer(peak.points, inner, FLUID, vertex_normals(peak.points, inner))
         _show(axes, camera, [*opened, blade, ventricles, hull])
-        _rim(axes, camera, peak, toward)
+        _rim(axes, camera, peak)
         axes.set_title("The head, its surface seen through", pad=8)
         _triad(axes, camera, (0.12, 0.10))
         _scale_bar(axes, camera, 50)
-        entry = cleft.entry + ABOVE * cleft.out
-        _call(axes, camera, entry, "blade", (0.84, 0.95))
-        _call(axes, camera, _rim_points(peak)[len(_rim_points(peak)) * 3 // 8], "craniotomy", (0.20, 0.96))
-        if len(inner):
-            far = peak.points[np.unique(inner)]
-            _call(axes, camera, far[np.argmin(far @ cleft.across)], "ventricles", (0.13, 0.80))
+        ring, far = _rim_points(peak), peak.points[np.unique(inner)]
+        _call(axes, camera, cleft.entry + 0.9 * ABOVE * cleft.out, "blade", (0.72, 0.95))
+        if len(ring):
+            _call(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))
+        if len(far):
+            _call(axes, camera, far[np.argmax(far @ (camera.right - 0.5 * camera.up))], "ventricles", (0.86, 0.10))
 
         near = figure.add_axes((0.485, 0.03, 0.445, 0.87))
         _cutaway(near, peak, cmap, norm)
-        near.set_title("The site, cut open through the middle of the blade", pad=8)
+        near.set_title("The site, cut open through its middle", pad=8)
         _strain_bar(figure, (0.942, 0.16, 0.013, 0.60), cmap, norm)
         return _png(figure)
 
@@ -89,7 +91,7 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
         both = end > 1.5 * FIRST_S
         grid = figure.add_gridspec(
             2, 2 if both else 1, width_ratios=[1, 1.75] if both else None, height_ratios=[1.7, 1],
-            left=0.075, right=0.985, top=0.865, bottom=0.095, wspace=0.10, hspace=0.14,
+            left=0.075, right=0.925, top=0.865, bottom=0.095, wspace=0.10, hspace=0.14,
         )  # fmt: skip
         top = 1.08 * max([THRESHOLDS[-1] * 1.1, *(max(a["series"]["pressure_mmHg"]) for a in answers.values())])
         lines = []
@@ -119,11 +121,12 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
             lower.set_ylim(*_limits(answers))
             lower.set_xlabel("time from first contact (s)" if seconds else "time from first contact (min)")
             if seconds:
-                upper.set_ylabel("pressure under the blade\n(mmHg)")
+                upper.set_ylabel("pressure under the blade (mmHg)")
                 lower.set_ylabel("opening (mm)")
             first = f"First {span:.0f} s" if both else "Whole time"
             upper.set_title(first if seconds else "Whole time")
-        figure.legend(handles=lines, loc="upper left", bbox_to_anchor=(0.065, 0.995), ncols=4, frameon=False, fontsize=10.5)
+        ghost = require("matplotlib.lines", "report").Line2D([], [], color="#555555", lw=1.0, ls=":", label="the blade itself")
+        figure.legend(handles=[*lines, ghost], loc="upper left", bbox_to_anchor=(0.065, 0.995), ncols=len(lines) + 1, frameon=False, fontsize=10.5)
         return _png(figure)
 
 
@@ -150,14 +153,12 @@ def strain_slice(peak: Peak) -> bytes:
         whole.set_title("Slice through the site" + _viewed_from(peak), pad=8)
         near.set_title("The site, 60 mm across", pad=8)
         _ends(whole, peak)
-        x = 1e3 * (peak.cleft.opening / 2 + peak.advance)
-        box = 1e3 * np.array([-30e-3, centre - 30e-3])
-        require("matplotlib.patches", "report")
         patches = require("matplotlib.patches", "report")
-        whole.add_patch(patches.Rectangle(tuple(box), 60, 60, fill=False, ec="#333333", lw=0.8, ls=(0, (4, 3)), zorder=9))
-        tip = 1e3 * peak.blade["tip_m"]
-        _say(near, "blade", (x - 1.5, 1e3 * (peak.cleft.depth + 9e-3)), (x - 16, 1e3 * (peak.cleft.depth + 11e-3)))
-        _say(near, "tip", (x - 1.0, tip), (x - 13, tip - 7))
+        box = (-30, 1e3 * centre - 30)
+        whole.add_patch(patches.Rectangle(box, 60, 60, fill=False, ec="#333333", lw=0.8, ls=(0, (4, 3)), zorder=9))
+        plane.name_regions(whole)
+        x = 1e3 * (peak.cleft.opening / 2 + peak.advance - peak.blade["thickness_m"] / 2)
+        _say(near, "blade", (x, 1e3 * (peak.cleft.depth + 9e-3)), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
         window = 1e3 * peak.craniotomy / 2
         _say(near, "edge of the\ncraniotomy", (-window, 1e3 * peak.cleft.depth - 1.5), (-window - 1, 1e3 * peak.cleft.depth + 9))
         _strain_bar(figure, (0.942, 0.14, 0.013, 0.62), cmap, norm)
@@ -173,10 +174,18 @@ def colour(name: str, among: Iterable[str]) -> str:
 # The 3-D view.
 
 
+def _palette(cmap: Any, norm: Any) -> Callable[[Floats], Floats]:
+    return lambda strain: np.asarray(cmap(norm(np.maximum(strain, 0))))[:, :3]
+
+
 def _opened_layers(peak: Peak, cmap: Any, norm: Any, clip: Floats | None = None) -> list[Layer]:
-    shades = np.asarray(cmap(norm(peak.strain)))[:, :3]
-    parts = [peak.window(), *peak.cleft_faces().values()]
-    return [Layer(peak.points, tris, shades, vertex_normals(peak.points, tris), clip=clip) for tris in parts if len(tris)]
+    """Craniotomy and cleft, coloured by strain."""
+    parts, palette = [peak.window(), *peak.cleft_faces().values()], _palette(cmap, norm)
+    return [
+        Layer(peak.points, tris, peak.strain, vertex_normals(peak.points, tris), clip=clip, palette=palette)
+        for tris in parts
+        if len(tris)
+    ]
 
 
 def _blade_layer(peak: Peak) -> Layer:
@@ -185,34 +194,35 @@ def _blade_layer(peak: Peak) -> Layer:
 
 
 def _cutaway(axes: Any, peak: Peak, cmap: Any, norm: Any) -> None:
+    """The half of the site beyond the slice's plane, seen from the side that the slice is seen from, from above."""
     cleft = peak.cleft
-    behind = cleft.coordinates(peak.points)[:, 1]
-    if cleft.along[1] > 0:  # look from behind the head only where there is no choice
-        behind, front = -behind, 1.0
-    else:
-        front = -1.0
-    front = -front if cleft.along[1] > 0 else front
-    view = _view_along(peak)
     level = cleft.coordinates(peak.points)[:, 1]
-    clip = -view * level
-    toward = view * cleft.along + 0.62 * cleft.out - 0.22 * cleft.across
+    toward = -cleft.along + 0.62 * cleft.out - 0.25 * cleft.across
     wide, tall = _shape(axes)
-    reach = 31e-3
+    reach = 31e-3 / min(wide, tall)
     centre = cleft.target + (0.5 * cleft.depth + 5e-3) * cleft.out
-    camera = Camera.look(centre, toward, cleft.out, reach * wide / min(wide, tall), reach * tall / min(wide, tall))
+    camera = Camera.look(centre, toward, cleft.out, reach * wide, reach * tall)
     skull = peak.skull()
-    hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), clip=clip)
+    hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), clip=level)
     cut = cut_volume(peak.tets, level)
-    shades = np.asarray(cmap(norm(cut.at(peak.strain))))[:, :3]
-    face = Layer(cut.at(peak.points), cut.simplices, 0.96 * shades, lit=False)
-    _show(axes, camera, [*_opened_layers(peak, cmap, norm, clip), hull, face, _blade_layer(peak)])
+    face = Layer(cut.at(peak.points), cut.simplices, cut.at(peak.strain), lit=0.15, palette=_palette(cmap, norm))
+    lines = [_ribbons(peak, triangles(faces(peak.tets, group)), level) for group in (None, peak.region)]
+    _show(axes, camera, [*_opened_layers(peak, cmap, norm, level), hull, face, *lines, _blade_layer(peak)])
     _triad(axes, camera, (0.90, 0.12))
     _scale_bar(axes, camera, 10)
 
 
-def _view_along(peak: Peak) -> float:
-    """+1 to look at the cut against `along`, -1 with it: from the front rather than from the back."""
-    return 1.0 if peak.cleft.along @ np.array([0.3, 1.0, 0.2]) > 0 else -1.0
+def _ribbons(peak: Peak, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
+    """The lines in which triangles meet the slice's plane, as thin strips just before it."""
+    cut = cut_surface(tris, level)
+    points = cut.at(peak.points) - 0.15e-3 * peak.cleft.along
+    p, q = points[cut.simplices[:, 0]], points[cut.simplices[:, 1]]
+    beside = np.cross(q - p, peak.cleft.along)
+    beside *= half_width / np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
+    corners = np.concatenate([p + beside, q + beside, q - beside, p - beside])
+    i, n = np.arange(len(p)), len(p)
+    quads = np.concatenate([np.column_stack([i, i + n, i + 2 * n]), np.column_stack([i, i + 2 * n, i + 3 * n])])
+    return Layer(corners, quads, np.full(3, 0.2), lit=0.0)
 
 
 def _show(axes: Any, camera: Camera, layers: list[Layer]) -> None:
@@ -237,7 +247,7 @@ def _rim_points(peak: Peak) -> Floats:
     return peak.points[nodes[np.argsort(np.arctan2(at[:, 1], at[:, 0]))]]
 
 
-def _rim(axes: Any, camera: Camera, peak: Peak, toward: Floats) -> None:
+def _rim(axes: Any, camera: Camera, peak: Peak) -> None:
     ring = 1e3 * camera.project(_rim_points(peak))
     if len(ring):
         axes.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color=RIM, lw=1.3)
@@ -307,6 +317,20 @@ class _Plane:
         profile = 1e3 * self.peak.blade_profile()
         axes.add_patch(patches.Polygon(profile, fc="#9aa3ab", ec="#222222", lw=1.0, zorder=6))
 
+    def name_regions(self, axes: Any) -> None:
+        """Each region's name where it has the most room; the lowest of such places."""
+        centres = self.points[self.cut.simplices].mean(axis=1)
+        region = self.peak.region[self.cut.parent]
+        outlines = cut_surface(triangles(faces(self.peak.tets, self.peak.region)), self._level).at(self._flat)
+        room = cKDTree(outlines).query(centres)[0]
+        halo = require("matplotlib.patheffects", "report").withStroke(linewidth=2.5, foreground="white")
+        for name in np.unique(region):
+            mine = np.flatnonzero(region == name)
+            mine = mine[room[mine] > 0.85 * room[mine].max()]
+            x, y = 1e3 * centres[mine[np.argmin(centres[mine, 1])]]
+            text = REGIONS.get(name, str(name).split("_")[0])
+            axes.text(x, y, text, ha="center", va="center", fontsize=8.5, zorder=8, path_effects=[halo])
+
     def _lines(self, axes: Any, tris: Ints, **look: Any) -> None:
         lines = require("matplotlib.collections", "report")
         cut = cut_surface(tris, self._level)
@@ -365,13 +389,11 @@ def _say(axes: Any, text: str, point: tuple[float, float], at: tuple[float, floa
 
 
 def _name_thresholds(axes: Any, top: float) -> None:
-    apart = 0.062 * top
-    height = max(THRESHOLDS[1], THRESHOLDS[0] + apart)
-    for threshold, y, va in ((THRESHOLDS[0], THRESHOLDS[0], "top"), (THRESHOLDS[1], height, "bottom")):
-        axes.text(
-            0.995, y, f"{threshold:g} mmHg", transform=axes.get_yaxis_transform(), ha="right", va=va, fontsize=9,
-            color="#333333", bbox={"fc": "white", "ec": "none", "pad": 0.8, "alpha": 0.85}, zorder=5,
-        )  # fmt: skip
+    """Beside the plot, apart enough to be read."""
+    upper = max(THRESHOLDS[1], THRESHOLDS[0] + 0.05 * top)
+    for threshold, y in zip(THRESHOLDS, (THRESHOLDS[0], upper), strict=True):
+        where = axes.get_yaxis_transform()
+        axes.text(1.01, y, f"{threshold:g} mmHg", transform=where, ha="left", va="center", fontsize=9, color="#333333")
 
 
 def _limits(answers: Mapping[str, Any]) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +48,13 @@ class Camera:
 class Layer:
     """Triangles of one look.
 
-    colour    (n, 3) or (3,) red, green, blue of the vertices
+    colour    (n, 3) or (3,) red, green, blue of the vertices, or (n,) values for the palette
     normals   (n, 3) of the vertices, or None for flat faces
     opacity   1, or less where one looks straight at a translucent surface; its rim is denser
     clip      (n,) of the vertices: nothing is drawn where it is negative
     shine     share of light that is mirrored
-    lit       False: the colour as it is
+    lit       share of the shading: 0 for the colour as it is
+    palette   gives (k, 3) colours for `colour` interpolated, when that is one value a vertex
     """
 
     points: Floats
@@ -62,7 +64,8 @@ class Layer:
     opacity: float = 1.0
     clip: Floats | None = None
     shine: float = 0.0
-    lit: bool = True
+    lit: float = 1.0
+    palette: Callable[[Floats], Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -126,11 +129,13 @@ def _rasterise(camera: Camera, layer: Layer, w: int, h: int) -> _Hits:
 
 def _shade(camera: Camera, layer: Layer, triangle: Ints, bary: Floats) -> tuple[Floats, Floats]:
     nodes = layer.triangles[triangle]
-    if layer.colour.ndim == 1:
+    if layer.palette is not None:
+        colour = layer.palette(np.einsum("ij,ij->i", bary, layer.colour[nodes]))
+    elif layer.colour.ndim == 1:
         colour = np.broadcast_to(layer.colour, (len(nodes), 3))
     else:
         colour = np.einsum("ij,ijk->ik", bary, layer.colour[nodes])
-    if not layer.lit:
+    if layer.lit == 0:
         return colour, np.full(len(nodes), layer.opacity)
     if layer.normals is None:
         p, q, r = np.moveaxis(layer.points[nodes], 1, 0)
@@ -147,6 +152,7 @@ def _shade(camera: Camera, layer: Layer, triangle: Ints, bary: Floats) -> tuple[
         light += strength * np.maximum(normal @ direction, 0)
         half = direction + np.array([0, 0, 1.0])
         mirrored += strength * np.maximum(normal @ (half / np.linalg.norm(half)), 0) ** 40
+    light = 1 + layer.lit * (light - 1)
     shaded = colour * light[:, None] + layer.shine * mirrored[:, None]
     alpha = layer.opacity + (1 - layer.opacity) * (1 - normal[:, 2]) ** 2.5 if layer.opacity < 1 else np.ones(len(nodes))
     return shaded, alpha

@@ -1,0 +1,1 @@
+"""Nonlinear solvers; they know vectors and callables only."""

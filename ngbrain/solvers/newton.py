@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +25,9 @@ Array = np.ndarray
 class System(Protocol):
     """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
 
-    weights: Array
-    """Diagonal of the inner product that measures corrections (1/scale² for each unknown)."""
+    @property
+    def weights(self) -> Array:
+        """Diagonal of the inner product that measures corrections (1/scale² for each unknown)."""
 
     def residual(self, x: Array) -> tuple[Array, float]:
         """Residual at x on the free unknowns, and the size of the reactions that it is judged against."""
@@ -157,7 +159,7 @@ def _residual(system: System, x: Array, record: NewtonRecord) -> tuple[Array, fl
 
 def _broyden(chain: list[tuple[Array, float]], v: Array, weights: Array) -> tuple[Array, float]:
     """Next step of the good update and the contraction; by its recursion only steps are kept, never a matrix."""
-    for (before, size), (after, _) in zip(chain, chain[1:], strict=False):
+    for (before, size), (after, _) in pairwise(chain):
         v = v + (weights * v) @ before / size**2 * after
     step, size = chain[-1]
     alpha = float((weights * v) @ step) / size**2

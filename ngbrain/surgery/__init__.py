@@ -1,0 +1,1 @@
+"""Blades, protocols, injury measures and the retraction job."""

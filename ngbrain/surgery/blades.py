@@ -35,7 +35,9 @@ class Spatula:
     def distance(self, advance: CoefficientFunction) -> Callable[[CoefficientFunction], CoefficientFunction]:
         """x ↦ signed distance (m) to {across ≤ face, |along| ≤ width/2, height ≥ tip} with edges rounded."""
         cleft, r = self.cleft, self.edge_radius
-        target, across, along, out = (ngs.CF(tuple(map(float, v))) for v in (cleft.target, cleft.across, cleft.along, cleft.out))
+        target, across, along, out = (
+            ngs.CF(tuple(map(float, v))) for v in (cleft.target, cleft.across, cleft.along, cleft.out)
+        )
 
         def signed(x: CoefficientFunction) -> CoefficientFunction:
             y = x - target

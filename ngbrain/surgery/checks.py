@@ -50,7 +50,9 @@ def order_peaks(scene: Scene) -> tuple[float, float]:
     Elastic: the law that one step of the ramp's length from rest amounts to. The richer problem starts from the
     poorer one's solution, which it contains.
     """
-    coarse = Model.of(replace(scene, body=replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()})))
+    coarse = Model.of(
+        replace(scene, body=replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()}))
+    )
     ramp = scene.retraction.ramp
     protocol, materials = coarse.ramp("elastic"), coarse.elastic(ramp)
     order = scene.body.order

@@ -12,8 +12,8 @@ from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Viscous, after
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.scene import Scene
 from ngbrain.scene import Protocol as SceneProtocol
+from ngbrain.scene import Scene
 from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
 
@@ -45,7 +45,9 @@ class Model:
     def of(cls, scene: Scene) -> Model:
         """Make the mesh; raises `InputError` for a target outside the tissue."""
         where = scene.cleft
-        vectors = {k: None if v is None else np.array(v) for k, v in (("approach", where.approach), ("across", where.across))}
+        vectors = {
+            k: None if v is None else np.array(v) for k, v in (("approach", where.approach), ("across", where.across))
+        }
         cleft = cleft_to(np.array(where.target), where.opening, where.width, **vectors)
         sizes = Sizes(scene.body.site, scene.body.near, scene.body.far)
         mesh = idealised_head(cleft, where.craniotomy, sizes)
@@ -67,16 +69,18 @@ class Model:
         }
 
     def run(
-        self, protocol: Protocol, control: StepControl | None = None, materials: dict[str, Material] | None = None, order: int | None = None
+        self,
+        protocol: Protocol,
+        control: StepControl | None = None,
+        materials: dict[str, Material] | None = None,
+        order: int | None = None,
     ) -> Transient:
         """A transient run of a protocol, at rest; other steps, materials or order than the scene's on request."""
         scene, drive = self.scene, Drive(protocol)
         opening = scene.retraction.opening
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
         contact = Contact(WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening)
-        body = Body(
-            self.mesh, materials or self.materials(), scene.support.fixed, [contact], order or scene.body.order
-        )
+        body = Body(self.mesh, materials or self.materials(), scene.support.fixed, [contact], order or scene.body.order)
         control = control or StepControl(scene.steps.contact, dt_max=scene.steps.longest)
         return Transient(body, drive, control, penetration_limit=scene.body.site / 2)
 

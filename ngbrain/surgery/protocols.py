@@ -23,7 +23,11 @@ class Protocol:
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.advance) or len(self.times) < 2:
-            raise InputError(f"protocol {self.name!r}", f"{len(self.times)} times, {len(self.advance)} advances", "as many of each, two or more")
+            raise InputError(
+                f"protocol {self.name!r}",
+                f"{len(self.times)} times, {len(self.advance)} advances",
+                "as many of each, two or more",
+            )
         if self.times[0] != 0 or np.any(np.diff(self.times) <= 0):
             raise InputError(f"protocol {self.name!r} times", list(self.times), "times that start at 0 and increase")
 
@@ -76,7 +80,11 @@ def intermittent(
     rate = opening / ramp
     away = (opening + CLEAR) / rate
     if not rest > 2 * away - ramp:
-        raise InputError(f"protocol {name!r} rest", f"{rest} s", f"more than the {2 * away - ramp:g} s that the blade needs to go and come back")
+        raise InputError(
+            f"protocol {name!r} rest",
+            f"{rest} s",
+            f"more than the {2 * away - ramp:g} s that the blade needs to go and come back",
+        )
     times, advance = [0.0], [0.0]
     start = 0.0
     while True:
@@ -87,7 +95,11 @@ def intermittent(
         start = times[-1] + rest
         back = start - CLEAR / rate
         if start + ramp >= elapsed:
-            raise InputError(f"protocol {name!r} elapsed", f"{elapsed} s", f"a time within a hold, not in the rest that ends at {start:g} s")
+            raise InputError(
+                f"protocol {name!r} elapsed",
+                f"{elapsed} s",
+                f"a time within a hold, not in the rest that ends at {start:g} s",
+            )
         times += [times[-1] + away, back, start]
         advance += [-CLEAR, -CLEAR, 0.0]
     return Protocol(name, tuple(times), tuple(advance))

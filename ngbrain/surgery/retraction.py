@@ -104,9 +104,7 @@ def solve(
 def _tasks(scene: Scene, folder: Path | None, resume: bool) -> list[pool.Task]:
     """The longest first, so that the processes end together."""
     data = scene.to_dict()
-    protocols: list[pool.Task] = [
-        (p.name, _protocol, (data, i, folder, resume)) for i, p in enumerate(scene.protocols)
-    ]
+    protocols: list[pool.Task] = [(p.name, _protocol, (data, i, folder, resume)) for i, p in enumerate(scene.protocols)]
     protocols.sort(key=lambda task: -len(Model.program(scene, scene.protocols[task[2][1]]).times))
     extra: list[pool.Task] = [(name, _check, (data, name)) for name in _CHECKS]
     return [*protocols, *extra]
@@ -156,4 +154,3 @@ def write_json(path: Path, data: dict[str, Any]) -> None:
     temporary = path.with_name(f".{path.name}.tmp")
     temporary.write_text(json.dumps(data, indent=1, allow_nan=False))
     os.replace(temporary, path)
-

@@ -114,16 +114,16 @@ class ProtocolRun:
     # The file.
 
     def _save(self, body: Body, at: Progress) -> None:
-        assert self.grid is not None and self.path is not None
+        assert self.grid is not None and self.path is not None and self.peak is not None
         frame = Frame(at.t, self._fields(body))
         spacing = FRAME_SPACING * self.protocol.times[-1]
-        keep = not self.frames or at.rested or self.peak is None or at.t - self.frames[-1].time >= spacing
+        keep = not self.frames or at.rested or at.t - self.frames[-1].time >= spacing
         keep = keep or self.peak.t == at.t
         state = {
             "transient": self.transient.checkpoint(),
             "observer": self.observer.checkpoint(),
             "rows": table(self.rows),
-            "peak": asdict(self.peak) if self.peak else {},
+            "peak": asdict(self.peak),
             "scene": self.model.scene.to_dict(),
             "kept_frames": len(self.frames) + bool(keep),
         }
@@ -145,7 +145,9 @@ class ProtocolRun:
             raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
         self.transient.restore(state["transient"])
         self.observer.restore(state["observer"])
-        self.rows = [Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)]
+        self.rows = [
+            Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)
+        ]
         self.peak = Peak(**state["peak"])
         self.frames = list(load(self.path).frames[: state["kept_frames"]])
 

@@ -29,7 +29,7 @@ def run(body, drive, control, **kwargs):
 
 def test_steps_land_on_events_and_nothing_pulls(make_body, plate):
     drive = plate(*PRESS)
-    transient, rows = run(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10))
+    _, rows = run(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10))
     t, f, gap = rows.T
     assert {4.0, 40.0, 44.0, 60.0} <= set(t)
     pressed = (t > 0) & (t <= 40)
@@ -55,7 +55,7 @@ def test_a_step_is_second_order_in_time(make_body, plate):
 def test_restart_goes_on_with_the_same_bits(make_body, plate):
     control = StepControl(1.0, dt_max=10)
     drive = plate(*PRESS)
-    whole, rows = run(make_body(contacts=[drive.contact()]), drive, control)
+    whole, _ = run(make_body(contacts=[drive.contact()]), drive, control)
     half_drive = plate(*PRESS)
     half = Transient(make_body(contacts=[half_drive.contact()]), half_drive, control, 1e-3)
     half.run(lambda *_: None, until=10.0)

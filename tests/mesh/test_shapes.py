@@ -116,7 +116,9 @@ def test_shipped_meshes():
 def test_distance_to_walls():
     cleft = cleft_to(TARGET)
     on_wall = cleft.target + 0.002 * cleft.across + 0.01 * cleft.out
-    points = np.array([on_wall, on_wall + 5e-3 * cleft.across, on_wall + 9e-3 * cleft.along, on_wall - 14e-3 * cleft.out])
+    points = np.array(
+        [on_wall, on_wall + 5e-3 * cleft.across, on_wall + 9e-3 * cleft.along, on_wall - 14e-3 * cleft.out]
+    )
     assert np.allclose(cleft.distance_to_walls(points), [0, 5e-3, 3e-3, 4e-3], atol=1e-12)
 
 

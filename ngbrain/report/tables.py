@@ -1,0 +1,200 @@
+"""The words and tables of the report: numbers as text, what each means and what was wanted of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+EQUAL = 5e-3
+"""Values this close, relative to the largest, are called equal."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a table: its name, unit, and one (text, remark) for each column."""
+
+    name: str
+    unit: str
+    cells: list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a check should be: in words, and whether a value is."""
+
+    name: str
+    wanted: str
+    met: Callable[[float], bool] | None
+    unit: str = ""
+
+
+METRICS: tuple[tuple[str, str, str, bool], ...] = (
+    ("peak_pressure_mmHg", "Peak pressure under the blade", "mmHg", True),
+    ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
+    ("peak_force_N", "Peak force on the blade", "N", True),
+    ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
+    ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
+    ("s_above_30_mmHg", "Time above 30 mmHg, in all", "s", True),
+    ("longest_s_above_30_mmHg", "Time above 30 mmHg, longest without a break", "s", True),
+    ("margin_to_20_mmHg", "Margin to 20 mmHg (negative: above it)", "mmHg", False),
+    ("dose_mmHg_min", "Dose: pressure × time", "mmHg min", True),
+    ("working_s", "Working time: blade spreading or holding", "s", False),
+    ("mps_p50", "Largest principal strain near the site, median", "%", True),
+    ("mps_p95", "Largest principal strain near the site, 95th percentile", "%", True),
+    ("mps_p99", "Largest principal strain near the site, 99th percentile", "%", True),
+    ("oss_p95", "Octahedral shear strain near the site, 95th percentile", "%", True),
+    ("beyond_fit_ml", "Tissue strained beyond what the law was fitted to", "ml", True),
+    ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
+    ("min_det_F", "Smallest volume ratio of any point", "", False),
+)
+"""Key, name, unit, and whether lowest and highest are marked."""
+
+VOLUMES = {
+    "window": "out of the craniotomy",
+    "cleft": "into the cleft",
+    "ventricles": "out of the ventricles",
+    "compression": "lost by compression",
+}
+
+CHECKS: dict[str, Check] = {
+    "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-6", lambda v: abs(v) <= 1e-6),
+    "volume_balance": Check("Volume moved adds up to nothing (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
+    "energy_balance": Check("Work of the blade is the tissue's (relative)", "at most 0.05", lambda v: abs(v) <= 0.05),
+    "dt_halving": Check("Half the time step moves the first peak by (relative)", "less than 0.03", lambda v: abs(v) < 0.03),
+    "order_plus_one": Check(
+        "One polynomial order more moves the pressure by (relative; elastic, coarse mesh)", "stated, no limit set", None
+    ),
+    "min_net_reaction_N": Check("Smallest net reaction of the wall", "not negative: no pull", lambda v: v >= -1e-6, "N"),
+    "force_while_off_N": Check("Force while the blade is off", "exactly 0", lambda v: v == 0, "N"),
+    "gap_while_off_mm": Check("Smallest gap while the blade is off", "greater than 0", lambda v: v > 0, "mm"),
+    "first_peaks_differ": Check(
+        "First peaks of continuous and intermittent differ by (relative)", "at most 1e-6", lambda v: abs(v) <= 1e-6
+    ),
+    "recontact_opening_below_release_mm": Check(
+        "Opening at re-contact, below that at release", "greater than 0", lambda v: v > 0, "mm"
+    ),
+}
+CHECKS["first_peaks_equal"] = CHECKS["first_peaks_differ"]
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number with about `digits` digits; a dash for what is not there.
+
+    >>> [number(v) for v in (146.04, 0.01234, 3.2e-9, 0.0, 890, None, float("nan"))]
+    ['146', '0.0123', '3.2e-09', '0', '890', '–', '–']
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    if 1e-3 <= abs(value) < 1e6:
+        places = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+        text = f"{value:,.{places}f}".replace(",", " ")
+        return text.replace("-", "−")
+    return f"{value:.2g}"
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words.
+
+    >>> duration(0), duration(47.6), duration(865)
+    ('0 s', '48 s', '14 min 25 s')
+    """
+    whole = round(seconds)
+    return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s" if whole % 60 else f"{whole // 60} min"
+
+
+def comparison(answers: Mapping[str, Any]) -> list[Row]:
+    """One row a metric, one column a protocol; lowest and highest said in words."""
+    rows = []
+    for key, name, unit, ranked in METRICS:
+        values = [answer.get(key) for answer in answers.values()]
+        if any(_is_number(v) for v in values):
+            rows.append(_row(name, unit, values, ranked))
+    thresholds = sorted({t for a in answers.values() for t in a.get("volume_mps_above", {})}, key=float)
+    for threshold in thresholds:
+        values = [a.get("volume_mps_above", {}).get(threshold) for a in answers.values()]
+        rows.append(_row(f"Tissue with principal strain above {100 * float(threshold):g} %", "ml", values, True))
+    for key, name in VOLUMES.items():
+        values = [(a.get("volumes_ml") or {}).get(key) for a in answers.values()]
+        if any(_is_number(v) for v in values):
+            rows.append(_row(f"Volume {name}, at peak strain", "ml", values, False))
+    return rows
+
+
+def headlines(answers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(protocol, sentence) on pressure and time above the thresholds."""
+    return [(name, _headline(answer)) for name, answer in answers.items()]
+
+
+def _headline(answer: Mapping[str, Any]) -> str:
+    peak = answer.get("peak_pressure_mmHg")
+    text = f"pressure under the blade reached at most {number(peak)} mmHg"
+    if _is_number(peak) and peak <= 20:
+        return f"{text}: never above 20 mmHg, with {number(answer.get('margin_to_20_mmHg', 20 - peak))} mmHg to spare."
+    parts = []
+    for threshold in (20, 30):
+        total, longest = (answer.get(f"{kind}_above_{threshold}_mmHg") for kind in ("s", "longest_s"))
+        if _is_number(total):
+            broken = _is_number(longest) and longest < total * (1 - EQUAL)
+            rest = f" (at most {duration(longest)} without a break)" if broken else ""
+            parts.append(f"above {threshold} mmHg for {duration(total)}{rest}")
+    return f"{text}; it was {' and '.join(parts)}." if parts else f"{text}."
+
+
+def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
+    """What the comparison says metric by metric: as given, or else made from the numbers."""
+    if given:
+        return list(given)
+    found = []
+    for key, name, unit, ranked in METRICS:
+        values = {n: a.get(key) for n, a in answers.items()}
+        if not ranked or len(values) < 2 or not all(_is_number(v) for v in values.values()):
+            continue
+        listed = ", ".join(f"{n} {_shown(v, unit)}" for n, v in sorted(values.items(), key=lambda item: item[1]))
+        marks = _marks(list(values.values()))
+        lowest = [n for n, mark in zip(values, marks, strict=True) if mark == "lowest"]
+        verdict = f"lowest with {' and '.join(lowest)}" if lowest else "equal"
+        found.append(f"{name}: {verdict} ({listed}{' ' + unit if unit else ''}).")
+    return found
+
+
+def checks(values: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(name, value with unit, what is wanted, verdict in words)."""
+    rows = []
+    for key, value in values.items():
+        check = CHECKS.get(key, Check(key.replace("_", " "), "–", None))
+        shown = f"{number(value)} {check.unit}".strip()
+        if not _is_number(value):
+            verdict = "does not apply"
+        elif check.met is None:
+            verdict = "for information"
+        else:
+            verdict = "met" if check.met(float(value)) else "NOT MET"
+        rows.append((check.name, shown, check.wanted, verdict))
+    return rows
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _shown(value: Any, unit: str) -> str:
+    return number(100 * value) if unit == "%" and _is_number(value) else number(value)
+
+
+def _row(name: str, unit: str, values: list[Any], ranked: bool) -> Row:
+    known = ranked and all(_is_number(v) for v in values)
+    marks = _marks(values) if known else [""] * len(values)
+    return Row(name, unit, [(_shown(v, unit), mark) for v, mark in zip(values, marks, strict=True)])
+
+
+def _marks(values: list[float]) -> list[str]:
+    """"lowest" and "highest" where values differ by more than rounding; ties share the word."""
+    low, high = min(values), max(values)
+    near = EQUAL * max(abs(low), abs(high))
+    if len(values) < 2 or high - low <= near:
+        return [""] * len(values)
+    return ["lowest" if v - low <= near else "highest" if high - v <= near else "" for v in values]

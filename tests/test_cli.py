@@ -1,0 +1,144 @@
+"""The command line: bad input ends with status 2 and one line; a coarse run gives its files; a stopped run goes on."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from ngbrain.cli import main
+from ngbrain.progress import ProgressBar
+from ngbrain.scene import Scene
+
+
+def run(capsys, *arguments):
+    status = main([str(a) for a in arguments])
+    return status, capsys.readouterr().err.strip().splitlines()
+
+
+@pytest.mark.parametrize(
+    ("find", "replace", "words"),
+    [
+        ("width_mm = 10.0", "widht_mm = 10.0", ["widht_mm", "width_mm"]),
+        ("target_mm = [17.0, 5.9, 26.2]", "target_mm = [0.0, 0.0, 99.0]", ["cleft.target_mm", "inside the brain"]),
+        ("mu_Pa = 50.0", "mu_Pa = -50.0", ["mu_Pa", "-50"]),
+        ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
+        ("width_mm = 10.0", "width_mm = 13.0", ["blade.width_mm", "cleft"]),
+        ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
+        ('region = "white"', 'region = "whit"', ["whit", "white"]),
+    ],
+)
+def test_bad_scenes(tmp_path, capsys, find, replace, words):
+    text = Scene.shipped("demo_fast").to_toml()
+    assert find in text
+    scene = tmp_path / "case.toml"
+    scene.write_text(text.replace(find, replace, 1))
+    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
+    assert status == 2 and len(lines) == 1
+    assert all(word in lines[0] for word in words), lines[0]
+    assert not (tmp_path / "out" / "result.json").exists()
+
+
+def test_unreadable_and_truncated_files(tmp_path, capsys):
+    for name, content in (
+        ("binary.toml", b"\x89HDF\r\n\x00\xff"),
+        ("cut.toml", b"[cleft]\ntarget_mm = [17.0, 5."),
+        ("empty.toml", b""),
+    ):
+        path = tmp_path / name
+        path.write_bytes(content)
+        status, lines = run(capsys, "retract", path, "-q")
+        assert status == 2 and len(lines) == 1 and name in lines[0]
+    status, lines = run(capsys, "retract", tmp_path / "absent.toml", "-q")
+    assert status == 2 and len(lines) == 1 and "absent.toml" in lines[0]
+
+
+def test_output_must_be_a_folder(tmp_path, capsys):
+    taken = tmp_path / "taken"
+    taken.write_text("")
+    status, lines = run(capsys, "demo", "--fast", "-o", taken, "-q")
+    assert status == 2 and len(lines) == 1 and "taken" in lines[0]
+
+
+def test_progress_bar_says_what_is_left():
+    bar = ProgressBar(2, quiet=True)
+    bar._started = 0.0
+    bar.tell("continuous", 30.0, 0.5)
+    line = bar.line(10.0)
+    assert "25 %" in line and "about 30 s left" in line and "continuous t = 30.0 s" in line
+
+
+SMALL = """
+title = "A short push"
+[body]
+site_mm = 4.0
+near_mm = 10.0
+far_mm = 24.0
+[[tissue]]
+region = "cortex|white"
+mu_Pa = 1000.0
+[[tissue]]
+region = "ventricle.*"
+mu_Pa = 50.0
+bulk_ratio = 10.0
+[cleft]
+target_mm = [17.0, 5.9, 26.2]
+[blade]
+edge_radius_mm = 2.0
+[retraction]
+opening_mm = 1.0
+ramp_s = 2.0
+elapsed_s = 8.0
+[steps]
+contact_s = 1.0
+[[protocol]]
+kind = "continuous"
+[[protocol]]
+kind = "intermittent"
+hold_s = 0.5
+rest_s = 3.0
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    scene = folder / "small.toml"
+    scene.write_text(SMALL)
+    out = folder / "out"
+    command = [sys.executable, "-m", "ngbrain", "retract", str(scene), "-o", str(out), "-q"]
+    subprocess.run([*command, "--threads", "1"], check=True, timeout=300)
+    return scene, out, json.loads((out / "result.json").read_text())
+
+
+def test_a_run_leaves_its_files_and_its_truths(finished):
+    _, out, result = finished
+    assert (out / "report.html").stat().st_size > 10_000
+    checks = result["checks"]
+    assert checks["reaction_balance"] < 1e-6 and checks["volume_balance"] < 1e-4 and checks["energy_balance"] < 0.05
+    assert checks["force_while_off_N"] == 0 and checks["gap_while_off_mm"] > 0
+    assert checks["first_peaks_differ"] < 1e-6 and checks["min_net_reaction_N"] > -1e-6
+    for answer in result["answers"].values():
+        series = answer["series"]
+        assert len({len(values) for values in series.values()}) == 1
+        assert answer["peak_force_N"] > 0 and answer["s_above_20_mmHg"] == 0
+
+
+def test_resume_after_the_end_gives_the_same_answers(finished):
+    scene, out, result = finished
+    command = [
+        sys.executable,
+        "-m",
+        "ngbrain",
+        "retract",
+        str(scene),
+        "-o",
+        str(out),
+        "-q",
+        "--resume",
+        "--threads",
+        "2",
+    ]
+    subprocess.run(command, check=True, timeout=300)
+    again = json.loads((out / "result.json").read_text())
+    assert again["answers"] == result["answers"]
