@@ -35,6 +35,7 @@ class StepControl:
     contact_dt   longest step (s) while a body moves in touch with the tissue
     first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
     restart      first step when a body that rested in touch moves again, as a fraction of contact_dt
+    release_growth   the same while a body in touch withdraws
     growth       factor from step to step while nothing is pushed (holds, rests)
     dt_max       longest step (s) there
     smallest     fraction of contact_dt below which the run gives up
@@ -44,6 +45,7 @@ class StepControl:
     first: float = 0.02
     restart: float = 0.1
     touch_growth: float = 3.0
+    release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
     smallest: float = 1e-3
@@ -62,6 +64,7 @@ class Progress:
     event: int = 0
     touching: bool = False
     rested: bool = True
+    cut: bool = False
     steps: int = 0
     rejected: int = 0
     newton: int = 0
@@ -104,6 +107,7 @@ class Transient:
         at = self.progress
         start = self.body.state.copy()
         dt = self._propose()
+        at.cut = False
         while True:
             record, problem = self._attempt(start, dt)
             at.work += record.work
@@ -112,6 +116,7 @@ class Transient:
                 self._accept(start, dt)
                 return record
             at.rejected += 1
+            at.cut = True
             self.body.state[:] = start
             self.motion.set(at.t)
             dt = dt / 3
@@ -125,10 +130,12 @@ class Transient:
         travel = self.motion.travel(at.t, at.t + min(left, control.contact_dt))
         if at.touching and travel:
             start = control.contact_dt * control.restart
+            growth = control.touch_growth if travel > 0 else control.release_growth
             longest = control.contact_dt if travel > 0 else control.contact_dt / 2
-            dt = start if at.rested else min(at.dt * control.touch_growth, longest)
         else:
-            dt = control.contact_dt if at.rested else min(at.dt * control.growth, control.dt_max)
+            start, growth, longest = control.contact_dt, control.growth, control.dt_max
+        dt = start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
+        if not at.touching:
             dt = self._up_to_touch(dt)
         # Two even steps rather than a long one and a sliver before an event.
         return left if dt >= left * (1 - 1e-9) else min(dt, left / 2) if dt > left / 2 else dt

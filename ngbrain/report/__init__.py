@@ -11,6 +11,7 @@ from typing import Any
 from ngbrain.errors import InputError, require
 from ngbrain.report import figures, tables
 from ngbrain.report.peak import Peak
+from ngbrain.report.style import colour
 
 __all__ = ["build"]
 
@@ -63,11 +64,14 @@ def _read(path: Path) -> dict[str, Any]:
 def _pictures(folder: Path, result: dict[str, Any]) -> dict[str, str]:
     """Name → PNG as base64. Space is drawn for the protocol whose strain is largest, the first of equals."""
     answers = result["answers"]
-    shown = max(answers, key=lambda name: answers[name].get("mps_p95") or 0.0)
+    strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
+    shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))
     try:
         peak = Peak.read(folder, shown, result["geometry"], answers[shown])
     except (KeyError, TypeError) as error:
-        raise InputError("geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json") from error
+        raise InputError(
+            "geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json"
+        ) from error
     drawn = {
         "head": figures.head(peak),
         "pressure": figures.pressure(answers),
@@ -84,13 +88,15 @@ def _page(result: dict[str, Any], pictures: dict[str, str]) -> str:
         undefined=jinja2.ChainableUndefined,
     )  # fmt: skip
     answers = result["answers"]
-    environment.filters.update(number=tables.number, duration=tables.duration)
+    environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size)
     comparison = result.get("comparison") or {}
+    openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
     return str(
         environment.get_template("report.html").render(
             result=result,
             pictures=pictures,
-            protocols={name: figures.colour(name, answers) for name in answers},
+            same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
+            protocols={name: colour(name, answers) for name in answers},
             headlines=tables.headlines(answers),
             findings=tables.findings(answers, comparison.get("findings") or []),
             rows=tables.comparison(answers),

@@ -20,6 +20,9 @@ ABOVE = 25e-3
 """How far (m) the blade is drawn beyond the surface."""
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
 """Boundaries that do not lie on the skull."""
+FOLD = 0.2
+"""A tetrahedron is folded where its volume element at a corner is less than this share of the straight one's."""
+_MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])}
 ARC = 7
 """Points of a rounded corner."""
 
@@ -68,16 +71,17 @@ class Peak:
         grid = checkpoint.grid
         series = answer.get("series", {})
         advance = float(np.interp(frame.time, series["t_s"], series["blade_mm"])) * 1e-3
-        cleft = Cleft(
-            *(np.array(geometry[key], float) for key in ("target_m", "out", "across")),
-            *(float(geometry[key]) for key in ("depth_m", "opening_m", "width_m")),
-        )
+        target, out, across = (np.array(geometry[key], float) for key in ("target_m", "out", "across"))
+        depth, opening, width = (float(geometry[key]) for key in ("depth_m", "opening_m", "width_m"))
+        cleft = Cleft(target, out, across, depth, opening, width)
+        points = grid.points + np.asarray(frame.point_data["displacement"], float)
+        strain = np.asarray(frame.point_data["max_principal_strain"], float)
         return cls(
             protocol,
             frame.time,
-            grid.points + np.asarray(frame.point_data["displacement"], float),
+            points,
             grid.points,
-            np.asarray(frame.point_data["max_principal_strain"], float),
+            unfolded(grid.connectivity, grid.points, points, strain),
             grid.connectivity,
             np.array(grid.region_names)[grid.region],
             _named(grid.mesh, faces(grid.connectivity)),
@@ -149,6 +153,37 @@ class Peak:
 
     def _face(self) -> float:
         return self.cleft.opening / 2 + self.advance
+
+
+def unfolded(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:
+    """Strain (n,) with the values at nodes of folded tetrahedra replaced by a mean over the tetrahedra there.
+
+    A curved tetrahedron can be all but flat at a corner, and the gradient of any field is then without meaning there.
+    The mean is of the strain that each tetrahedron's four corners show, by volume.
+    """
+    x = rest[tets]
+    straight = np.linalg.det(x[:, 1:4] - x[:, :1])
+    folded = np.zeros(len(tets), bool)
+    for i in range(4):
+        others = [j for j in range(4) if j != i]
+        middles = [_MIDDLE[frozenset((i, j))] for j in others]
+        curved = np.linalg.det(4 * x[:, middles] - 3 * x[:, [i]] - x[:, others])
+        folded |= curved * np.linalg.det(x[:, others] - x[:, [i]]) < FOLD * straight**2
+    nodes = np.unique(tets[folded])
+    if not len(nodes):
+        return strain
+    near = np.flatnonzero(np.isin(tets, nodes).any(axis=1))
+    y = points[tets[near]]
+    gradient = np.linalg.solve(x[near, 1:4] - x[near, :1], y[:, 1:4] - y[:, :1])  # F transposed
+    largest = (np.linalg.eigvalsh(gradient @ gradient.transpose(0, 2, 1))[:, 2] - 1) / 2
+    weight = np.abs(straight[near])[:, None] * np.ones(10)
+    flat, n = tets[near].ravel(), len(rest)
+    mean = (
+        np.bincount(flat, (weight * largest[:, None]).ravel(), n)[nodes] / np.bincount(flat, weight.ravel(), n)[nodes]
+    )
+    result = strain.copy()
+    result[nodes] = mean
+    return result
 
 
 def _named(mesh: ngs.Mesh, outer: Ints) -> dict[str, Ints]:

@@ -154,5 +154,7 @@ def _shade(camera: Camera, layer: Layer, triangle: Ints, bary: Floats) -> tuple[
         mirrored += strength * np.maximum(normal @ (half / np.linalg.norm(half)), 0) ** 40
     light = 1 + layer.lit * (light - 1)
     shaded = colour * light[:, None] + layer.shine * mirrored[:, None]
-    alpha = layer.opacity + (1 - layer.opacity) * (1 - normal[:, 2]) ** 2.5 if layer.opacity < 1 else np.ones(len(nodes))
+    alpha = (
+        layer.opacity + (1 - layer.opacity) * (1 - normal[:, 2]) ** 2.5 if layer.opacity < 1 else np.ones(len(nodes))
+    )
     return shaded, alpha

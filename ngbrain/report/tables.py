@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 EQUAL = 5e-3
 """Values this close, relative to the largest, are called equal."""
+ROUNDING = 1e-12
+"""In the comparison, what is smaller is shown as 0; checks show it."""
 
 
 @dataclass(frozen=True)
@@ -52,21 +54,25 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
 """Key, name, unit, and whether lowest and highest are marked."""
 
 VOLUMES = {
-    "window": "out of the craniotomy",
-    "cleft": "into the cleft",
-    "ventricles": "out of the ventricles",
-    "compression": "lost by compression",
+    "window": "Bulge at the craniotomy (negative: sunk in)",
+    "cleft": "Tissue into the cleft (negative: cleft widened)",
+    "ventricles": "Volume that the ventricles lose",
+    "compression": "Volume that tissue loses by compression",
 }
 
 CHECKS: dict[str, Check] = {
     "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-6", lambda v: abs(v) <= 1e-6),
     "volume_balance": Check("Volume moved adds up to nothing (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
     "energy_balance": Check("Work of the blade is the tissue's (relative)", "at most 0.05", lambda v: abs(v) <= 0.05),
-    "dt_halving": Check("Half the time step moves the first peak by (relative)", "less than 0.03", lambda v: abs(v) < 0.03),
+    "dt_halving": Check(
+        "Half the time step moves the first peak by (relative)", "less than 0.03", lambda v: abs(v) < 0.03
+    ),
     "order_plus_one": Check(
         "One polynomial order more moves the pressure by (relative; elastic, coarse mesh)", "stated, no limit set", None
     ),
-    "min_net_reaction_N": Check("Smallest net reaction of the wall", "not negative: no pull", lambda v: v >= -1e-6, "N"),
+    "min_net_reaction_N": Check(
+        "Smallest net reaction of the wall", "not negative: no pull", lambda v: v >= -1e-6, "N"
+    ),
     "force_while_off_N": Check("Force while the blade is off", "exactly 0", lambda v: v == 0, "N"),
     "gap_while_off_mm": Check("Smallest gap while the blade is off", "greater than 0", lambda v: v > 0, "mm"),
     "first_peaks_differ": Check(
@@ -82,18 +88,27 @@ CHECKS["first_peaks_equal"] = CHECKS["first_peaks_differ"]
 def number(value: Any, digits: int = 3) -> str:
     """A number with about `digits` digits; a dash for what is not there.
 
-    >>> [number(v) for v in (146.04, 0.01234, 3.2e-9, 0.0, 890, None, float("nan"))]
-    ['146', '0.0123', '3.2e-09', '0', '890', '–', '–']
+    >>> [number(v) for v in (146.04, 0.01234, 3.2e-9, 0.0, 48123, None, float("nan"))]
+    ['146', '0.0123', '3.2e-09', '0', '48 123', '–', '–']
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return "–"
-    if value == 0:
-        return "0"
+    if isinstance(value, int) or value == 0:
+        return f"{value:,.0f}".replace(",", " ").replace("-", "−")
     if 1e-3 <= abs(value) < 1e6:
         places = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
         text = f"{value:,.{places}f}".replace(",", " ")
         return text.replace("-", "−")
     return f"{value:.2g}"
+
+
+def size(metres: float) -> str:
+    """A length of the scene in mm, without zeros that say nothing.
+
+    >>> size(0.04), size(0.0299790)
+    ('40 mm', '30 mm')
+    """
+    return f"{round(1e3 * metres, 1):g} mm"
 
 
 def duration(seconds: float) -> str:
@@ -120,7 +135,7 @@ def comparison(answers: Mapping[str, Any]) -> list[Row]:
     for key, name in VOLUMES.items():
         values = [(a.get("volumes_ml") or {}).get(key) for a in answers.values()]
         if any(_is_number(v) for v in values):
-            rows.append(_row(f"Volume {name}, at peak strain", "ml", values, False))
+            rows.append(_row(f"{name}, at peak strain", "ml", values, False))
     return rows
 
 
@@ -136,7 +151,8 @@ def _headline(answer: Mapping[str, Any]) -> str:
         return f"{text}: never above 20 mmHg, with {number(answer.get('margin_to_20_mmHg', 20 - peak))} mmHg to spare."
     parts = []
     for threshold in (20, 30):
-        total, longest = (answer.get(f"{kind}_above_{threshold}_mmHg") for kind in ("s", "longest_s"))
+        total: Any = answer.get(f"s_above_{threshold}_mmHg")
+        longest: Any = answer.get(f"longest_s_above_{threshold}_mmHg")
         if _is_number(total):
             broken = _is_number(longest) and longest < total * (1 - EQUAL)
             rest = f" (at most {duration(longest)} without a break)" if broken else ""
@@ -177,11 +193,13 @@ def checks(values: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _shown(value: Any, unit: str) -> str:
+    if _is_number(value) and abs(value) < ROUNDING:
+        return "0"
     return number(100 * value) if unit == "%" and _is_number(value) else number(value)
 
 
@@ -192,7 +210,7 @@ def _row(name: str, unit: str, values: list[Any], ranked: bool) -> Row:
 
 
 def _marks(values: list[float]) -> list[str]:
-    """"lowest" and "highest" where values differ by more than rounding; ties share the word."""
+    """ "lowest" and "highest" where values differ by more than rounding; ties share the word."""
     low, high = min(values), max(values)
     near = EQUAL * max(abs(low), abs(high))
     if len(values) < 2 or high - low <= near:

@@ -179,14 +179,16 @@ def _ranked(values: dict[str, float]) -> str:
     return f"lowest with {min(values, key=values.__getitem__)} ({listed})."
 
 
-def material_band(runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
+def material_band(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
     """Peak pressure as given and with Miller's exponent, and how much tissue is strained beyond what the law was fitted to."""
     first = next(iter(runs.values()))
+    fits = [tissue.fitted_strain for tissue in scene.tissues if tissue.fitted_strain is not None]
     return {
         "peak_pressure_mmHg": {
             "as given": max(float(to_mmHg(run.column("pressure").max())) for run in runs.values()),
             "Miller alpha -4.7": float(to_mmHg(results["Miller's exponent"])),
         },
+        "fitted_strain": min(fits, default=None),
         "beyond_fit_ml": first.peak.beyond_fit_ml,
         "beyond_fit_percent": 100 * first.peak.beyond_fit_ml / first.peak.tissue_ml,
     }

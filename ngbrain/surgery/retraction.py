@@ -92,7 +92,7 @@ def solve(
         "checks": answers.checks(scene, runs, results),
         "answers": {name: answers.answer(run) for name, run in runs.items()},
         "comparison": answers.comparison(runs),
-        "material_band": answers.material_band(runs, results),
+        "material_band": answers.material_band(scene, runs, results),
         "left_out": list(answers.LEFT_OUT),
         "time_s": time.perf_counter() - started,
     }

@@ -134,7 +134,8 @@ class ProtocolRun:
     def _fields(self, body: Body) -> dict[str, np.ndarray]:
         """Displacement (m) and maximum principal strain at the nodes."""
         assert self.grid is not None
-        C = self.grid.values(right_cauchy_green(deformation_gradient(body.u))).reshape(-1, 3, 3)
+        C = self.grid.values(right_cauchy_green(deformation_gradient(body.u)), TISSUE).reshape(-1, 3, 3)
+        C[np.trace(C, axis1=1, axis2=2) == 0] = np.eye(3)  # nodes inside the ventricles, which carry no tissue strain
         strain = (np.linalg.eigvalsh(C)[:, 2] - 1) / 2
         fields = {"displacement": self.grid.values(body.u), "max_principal_strain": strain}
         return {name: values.astype(np.float32) for name, values in fields.items()}

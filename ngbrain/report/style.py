@@ -1,0 +1,114 @@
+"""What the pictures share: sizes, colours, the strain scale, names of directions."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import require
+from ngbrain.report.peak import Peak
+from ngbrain.report.surface import Floats
+
+DPI = 200
+WIDTH = 9.0
+"""Of every picture, in inches: 1800 pixels, shown at 900 or less."""
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00", "staged": "#009E73"}
+SPARE = ("#CC79A7", "#8C6D00", "#56B4E9", "#000000")
+DASHES = {"continuous": "-", "intermittent": (0, (5, 1.6)), "staged": (0, (6, 1.4, 1.4, 1.4))}
+STRAIN_TOP, STRAIN_STEP = 0.40, 0.05
+
+BONE = np.array([0.93, 0.89, 0.80])
+FLUID = np.array([0.45, 0.65, 0.85])
+STEEL = np.array([0.62, 0.66, 0.70])
+
+
+def colour(name: str, among: Iterable[str]) -> str:
+    """A protocol's colour, the same in every picture."""
+    others = [other for other in among if other not in COLOURS]
+    return COLOURS.get(name) or SPARE[others.index(name) % len(SPARE)]
+
+
+def style() -> Any:
+    """matplotlib's settings for the time of a picture."""
+    return require("matplotlib", "report").rc_context(STYLE)
+
+
+def figure(height: float) -> Any:
+    """An empty picture of the full width; `height` in inches."""
+    return require("matplotlib.figure", "report").Figure(figsize=(WIDTH, height), dpi=DPI)
+
+
+def png(figure: Any) -> bytes:
+    """The bytes of a figure."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"optimize": True})
+    return stream.getvalue()
+
+
+def inches(axes: Any) -> tuple[float, float]:
+    """Width and height of axes in inches."""
+    box, size = axes.get_position(original=True), axes.figure.get_size_inches()
+    return float(box.width * size[0]), float(box.height * size[1])
+
+
+def strain_colours() -> tuple[Any, Any]:
+    """The colours of strain in steps, and the scale."""
+    colours = require("matplotlib.colors", "report")
+    colormaps = require("matplotlib", "report").colormaps
+    bands = round(STRAIN_TOP / STRAIN_STEP)
+    steps = colormaps["YlOrRd"](np.linspace(0.0, 1.0, bands))
+    cmap = colours.ListedColormap(steps).with_extremes(over="#45001f", under=steps[0])
+    edges = np.linspace(0, STRAIN_TOP, bands + 1)
+    return cmap, colours.BoundaryNorm(edges, bands)
+
+
+def strain_bar(figure: Any, box: tuple[float, float, float, float], cmap: Any, norm: Any) -> None:
+    """The scale of strain beside a picture, in `box` of the figure."""
+    cm = require("matplotlib.cm", "report")
+    axes = figure.add_axes(box)
+    bar = figure.colorbar(cm.ScalarMappable(norm, cmap), cax=axes, extend="max", ticks=np.arange(0, 0.41, 0.1))
+    bar.ax.set_yticklabels([f"{t:.0f} %" for t in np.arange(0, 41, 10)], fontsize=9)
+    bar.ax.tick_params(length=2)
+    bar.outline.set_linewidth(0.5)
+    figure.text(0.995, box[1] + box[3] + 0.055, "largest\nprincipal\nstrain", ha="right", va="bottom", fontsize=9)
+
+
+def bar_mm(axes: Any, mm: float, at: float = 0.06) -> None:
+    """A scale bar at the bottom, from a share `at` of the width on."""
+    x0, x1 = axes.get_xlim()
+    y0, y1 = axes.get_ylim()
+    x, y = x0 + at * (x1 - x0), y0 + 0.045 * (y1 - y0)
+    axes.plot([x, x + mm], [y, y], color="#222222", lw=2.5, solid_capstyle="butt", zorder=20)
+    axes.text(x + mm / 2, y + 0.012 * (y1 - y0), f"{mm:g} mm", ha="center", va="bottom", fontsize=9.5, zorder=20)
+
+
+def direction(v: Floats, words: bool = False) -> str:
+    """The anatomical name of a direction: its large components, the largest first.
+
+    >>> direction(np.array([0.9, 0.1, -0.42])), direction(np.array([0, -1.0, 0]), words=True)
+    ('RI', 'behind')
+    """
+    names = (("R", "L"), ("A", "P"), ("S", "I"))
+    if words:
+        names = (("the right", "the left"), ("the front", "behind"), ("above", "below"))
+    order = [k for k in np.argsort(-np.abs(v)) if abs(v[k]) > 0.38][: 1 if words else 2]
+    return "".join(names[k][0 if v[k] > 0 else 1] for k in order)
+
+
+def viewed_from(peak: Peak) -> str:
+    """The slice is drawn with `across` to the right and `out` upwards: seen from -along."""
+    return f", seen from {direction(-peak.cleft.along, words=True)}"

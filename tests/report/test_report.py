@@ -1,0 +1,304 @@
+"""Surfaces and cuts against closed forms; the page against what must be in it."""
+
+import base64
+import io
+import json
+import re
+import sys
+from pathlib import Path
+
+import netgen.occ as occ
+import ngsolve as ng
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError, MissingExtra
+from ngbrain.io import Frame, QuadraticGrid, save
+from ngbrain.mesh import Sizes, cleft_to, idealised_head
+from ngbrain.report import build, peak, render, style, surface, tables
+from ngbrain.report.peak import Peak
+
+RADIUS = 0.05  # m
+PROTOCOLS = ("continuous", "intermittent", "my own <way>")
+
+
+def grid_of(shape: occ.TopoDS_Shape, maxh: float, curve: int = 1) -> QuadraticGrid:
+    return QuadraticGrid(ng.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=maxh)).Curve(curve))
+
+
+@pytest.fixture(scope="module")
+def box() -> QuadraticGrid:
+    """1 x 2 x 3, the lower half another region."""
+    low, high = occ.Box((0, 0, 0), (1, 2, 1.5)), occ.Box((0, 0, 1.5), (1, 2, 3))
+    low.mat("low"), high.mat("high")
+    return grid_of(occ.Glue([low, high]), 0.6)
+
+
+@pytest.fixture(scope="module")
+def ball() -> QuadraticGrid:
+    return grid_of(occ.Sphere((0, 0, 0), RADIUS), 0.02, 2)
+
+
+def edge_balance(tris: np.ndarray) -> np.ndarray:
+    """How often each edge is run through one way less the other: 0 all over on a closed, oriented surface."""
+    edges = np.concatenate([tris[:, [0, 1]], tris[:, [1, 2]], tris[:, [2, 0]]])
+    way = np.where(edges[:, 0] < edges[:, 1], 1, -1)
+    _, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+    return np.bincount(number.ravel(), way)
+
+
+def enclosed(points: np.ndarray, tris: np.ndarray) -> float:
+    return float(np.linalg.det(points[tris]).sum() / 6)
+
+
+def test_the_surface_of_a_box_is_closed_and_has_its_area_and_volume(box: QuadraticGrid) -> None:
+    tris = surface.triangles(surface.faces(box.connectivity))
+    assert not edge_balance(tris).any()
+    assert surface.area(box.points, tris) == pytest.approx(22, rel=1e-12)
+    assert enclosed(box.points, tris) == pytest.approx(6, rel=1e-12)  # outwards
+
+
+def test_the_surface_of_a_curved_ball(ball: QuadraticGrid) -> None:
+    tris = surface.triangles(surface.faces(ball.connectivity))
+    assert not edge_balance(tris).any()
+    assert surface.area(ball.points, tris) == pytest.approx(4 * np.pi * RADIUS**2, rel=0.02)
+    normals = surface.vertex_normals(ball.points, tris)[np.unique(tris)]
+    outwards = ball.points[np.unique(tris)] / RADIUS
+    assert np.min(np.sum(normals * outwards, axis=1)) > 0.98
+
+
+def test_faces_between_regions_come_once(box: QuadraticGrid) -> None:
+    tris = surface.triangles(surface.faces(box.connectivity, np.array(box.region_names)[box.region]))
+    assert surface.area(box.points, tris) == pytest.approx(22 + 2, rel=1e-12)
+
+
+def test_a_region_alone_is_closed(box: QuadraticGrid) -> None:
+    tris = surface.triangles(surface.faces(box.connectivity[box.region == box.region[0]]))
+    assert not edge_balance(tris).any()
+    assert surface.area(box.points, tris) == pytest.approx(2 * (2 + 1.5 + 3), rel=1e-12)
+
+
+@pytest.mark.parametrize("normal", [(1, 0, 0), (0, 0, 1), (1, 1, 0)])
+def test_a_section_of_a_box_has_its_area_and_keeps_linear_fields(
+    box: QuadraticGrid, normal: tuple[int, int, int]
+) -> None:
+    n = np.array(normal) / np.linalg.norm(normal)
+    centre = np.array([0.5, 1.0, 1.5])  # on the plane between the regions, for the normal along z: nodes lie on it
+    cut = surface.cut_volume(box.connectivity, (box.points - centre) @ n)
+    area = {(1, 0, 0): 6.0, (0, 0, 1): 2.0, (1, 1, 0): 3 * np.sqrt(2)}[normal]
+    points = cut.at(box.points)
+    assert surface.area(points, cut.simplices) == pytest.approx(area, rel=1e-12)
+    assert np.abs((points - centre) @ n).max() < 1e-12
+    assert cut.at(box.points @ [1, 2, 3]) == pytest.approx(points @ [1, 2, 3])
+
+
+def test_a_section_of_a_ball_and_its_outline(ball: QuadraticGrid) -> None:
+    height = 0.4 * RADIUS
+    radius = np.sqrt(RADIUS**2 - height**2)
+    level = ball.points[:, 2] - height
+    cut = surface.cut_volume(ball.connectivity, level)
+    assert surface.area(cut.at(ball.points), cut.simplices) == pytest.approx(np.pi * radius**2, rel=0.02)
+    line = surface.cut_surface(surface.triangles(surface.faces(ball.connectivity)), level)
+    ends = line.at(ball.points)[line.simplices]
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(2 * np.pi * radius, rel=0.02)
+    assert (np.bincount(line.simplices.ravel()) == 2).all()  # closed
+
+
+def test_strain_at_a_folded_corner_is_replaced_and_no_other(ball: QuadraticGrid) -> None:
+    stretch = 1.1
+    points = ball.points * [stretch, 1, 1]
+    true = (stretch**2 - 1) / 2
+    strain = np.full(len(points), true)
+    assert peak.unfolded(ball.connectivity, ball.points, points, strain) is strain
+    rest = ball.points.copy()
+    a, _, _, d, *middles = ball.connectivity[0]
+    rest[middles[3]] = rest[a] + 0.26 * (rest[d] - rest[a])  # the edge's map stands nearly still at a
+    strain[a] = 40.0
+    mended = peak.unfolded(ball.connectivity, rest, rest * [stretch, 1, 1], strain)
+    assert mended == pytest.approx(true, rel=1e-12)
+
+
+def test_the_nearer_of_two_squares_is_seen_and_a_clipped_one_is_not() -> None:
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    tris = np.array([[0, 1, 2], [0, 2, 3]])
+    x, y, z = np.eye(3)
+    camera = render.Camera.look(np.zeros(3), z, y, 2.0, 2.0)
+    assert np.allclose(camera.right, x)
+    red = render.Layer(square, tris, np.array([1.0, 0, 0]), lit=0)
+    blue = render.Layer(square + 0.5 * z, tris, np.array([0, 0, 1.0]), lit=0, clip=square[:, 0])
+    image = render.draw(camera, [blue, red], 40, 40)
+    assert tuple(image[20, 5]) == (255, 255, 255)
+    assert tuple(image[20, 15]) == (255, 0, 0)
+    assert tuple(image[20, 25]) == (0, 0, 255)
+    assert (image[:, :, 1] < 128).sum() == pytest.approx(20 * 20, abs=0)
+
+
+def series(peak_mmHg: float, blade_mm: float) -> dict[str, list[float]]:  # noqa: N803
+    t = np.array([0.0, 5.0, 10.0, 60.0, 300.0])
+    shape = np.array([0, 0.4, 1, 0.6, 0.5])
+    advance = np.array([0, 0.5, 1, 1, 1]) * blade_mm
+    return {
+        "t_s": t.tolist(),
+        "opening_mm": (0.9 * advance).tolist(),
+        "blade_mm": advance.tolist(),
+        "pressure_mmHg": (peak_mmHg * shape).tolist(),
+    }
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as `demo` leaves it, with a displacement made up."""
+    folder = tmp_path_factory.mktemp("run")
+    cleft = cleft_to(np.array([0.017, 0.0059, 0.0262]))
+    grid = QuadraticGrid(idealised_head(cleft, sizes=Sizes(3e-3, 8e-3, 20e-3)))
+    a, b, _ = cleft.coordinates(grid.points).T
+    push = 5e-3 * np.exp(-np.hypot(a - 2e-3, b) / 1e-2) * (a > 1e-3)
+    fields = {
+        "displacement": (push[:, None] * cleft.across).astype(np.float32),
+        "max_principal_strain": (50 * push).astype(np.float32),
+    }
+    still = {name: 0 * values for name, values in fields.items()}
+    answers = {}
+    for k, name in enumerate(PROTOCOLS):
+        save(folder / f"{name}.vtkhdf", grid, [Frame(0.0, still), Frame(10.0, fields)], {"peak": {"t": 10.0}})
+        answers[name] = {
+            "peak_pressure_mmHg": 146.04 - 10 * k,
+            "s_above_20_mmHg": 290.0,
+            "longest_s_above_20_mmHg": 290.0 if k == 0 else 95.0,
+            "dose_mmHg_min": 512.3 + k,
+            "mps_p95": 0.231,
+            "volume_mps_above": {"0.18": 2.1, "0.34": 0.41},
+            "series": series(146.04 - 10 * k, 5.0),
+        }
+    geometry = {
+        "target_m": cleft.target.tolist(),
+        "out": cleft.out.tolist(),
+        "across": cleft.across.tolist(),
+        "depth_m": cleft.depth,
+        "opening_m": cleft.opening,
+        "width_m": cleft.width,
+        "craniotomy_m": 0.04,
+        "blade": {"width_m": 0.01, "tip_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001},
+    }
+    result = {
+        "verb": "demo",
+        "title": "A made-up head",
+        "answers": answers,
+        "geometry": geometry,
+        "checks": {"reaction_balance": 3.2e-9, "dt_halving": 0.05, "gap_while_off_mm": None, "unheard_of": 1.5},
+        "material_band": {"peak_pressure_mmHg": {"as given": 146.04, "Miller alpha -4.7": 60.0}, "beyond_fit_ml": 6.31},
+        "left_out": ["blood"],
+        "later": {"keys": ["are", "no", "trouble"]},
+    }
+    (folder / "result.json").write_text(json.dumps(result))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(made: Path) -> str:
+    with pytest.MonkeyPatch.context() as patch:  # coarse pictures are quick ones
+        patch.setattr(render, "SUPERSAMPLING", 1)
+        patch.setattr(style, "DPI", 60)
+        path = build(made)
+    assert sorted(p.name for p in made.iterdir() if p.suffix == ".tmp") == []
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_stands_alone(page: str) -> None:
+    assert not re.search(r"https?:|<script|<link|@import|url\(", page)
+    assert "not for clinical decisions" in page
+
+
+def test_all_pictures_decode(page: str) -> None:
+    from matplotlib.image import imread
+
+    found = re.findall(r'src="data:image/png;base64,([^"]*)"', page)
+    assert len(found) == 3 == page.count("<img")
+    for encoded in found:
+        picture = imread(io.BytesIO(base64.b64decode(encoded, validate=True)), format="png")
+        assert picture.shape[1] == 60 * style.WIDTH
+        assert picture[..., :3].std() > 0.05  # something is on it
+
+
+def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    for name in ("continuous", "intermittent", "my own &lt;way&gt;"):
+        assert name in text
+    assert "my own <way>" not in page
+    assert "pressure under the blade reached at most 146 mmHg; it was above 20 mmHg for 4 min 50 s." in text
+    assert "136 mmHg; it was above 20 mmHg for 4 min 50 s (at most 1 min 35 s without a break)" in text
+    assert "Peak pressure under the blade mmHg 146 ▲ highest 136 126 ▼ lowest" in text
+    assert "Dose: pressure × time mmHg min 512 513 514" in text  # equal within 0.5 %
+    assert "lowest with my own &lt;way&gt; (my own &lt;way&gt; 126, intermittent 136, continuous 146 mmHg)" in text
+    assert "Tissue with principal strain above 34 % ml 0.410" in text
+    assert "6.31 ml of tissue went beyond" in text
+    assert "3.2e-09 at most 1e-6 met" in text
+    assert "0.0500 less than 0.03 NOT MET" in text
+    assert "does not apply" in text
+    assert "unheard of 1.50" in text
+
+
+def test_below_20_mmHg_the_margin_is_said() -> None:
+    ((_, text),) = tables.headlines({"continuous": {"peak_pressure_mmHg": 12.5, "margin_to_20_mmHg": 7.5}})
+    assert text == "pressure under the blade reached at most 12.5 mmHg: never above 20 mmHg, with 7.50 mmHg to spare."
+
+
+def test_the_blade_is_where_the_run_put_it(made: Path) -> None:
+    result = json.loads((made / "result.json").read_text())
+    found = Peak.read(made, "continuous", result["geometry"], result["answers"]["continuous"])
+    assert found.time == 10.0
+    assert found.advance == pytest.approx(5e-3)
+    points, tris = found.blade_solid()
+    at = found.cleft.coordinates(points)
+    assert at.min(axis=0) == pytest.approx([5e-3, -5e-3, 4e-3])
+    assert at.max(axis=0) == pytest.approx([7e-3, 5e-3, found.cleft.depth + peak.ABOVE])
+    assert abs(enclosed(points - points.mean(axis=0), tris)) > 0
+    assert {"craniotomy", "skull", "wall_plus", "wall_minus", "floor"} <= set(found.outer)
+
+
+def test_without_matplotlib_it_says_what_to_install(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtra, match=r'pip install "ngbrain\[report\]"'):
+        build(made)
+
+
+def one_line(error: pytest.ExceptionInfo[InputError]) -> str:
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_a_missing_result_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        build(tmp_path)
+    assert "result.json" in one_line(error)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[1, 2]",
+        '{"verb": "mesh", "quality": {}}',
+        '{"answers": {}, "geometry": {}}',
+        '{"answers": {"continuous": 3}, "geometry": {}}',
+        '{"answers": {"continuous": {"series": {"t_s": []}}}, "geometry": {}}',
+    ],
+)
+def test_a_foreign_result_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(InputError) as error:
+        build(tmp_path)
+    assert "result.json" in one_line(error)
+
+
+@pytest.mark.parametrize("left_out", ["geometry", "run"])
+def test_what_a_result_needs_beside_it(tmp_path: Path, made: Path, left_out: str) -> None:
+    result = json.loads((made / "result.json").read_text())
+    if left_out == "geometry":
+        result["geometry"].pop("craniotomy_m")
+        (tmp_path / "continuous.vtkhdf").write_bytes((made / "continuous.vtkhdf").read_bytes())
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    with pytest.raises(InputError) as error:
+        build(tmp_path)
+    assert {"geometry": "craniotomy_m", "run": "continuous.vtkhdf"}[left_out] in one_line(error)
+    assert not (tmp_path / "report.html").exists()
