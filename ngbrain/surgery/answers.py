@@ -105,13 +105,13 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     ramp = scene.retraction.ramp
     firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
     peak = firsts[0] if firsts else float("nan")
-    low, high = results["one order more"]
+    halved, orders = results["half steps"], results["one order more"]
     return {
         "reaction_balance": max(float(run.column("balance").max()) for run in runs.values()),
         "volume_balance": float(max(volume)),
         "energy_balance": float(max(energy)),
-        "dt_halving": abs(results["half steps"] / peak - 1) if firsts else None,
-        "order_plus_one": abs(high / low - 1),
+        "dt_halving": abs(halved / peak - 1) if firsts and halved else None,
+        "order_plus_one": abs(orders[1] / orders[0] - 1) if orders else None,
         "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
         "force_while_off_N": max(off_force),
         "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,
@@ -181,12 +181,12 @@ def _ranked(values: dict[str, float]) -> str:
 
 def material_band(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
     """Peak pressure as given and with Miller's exponent, and how much tissue is strained beyond what the law was fitted to."""
-    first = next(iter(runs.values()))
+    first, miller = next(iter(runs.values())), results["Miller's exponent"]
     fits = [tissue.fitted_strain for tissue in scene.tissues if tissue.fitted_strain is not None]
     return {
         "peak_pressure_mmHg": {
             "as given": max(float(to_mmHg(run.column("pressure").max())) for run in runs.values()),
-            "Miller alpha -4.7": float(to_mmHg(results["Miller's exponent"])),
+            "Miller alpha -4.7": None if miller is None else float(to_mmHg(miller)),
         },
         "fitted_strain": min(fits, default=None),
         "beyond_fit_ml": first.peak.beyond_fit_ml,

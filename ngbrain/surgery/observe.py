@@ -86,7 +86,7 @@ class Observer:
         tissue = self.body.tissue_forces()
         contact = self.body.contact_forces()
         reaction = float(self._push[self._on_wall] @ tissue[self._on_wall])
-        force = max(-float(self._push @ contact), 0.0)
+        force = max(0.0, -float(self._push @ contact))
         supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
         self._add_work(tissue, force, advance)
         return Row(
