@@ -21,7 +21,7 @@ def run(capsys, *arguments):
     [
         ("width_mm = 10.0", "widht_mm = 10.0", ["widht_mm", "width_mm"]),
         ("target_mm = [17.0, 5.9, 26.2]", "target_mm = [0.0, 0.0, 99.0]", ["cleft.target_mm", "inside the brain"]),
-        ("mu_Pa = 50.0", "mu_Pa = -50.0", ["mu_Pa", "-50"]),
+        ("mu_Pa = [50.0]", "mu_Pa = [-50.0]", ["mu_Pa", "-50"]),
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
         ("width_mm = 10.0", "width_mm = 13.0", ["blade.width_mm", "cleft"]),
         ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
