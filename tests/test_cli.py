@@ -88,7 +88,7 @@ edge_radius_mm = 2.0
 [retraction]
 opening_mm = 1.0
 ramp_s = 2.0
-elapsed_s = 8.0
+elapsed_s = 12.0
 [steps]
 contact_s = 1.0
 [[protocol]]
@@ -96,7 +96,7 @@ kind = "continuous"
 [[protocol]]
 kind = "intermittent"
 hold_s = 0.5
-rest_s = 3.0
+rest_s = 7.0
 """
 
 
@@ -111,6 +111,7 @@ def finished(tmp_path_factory):
     return scene, out, json.loads((out / "result.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_files_and_its_truths(finished):
     _, out, result = finished
     assert (out / "report.html").stat().st_size > 10_000
@@ -124,6 +125,7 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
         assert answer["peak_force_N"] > 0 and answer["s_above_20_mmHg"] == 0
 
 
+@pytest.mark.slow
 def test_resume_after_the_end_gives_the_same_answers(finished):
     scene, out, result = finished
     command = [

@@ -215,6 +215,7 @@ class Transient:
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "x": self.body.state.copy(),
             "follow": self.follow,
+            "largest": self.newton.largest,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
             "shape": self.body.history.shape.vec.FV().NumPy(),
@@ -234,7 +235,7 @@ class Transient:
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.shape.vec.FV().NumPy()[:] = saved["shape"]
-        self.follow = np.array(saved["follow"])
+        self.follow, self.newton.largest = np.array(saved["follow"]), saved["largest"]
         body.state[:] = saved["x"]
         self.motion.set(self.progress.t)
 

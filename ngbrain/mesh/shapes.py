@@ -100,7 +100,7 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
     craniotomy   diameter (m)
     sizes        element sizes
 
-    >>> mesh = idealised_head(sizes=Sizes(far=0.03))
+    >>> mesh = idealised_head(sizes=Sizes(far=0.018, grading=0.5))
     >>> sorted(set(mesh.GetMaterials()))
     ['cortex', 'ventricle_left', 'ventricle_right', 'white']
     """

@@ -21,6 +21,9 @@ from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 
+UNLOADED = 1e-3
+"""Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
+
 
 class System(Protocol):
     """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
@@ -41,7 +44,7 @@ class System(Protocol):
 
 @dataclass
 class Newton:
-    """Settings and the factorisation kept from call to call.
+    """Settings, and what is kept from call to call: the factorisation and the largest reactions met.
 
     rtol        free residual / reactions at convergence
     xtol        largest weighted correction at convergence (weights make it dimensionless)
@@ -60,6 +63,7 @@ class Newton:
     min_damping: float = 0.1
     inverse: Callable[[Array], Array] | None = None
     made_at: Array | None = None
+    largest: float = 0.0
 
     def renew(self, system: System, x: Array, record: NewtonRecord) -> None:
         """Factorise at x and remember where, so that a restart can make the same factor again."""
@@ -103,7 +107,8 @@ class Newton:
                 self.inverse = None
                 continue
             x, r, reactions, v, damping = trial
-            if np.linalg.norm(r) <= self.rtol * reactions and _size(v, weights) <= self.xtol:
+            self.largest = max(self.largest, reactions)
+            if np.linalg.norm(r) <= self.rtol * max(reactions, UNLOADED * self.largest) and _size(v, weights) <= self.xtol:
                 record.converged = True
                 return x
             fresh = False
