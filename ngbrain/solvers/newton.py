@@ -108,7 +108,10 @@ class Newton:
                 continue
             x, r, reactions, v, damping = trial
             self.largest = max(self.largest, reactions)
-            if np.linalg.norm(r) <= self.rtol * max(reactions, UNLOADED * self.largest) and _size(v, weights) <= self.xtol:
+            if (
+                np.linalg.norm(r) <= self.rtol * max(reactions, UNLOADED * self.largest)
+                and _size(v, weights) <= self.xtol
+            ):
                 record.converged = True
                 return x
             fresh = False
