@@ -11,8 +11,8 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-# Added under the root of |dev C|²/6: large enough that derivatives stay finite at equal stretches, small enough that
-# residual and tangent keep ten digits (1e-14 makes the tangent wrong by 30-50 %, 1e-8 by 1e-7).
+# Added under the root of |dev C|²/6: large enough that derivatives stay finite at equal stretches, small enough not to
+# show in residual and tangent; much smaller, and the tangent there is wrong.
 EQUAL_STRETCH_GUARD = 1e-12
 
 

@@ -18,7 +18,7 @@ _SETTERS = (
 def set_threads(n: int) -> None:
     """Use `n` threads in NGSolve's task manager and one in every OpenBLAS, also after numpy is loaded.
 
-    OpenBLAS's own threads inside assembly threads fight for the cores (7.3 s against 3.0 s for the same work).
+    OpenBLAS's own threads inside assembly threads fight for the cores.
     Libraries already loaded are found in the process map, which only Linux has; elsewhere set OPENBLAS_NUM_THREADS=1.
     """
     ngs.SetNumThreads(max(1, int(n)))

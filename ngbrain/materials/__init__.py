@@ -3,7 +3,7 @@
 from ngbrain.materials.base import Law, Sum
 from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
 from ngbrain.materials.isotropic import NeoHooke, Ogden
-from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, instantaneous, step_factors
+from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, step_factors
 from ngbrain.materials.volumetric import perturbed_lagrangian
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "Viscous",
     "after",
     "constants",
-    "instantaneous",
     "perturbed_lagrangian",
     "step_factors",
 ]

@@ -97,11 +97,6 @@ def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.exp(-x), np.where(x > 0, -np.expm1(-safe) / safe, 1.0)
 
 
-def instantaneous(material: Viscous) -> Law:
-    """The law of a step of no duration, W_∞ + Σ W_k."""
-    return _Fixed(material, (1.0,) * len(material.branches))
-
-
 def after(material: Viscous, dt: float) -> Law:
     """The elastic law that one step of `dt` seconds from rest amounts to, W_∞ + Σ β_k W_k; numbers as τ only."""
     taus = np.array([float(branch.tau) for branch in material.branches])

@@ -24,7 +24,7 @@ PENALTY = 500.0
 SOFTNESS = 0.004
 """Penetration up to which the contact pressure sets in softly, in openings."""
 STABILISING_TIME = 0.3
-"""Viscosity over initial shear modulus (s): in a ramp of ten seconds it adds less than a percent to the stress."""
+"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds; what it adds is not measured yet."""
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
 
