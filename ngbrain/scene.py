@@ -1,182 +1,52 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
 """A scene as plain data: what is operated on, with what, how, and how finely it is computed.
 
-SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`). Each field says once how it
-stands in TOML (`Entry`); reading, writing, checking and messages follow from that, for files and for Python alike.
+SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`): `ngbrain.fields` reads and writes.
+A part checks its own fields when it is made (also in Python), a `Scene` what is between fields and parts.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import re
-import reprlib
-import tomllib
-import warnings
-from collections.abc import Callable, Collection
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
+import unicodedata
+from dataclasses import MISSING, dataclass, replace
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ngbrain.errors import InputError, nearest
+from ngbrain.fields import Section, brief, choice, entries, number, pattern, read_toml, table, text, to_toml, whole
 from ngbrain.materials import CATALOGUE, NeoHooke, OgdenBranches, Viscous, constants
+from ngbrain.mesh.cleft import Cleft as Slot
+from ngbrain.mesh.shapes import cleft_to
 
-UNITS = {"mm": (1000, "length in mm"), "Pa_s": (1, "viscosity"), "Pa": (1, "modulus in Pa"), "s": (1, "time in s")}
-"""End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words."""
-MOST = 1000  # holds or stages of a protocol
-
-
-@dataclass(frozen=True)
-class Entry:
-    """How a field stands in TOML: what is accepted under which key, how many of its unit are one SI (0: not a number).
-
-    `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too).
-    """
-
-    key: str
-    wanted: str
-    accept: Callable[[Any], Any]
-    per_si: int = 0
-    size: int = 1
-    table: type[Section] | None = None
-
-    def read(self, raw: Any, path: str) -> Any:
-        """From TOML to SI (lists to tuples), or an `InputError` that names the path."""
-        values = raw if isinstance(raw, list) and self.size != 1 else [raw]
-        if not values or len(values) != (self.size or len(values)) or not all(map(self.accept, values)):
-            raise InputError(path, _brief(raw), self.wanted)
-        if self.table:
-            values = [_read(self.table, v, path if self.size else f"{path}#{i}") for i, v in enumerate(values, 1)]
-        values = [v / self.per_si if self.per_si else v for v in values]
-        return values[0] if self.size == 1 else tuple(values)
-
-    def show(self, value: Any) -> Any:
-        """From SI to TOML, NumPy's numbers and arrays too; what has no place in TOML stays as it is."""
-        value = value.tolist() if hasattr(value, "tolist") else value
-        if isinstance(value, (list, tuple)):
-            return [self.show(item) for item in value]
-        if isinstance(value, Section):
-            return value.to_dict()
-        if not self.per_si or not _is_number(value):
-            return value
-        short = float(f"{value * self.per_si:.15g}")
-        return short if short / self.per_si == value else value * self.per_si
-
-
-def _is_number(raw: Any, kind: Any = (int, float)) -> bool:
-    return isinstance(raw, kind) and not isinstance(raw, bool) and abs(raw) <= 1e300  # not so for nan
-
-
-def _field(entry: Entry, default: Any) -> Any:
-    make: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
-    return field(metadata={"entry": entry}, **make)
-
-
-def _number(key: str, default: Any = MISSING, least: float | None = None, signed: bool = False, size: int = 1) -> Any:
-    """A number in the key's unit that is > 0, or ≥ `least`, or any (`signed`); for `size` see `Entry`."""
-    per_si, noun = next((value for unit, value in UNITS.items() if key.endswith(f"_{unit}")), (1, "number"))
-    wanted = f"a {noun}" + ("" if signed else " greater than 0" if least is None else f" of at least {least:g}")
-    wanted += {0: ", or a list of them", 1: ""}.get(size, f" in each of {size} places")
-
-    def accept(raw: Any) -> bool:
-        return _is_number(raw) and (signed or (raw > 0 if least is None else raw >= least))
-
-    return _field(Entry(key, wanted, accept, per_si, size), default)
-
-
-def _whole(key: str, default: Any, low: int, high: int) -> Any:
-    wanted = f"a whole number from {low} to {high}"
-    return _field(Entry(key, wanted, lambda raw: _is_number(raw, int) and low <= raw <= high), default)
-
-
-def _text(key: str, default: Any, wanted: str, accept: Callable[[str], Any]) -> Any:
-    return _field(Entry(key, wanted, lambda raw: isinstance(raw, str) and raw.isprintable() and accept(raw)), default)
-
-
-def _choice(key: str, default: Any, choices: Collection[str]) -> Any:
-    return _text(key, default, "one of " + ", ".join(choices), choices.__contains__)
-
-
-def _pattern(key: str, default: Any = MISSING) -> Any:
-    def accept(raw: str) -> Any:
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                return raw.strip() and re.compile(raw)
-        except (re.error, OverflowError, RecursionError):
-            return False
-
-    return _text(key, default, "a name or a regular expression", accept)
-
-
-def _table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:
-    key = cls.__name__.lower()
-    wanted = f"a table [{key}]" if size else f"one or more tables [[{key}]]"
-    return _field(Entry(key, wanted, lambda raw: True, 0, size, cls), default)
-
-
-class Section:
-    """What all parts share: a part's fields are checked when it is made, what is between fields when a scene is."""
-
-    def __post_init__(self) -> None:
-        section = f"{type(self).__name__.lower()}.".removeprefix("scene.")
-        for name, f in _fields(self).items():
-            entry, shown = f.metadata["entry"], self.shown(name)
-            if shown is not None or f.default is not None:
-                object.__setattr__(self, name, entry.read(shown, section + entry.key))
-
-    def shown(self, name: str) -> Any:
-        """A field's value as TOML has it, in the unit of its key; None where it is not given."""
-        return _fields(self)[name].metadata["entry"].show(getattr(self, name))
-
-    def to_dict(self) -> dict[str, Any]:
-        """In TOML's keys and units, fit for JSON; `Scene.from_dict` gives the same scene back."""
-        values = {f.metadata["entry"].key: self.shown(name) for name, f in _fields(self).items()}
-        return {key: value for key, value in values.items() if value is not None}
-
-    def _need(self, ok: Any, path: str, name: str, wanted: str) -> None:
-        if not ok:
-            raise InputError(f"{path}.{_fields(self)[name].metadata['entry'].key}", _brief(self.shown(name)), wanted)
-
-    def _check(self, path: str, scene: Scene) -> None:
-        pass  # what is wrong between fields, of this part and others
-
-
-def _fields(part: Any) -> dict[str, Field[Any]]:
-    return {f.name: f for f in fields(part)}
-
-
-def _read(cls: type[Section], data: Any, path: str) -> Any:
-    if not isinstance(data, dict):
-        raise InputError(path or "scene", _brief(data), "a table of keys and values")
-    known, path = {f.metadata["entry"].key: f for f in fields(cls)}, path and f"{path}."  # type: ignore[arg-type]
-    for key in data:
-        if key not in known:
-            shown = key if re.fullmatch(r"[\w-]{1,60}", str(key)) else _brief(key)
-            raise InputError(f"{path}{shown}", "not a known key", nearest(str(key), known))
-    for key, f in known.items():
-        if key not in data and f.default is MISSING and f.default_factory is MISSING:
-            raise InputError(f"{path}{key}", "missing", f.metadata["entry"].wanted)
-    return cls(**{f.name: f.metadata["entry"].read(data[key], path + key) for key, f in known.items() if key in data})
-
-
-def _brief(value: Any) -> str:
-    try:
-        return "missing" if value is None else " ".join(reprlib.repr(value).split())
-    except ValueError:  # Python refuses to print whole numbers of thousands of digits
-        return "a number of thousands of digits"
+MOST = 1000
+"""Holds or stages of a protocol."""
+MOMENT = 1e-5
+"""The shortest step, ramp, hold or rest, in `Retraction.elapsed`: with shorter ones a run would never end."""
+CLEAR = 1e-3
+"""How far (m) behind first contact a blade that let go waits."""
+WIDEST = 80e-3
+"""Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
+NARROWEST = 4e-3
+"""Width (m) of a blade on whose face pressure can be read, which is done off its edges."""
+FACED = 5e-3
+"""Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body(Section):
     """The head: its shape; element sizes (m) on the cleft, under the craniotomy and elsewhere; polynomial order."""
 
-    head: str = _choice("head", "idealised", ["idealised"])
-    site: float = _number("site_mm", 2e-3)
-    near: float = _number("near_mm", 6e-3)
-    far: float = _number("far_mm", 20e-3)
-    order: int = _whole("order", 2, 2, 4)
+    head: str = choice("head", "idealised", ["idealised"])
+    site: float = number("site_mm", 3e-3, least=0.2)
+    near: float = number("near_mm", 8e-3, least=0.5)
+    far: float = number("far_mm", 24e-3, least=2.0)
+    order: int = whole("order", 2, 2, 4)
 
     def _check(self, path: str, scene: Scene) -> None:
         self._need(self.near >= self.site, path, "near", f"at least {self.shown('site'):g}, body.site_mm")
@@ -194,12 +64,12 @@ class Tissue(Section):
     bulk_ratio   bulk modulus / initial shear modulus
     """
 
-    region: str = _pattern("region")
-    constants: str | None = _choice("constants", None, CATALOGUE)
-    mu: tuple[float, ...] | None = _number("mu_Pa", None, size=0)
-    alpha: tuple[float, ...] | None = _number("alpha", None, signed=True, size=0)
-    eta: tuple[float, ...] | None = _number("eta_Pa_s", None, size=0)
-    bulk_ratio: float = _number("bulk_ratio", 1000.0)
+    region: str = pattern("region")
+    constants: str | None = choice("constants", None, CATALOGUE)
+    mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
+    alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
+    eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
+    bulk_ratio: float = number("bulk_ratio", 1000.0)
 
     def _check(self, path: str, scene: Scene) -> None:
         mu, alpha, eta = self.mu or (), self.alpha or (), self.eta or ()
@@ -210,6 +80,7 @@ class Tissue(Section):
             self._need(mu, path, "mu", "moduli to go with alpha and eta_Pa_s")
             fits = len(alpha) == len(mu) or len(mu) == 1 > len(alpha)
             self._need(fits and all(alpha), path, "alpha", f"as many values as mu_Pa, {len(mu)}, none of them 0")
+            self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
             self._need(len(eta) == len(mu) - 1, path, "eta", f"one value fewer than mu_Pa: {len(mu) - 1}")
         self._need(math.isfinite(self.bulk), path, "bulk_ratio", "one that, times mu_Pa, is a finite bulk modulus")
 
@@ -255,7 +126,7 @@ class Tissue(Section):
 class Support(Section):
     """Pattern of the boundaries that are held."""
 
-    fixed: str = _pattern("fixed", "skull")
+    fixed: str = pattern("fixed", "skull")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,49 +137,91 @@ class Cleft(Section):
     across     direction from wall to wall; None: left to right
     """
 
-    target: tuple[float, float, float] = _number("target_mm", signed=True, size=3)
-    width: float = _number("width_mm", 12e-3)
-    opening: float = _number("opening_mm", 4e-3)
-    craniotomy: float = _number("craniotomy_mm", 40e-3)
-    approach: tuple[float, float, float] | None = _number("approach", None, signed=True, size=3)
-    across: tuple[float, float, float] | None = _number("across", None, signed=True, size=3)
+    target: tuple[float, float, float] = number("target_mm", signed=True, size=3)
+    width: float = number("width_mm", 12e-3)
+    opening: float = number("opening_mm", 4e-3, least=0.1)
+    craniotomy: float = number("craniotomy_mm", 40e-3)
+    approach: tuple[float, float, float] | None = number("approach", None, signed=True, size=3)
+    across: tuple[float, float, float] | None = number("across", None, signed=True, size=3)
 
     def _check(self, path: str, scene: Scene) -> None:
         diagonal = math.hypot(self.width, self.opening)
-        wanted = f"more than {1e3 * diagonal:.4g}, the diagonal of cleft.width_mm by cleft.opening_mm"
-        self._need(self.craniotomy > diagonal, path, "craniotomy", wanted)
+        wanted = f"at least 2 more than {1e3 * diagonal:.4g}, the diagonal of cleft.width_mm by cleft.opening_mm"
+        self._need(self.craniotomy >= diagonal + 2e-3, path, "craniotomy", wanted)
+        self._need(self.craniotomy <= WIDEST, path, "craniotomy", f"at most {1e3 * WIDEST:g}")
         for name in ("approach", "across"):
-            self._need(any(getattr(self, name) or (1,)), path, name, "a direction: not all 0")
+            largest = max(map(abs, getattr(self, name) or (1,)))
+            self._need(1e-3 <= largest <= 1e3, path, name, "a direction: not all 0, and none beyond 1000")
+        self._need(max(map(abs, self.target)) < 1, path, "target", "a point inside the brain")
+        wanted = "a direction: no way out is the shortest one from the centre of the brain, cleft.target_mm = [0, 0, 0]"
+        self._need(self.approach or any(self.target), path, "approach", wanted)
+        self.slot()
+        try:
+            self.wall()
+        except InputError:
+            self._need(False, path, "opening", "so small that the walls begin in tissue, as cleft.target_mm does")
+
+    def slot(self) -> Slot:
+        """Where it lies in the head; raises `InputError` where it cannot."""
+        directions = [None if way is None else np.array(way) for way in (self.approach, self.across)]
+        return cleft_to(np.array(self.target), self.opening, self.width, *directions)
+
+    def wall(self) -> float:
+        """Height (m) of the wall that the blade pushes, floor to surface, in its middle."""
+        slot = self.slot()
+        return cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth
 
 
 @dataclass(frozen=True, kw_only=True)
 class Blade(Section):
     """A flat spatula: width, rounding of its edges, height of its tip above the cleft's floor, thickness (m)."""
 
-    width: float = _number("width_mm", 10e-3)
-    edge_radius: float = _number("edge_radius_mm", 1e-3, least=1.0)
-    tip: float = _number("tip_mm", 4e-3)
-    thickness: float = _number("thickness_mm", 2e-3)
+    width: float = number("width_mm", 10e-3)
+    edge_radius: float = number("edge_radius_mm", 2e-3, least=1.0)
+    tip: float = number("tip_mm", 4e-3)
+    thickness: float = number("thickness_mm", 4e-3)
 
     def _check(self, path: str, scene: Scene) -> None:
         wanted = f"at most {scene.cleft.shown('width'):g}, cleft.width_mm: not a blade wider than the cleft"
         self._need(self.width <= scene.cleft.width, path, "width", wanted)
         wanted = f"at most {scene.cleft.shown('opening'):g}, cleft.opening_mm: not a blade thicker than the cleft"
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
-        wanted = f"at least twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
-        self._need(self.width >= 2 * self.edge_radius, path, "width", wanted)
+        wanted = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
+        self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", wanted)
+        wall = scene.cleft.wall()
+        wanted = f"{1e3 * FACED:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.tip + FACED <= wall, path, "tip", wanted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Retraction(Section):
     """What all protocols share: how far the blade goes from first contact (m), how long that takes, the end (s)."""
 
-    opening: float = _number("opening_mm", 5e-3)
-    ramp: float = _number("ramp_s", 10.0)
-    elapsed: float = _number("elapsed_s", 900.0)
+    opening: float = number("opening_mm", 5e-3, least=0.01)
+    ramp: float = number("ramp_s", 10.0)
+    elapsed: float = number("elapsed_s", 900.0)
 
     def _check(self, path: str, scene: Scene) -> None:
         self._need(self.elapsed > self.ramp, path, "elapsed", f"more than {self.ramp:g}, retraction.ramp_s")
+        self._need(self.ramp >= self.moment, path, "ramp", self.not_shorter)
+        wall = scene.cleft.wall()
+        wanted = f"at most {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.opening <= wall, path, "opening", wanted)
+
+    @property
+    def moment(self) -> float:
+        """The shortest time (s) that anything in a protocol may take, a step included."""
+        return MOMENT * self.elapsed
+
+    @property
+    def not_shorter(self) -> str:
+        """What a shorter one is told."""
+        return f"at least {self.moment:g}, retraction.elapsed_s / {1 / MOMENT:g}"
+
+    @property
+    def in_words(self) -> str:
+        """Its times, in messages about others that have to fit."""
+        return f"retraction.ramp_s = {self.ramp:g} and retraction.elapsed_s = {self.elapsed:g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,14 +236,15 @@ class Protocol(Section):
 
     KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}
     KINDS["program"] = ("times", "opening")
+    NAME: ClassVar = "up to 50 letters, digits, spaces and . + - _, of which the first is a letter or digit"
 
-    kind: str = _choice("kind", MISSING, KINDS)
-    name: str = _text("name", "", "letters, digits, spaces and . + - _", re.compile(r"\w[\w .+-]*").fullmatch)
-    hold: float = _number("hold_s", None)
-    rest: float = _number("rest_s", None)
-    stages: int = _whole("stages", None, 2, MOST)
-    times: tuple[float, ...] = _number("t_s", None, least=0.0, size=0)
-    opening: tuple[float, ...] = _number("opening_mm", None, signed=True, size=0)
+    kind: str = choice("kind", MISSING, KINDS)
+    name: str = text("name", "", NAME, re.compile(r"\w[\w .+-]{0,49}").fullmatch)
+    hold: float = number("hold_s", None)
+    rest: float = number("rest_s", None)
+    stages: int = whole("stages", None, 2, MOST)
+    times: tuple[float, ...] = number("t_s", None, least=0.0, size=0)
+    opening: tuple[float, ...] = number("opening_mm", None, signed=True, size=0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.kind if self.name == "" else self.name)
@@ -338,39 +252,62 @@ class Protocol(Section):
 
     def _check(self, path: str, scene: Scene) -> None:
         own = self.KINDS[self.kind]
-        keys = ", ".join(f.metadata["entry"].key for name, f in _fields(self).items() if name in ("kind", "name", *own))
+        keys = ", ".join(entry.key for name, entry in entries(self).items() if name in ("kind", "name", *own))
         for name in ("hold", "rest", "stages", "times", "opening"):
             wanted = f"{'a value' if name in own else 'this key left out'}: kind {self.kind!r} has {keys}"
             self._need((getattr(self, name) is not None) == (name in own), path, name, wanted)
-        ramp, end = scene.retraction.ramp, scene.retraction.elapsed
-        shared = f"retraction.ramp_s = {ramp:g} and retraction.elapsed_s = {end:g}"
+        for name in ("hold", "rest"):
+            long_enough = name not in own or getattr(self, name) >= scene.retraction.moment
+            self._need(long_enough, path, name, scene.retraction.not_shorter)
         if self.kind == "intermittent":
-            cycle = ramp + self.hold + self.rest
-            n = math.ceil(min(max((end * (1 - 1e-12) - ramp - self.hold) / cycle, 0), MOST))  # holds before the last
-            wanted = (
-                f"holds of which one, of at most {MOST}, is under way at the end, for rest_s = {self.rest:g}, {shared}"
-            )
-            exact = (end - n * ramp - (n - 1) * self.rest) / max(n, 1)
-            wanted += f"; such as {exact:.6g}" if n < MOST else ""
-            self._need(n < MOST and n * cycle + ramp < end, path, "hold", wanted)
+            self._check_intermittent(path, scene.retraction)
         if self.kind == "staged":
-            in_time = ramp + (self.stages - 1) * self.rest < end
-            self._need(in_time, path, "rest", f"short enough for stages = {self.stages} with {shared}")
+            self._check_staged(path, scene.retraction)
         if self.kind == "program":
-            rising = self.times[0] == 0 and all(a < b for a, b in pairwise(self.times))
-            wanted = f"times that start at 0, increase, and end at retraction.elapsed_s = {end:g}"
-            self._need(rising and math.isclose(self.times[-1], end), path, "times", wanted)
-            wanted = f"{len(self.times)} values, as many as t_s; the first 0, or less (clear of tissue), some greater"
-            fits = len(self.opening) == len(self.times) and self.opening[0] <= 0 < max(self.opening)
-            self._need(fits, path, "opening", wanted)
+            self._check_program(path, scene.retraction, scene.cleft.wall())
+
+    def _check_intermittent(self, path: str, shared: Retraction) -> None:
+        ramp, end = shared.ramp, shared.elapsed
+        cycle = ramp + self.hold + self.rest
+        before = math.ceil(min(max((end * (1 - 1e-12) - ramp - self.hold) / cycle, 0), MOST))  # holds before the last
+        wanted = f"holds of which one, not the first and of at most {MOST}, is under way at the end"
+        wanted += f", for rest_s = {self.rest:g}, {shared.in_words}"
+        many = max(before, 2)
+        exact = (end - many * ramp - (many - 1) * self.rest) / many
+        wanted += f"; such as {math.ceil(1e3 * exact - 1e-6) / 1e3:.10g}" if before < MOST and exact > 1 else ""
+        self._need(0 < before < MOST and before * cycle + ramp < end, path, "hold", wanted)
+        least = ramp * (1 + 2 * CLEAR / shared.opening)
+        wanted = f"more than {least:g}, for the way back and forth"
+        wanted += f" at retraction.opening_mm = {shared.shown('opening'):g} in retraction.ramp_s = {ramp:g}"
+        self._need(self.rest > least, path, "rest", wanted)
+
+    def _check_staged(self, path: str, shared: Retraction) -> None:
+        in_time = shared.ramp + (self.stages - 1) * self.rest < shared.elapsed
+        self._need(in_time, path, "rest", f"short enough for stages = {self.stages} with {shared.in_words}")
+        most = math.floor(shared.ramp / shared.moment)
+        self._need(self.stages <= most, path, "stages", f"at most {most}, for {shared.in_words}")
+
+    def _check_program(self, path: str, shared: Retraction, wall: float) -> None:
+        rising = self.times[0] == 0 and all(b - a >= shared.moment for a, b in pairwise(self.times))
+        wanted = f"times that start at 0, increase by {shared.moment:g} or more"
+        wanted += f", and end at retraction.elapsed_s = {shared.elapsed:g}"
+        self._need(rising and math.isclose(self.times[-1], shared.elapsed), path, "times", wanted)
+        wanted = f"{len(self.times)} values, as many as t_s; the first 0, or less (clear of tissue), some greater"
+        wanted += f", none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        fits = len(self.opening) == len(self.times) and self.opening[0] <= 0 < max(self.opening)
+        self._need(fits and max(map(abs, self.opening)) <= wall, path, "opening", wanted)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Steps(Section):
     """Longest time step (s) while the blade pushes and while it rests."""
 
-    contact: float = _number("contact_s", 1.0)
-    longest: float = _number("longest_s", 60.0)
+    contact: float = number("contact_s", 1.0)
+    longest: float = number("longest_s", 60.0)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        for name in ("contact", "longest"):
+            self._need(getattr(self, name) >= scene.retraction.moment, path, name, scene.retraction.not_shorter)
 
 
 def _protocols() -> tuple[Protocol, ...]:
@@ -387,44 +324,42 @@ class Scene(Section):
     (0.01, 10.0, ['continuous', 'intermittent', 'staged'])
     """
 
-    title: str = _text("title", "", "one line of text", lambda raw: True)
-    body: Body = _table(Body, Body)
-    tissues: tuple[Tissue, ...] = _table(Tissue, size=0)
-    support: Support = _table(Support, Support)
-    cleft: Cleft = _table(Cleft)
-    blade: Blade = _table(Blade, Blade)
-    retraction: Retraction = _table(Retraction, Retraction)
-    protocols: tuple[Protocol, ...] = _table(Protocol, _protocols, size=0)
-    steps: Steps = _table(Steps, Steps)
+    title: str = text("title", "", "one line of text", lambda raw: True)
+    body: Body = table(Body, Body)
+    tissues: tuple[Tissue, ...] = table(Tissue, size=0)
+    support: Support = table(Support, Support)
+    cleft: Cleft = table(Cleft)
+    blade: Blade = table(Blade, Blade)
+    retraction: Retraction = table(Retraction, Retraction)
+    protocols: tuple[Protocol, ...] = table(Protocol, _protocols, size=0)
+    steps: Steps = table(Steps, Steps)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, f in _fields(self).items():
-            many, parts = f.metadata["entry"].size == 0, getattr(self, name)
-            for i, part in enumerate(parts if many else [parts] if name != "title" else [], 1):
-                part._check(f"{f.metadata['entry'].key}#{i}" if many else f.metadata["entry"].key, self)
-        for key, name, parts in (("tissue", "region", self.tissues), ("protocol", "name", self.protocols)):
-            names = [getattr(part, name) for part in parts]
-            for i, part in enumerate(parts):
-                part._need(names[i] not in names[:i], f"{key}#{i + 1}", name, "one that is not used before")
+        for name, entry in entries(self).items():
+            one, parts = entry.size == 1, getattr(self, name)
+            for i, part in enumerate([parts] if one else parts, 1) if entry.table else ():
+                part._check(entry.key if one else f"{entry.key}#{i}", self)
+        self._check_unique("tissue", self.tissues, "region", [tissue.region for tissue in self.tissues])
+        self._check_unique("protocol", self.protocols, "name", [_as_file(protocol.name) for protocol in self.protocols])
+
+    @staticmethod
+    def _check_unique(key: str, parts: tuple[Section, ...], name: str, values: list[str]) -> None:
+        for i, part in enumerate(parts):
+            part._need(values[i] not in values[:i], f"{key}#{i + 1}", name, "one that is not used before")
 
     @classmethod
     def from_dict(cls, data: Any, file: str | Path | None = None) -> Scene:
         """From TOML's keys and units; `file` is for messages."""
         try:
-            return _read(cls, data, "")
+            return cls.read(data)
         except InputError as error:
             raise InputError(error.field, error.value, error.wanted, file) from None
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Scene:
         """From a file."""
-        try:
-            data = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-        except (OSError, ValueError, RecursionError) as error:
-            why = " ".join(str(error).split())
-            raise InputError("file", f"unreadable ({why})", "a scene in TOML", path) from None
-        return cls.from_dict(data, path)
+        return cls.from_dict(read_toml(path), path)
 
     @classmethod
     def shipped(cls, name: str) -> Scene:
@@ -432,15 +367,15 @@ class Scene(Section):
         files = {Path(file.name).stem: file for file in resources.files("ngbrain.scenes").iterdir()}
         known = [stem for stem, file in files.items() if file.name.endswith(".toml")]
         if name not in known:
-            raise InputError("scene", _brief(name), nearest(str(name), known))
+            raise InputError("scene", brief(name), nearest(str(name), known))
         with resources.as_file(files[name]) as path:
             return cls.from_toml(path)
 
     def to_toml(self) -> str:
         """As the text of a file; reading it gives the same scene back."""
-        lines = []
-        for key, value in ({"": {"title": self.title}} | self.to_dict()).items():
-            for table in [] if key == "title" else value if isinstance(value, list) else [value]:
-                lines += ["", f"[[{key}]]" if isinstance(value, list) else f"[{key}]"] if key else []
-                lines += [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in table.items()]
-        return "\n".join(lines) + "\n"
+        return to_toml(self.to_dict())
+
+
+def _as_file(name: str) -> str:
+    """The same for names that some file systems take for one: capitals or not, the spelling of accents."""
+    return unicodedata.normalize("NFKC", name).casefold()

@@ -14,10 +14,12 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from ngbrain import fields
 from ngbrain import scene as room
 from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import Blade, Cleft, Protocol, Scene, Tissue
+from ngbrain.surgery import observe, protocols
 
 NAMES = ["demo", "demo_fast"]
 SMALLEST = {"tissue": [{"region": ".*", "mu_Pa": 500}], "cleft": {"target_mm": [17, 5.9, 26.2]}}
@@ -106,7 +108,7 @@ def test_shipped_scenes_spell_out_every_section_and_key_that_has_a_default(name)
 
 def test_the_smallest_scene_falls_back_on_the_defaults():
     scene = Scene.from_dict(SMALLEST)
-    assert scene.blade == Blade(width=0.010, edge_radius=0.001, tip=0.004, thickness=0.002)
+    assert scene.blade == Blade(width=0.010, edge_radius=0.002, tip=0.004, thickness=0.004)
     assert scene.retraction == room.Retraction(opening=0.005, ramp=10.0, elapsed=900.0)
     assert scene.protocols == (
         Protocol(kind="continuous"),
@@ -114,6 +116,8 @@ def test_the_smallest_scene_falls_back_on_the_defaults():
         Protocol(kind="staged", stages=5, rest=30.0),
     )
     assert scene.tissues[0].bulk_ratio == 1000.0 and scene.support.fixed == "skull" and scene.body.order == 2
+    demo = Scene.shipped("demo")
+    assert (scene.body, scene.blade, scene.cleft, scene.steps) == (demo.body, demo.blade, demo.cleft, demo.steps)
     single = SMALLEST | {"tissue": SMALLEST["tissue"][0]}
     assert Scene.from_dict(single) == scene  # [tissue] for [[tissue]]
 
@@ -239,12 +243,17 @@ BAD = [
     ("body.order", 2.0, r"body\.order is 2\.0; wanted: a whole number"),
     ("body.order", True, r"body\.order is True"),
     ("body.site_mm", 12.0, r"body\.near_mm is .*; wanted: at least 12, body\.site_mm"),
+    ("body.site_mm", 0.003, r"body\.site_mm is 0\.003; wanted: a length in mm of at least 0\.2"),
+    ("body.far_mm", 1.0, r"body\.far_mm is 1\.0; wanted: .*at least 2"),
     ("body.near_mm", 30.0, r"body\.far_mm is .*; wanted: at least 30, body\.near_mm"),
     ("tissue", [], r"tissue is \[\]; wanted: one or more tables \[\[tissue\]\]"),
     ("tissue", 3, r"tissue#1 is 3; wanted: a table"),
     ("tissue", DELETED, r"tissue is missing; .*\[\[tissue\]\]"),
     ("tissue.0.region", DELETED, r"tissue#1\.region is missing"),
     ("tissue.0.region", "(", r"tissue#1\.region is '\('; wanted: a name or a regular expression"),
+    ("tissue.0.region", "(?i)cortex", r"tissue#1\.region is '\(\?i\)cortex'; wanted: .*ECMAScript"),
+    ("tissue.0.region", "c{,9}ortex", r"tissue#1\.region is 'c\{,9\}ortex'; wanted: .*ECMAScript"),
+    ("tissue.0.region", "cortex" + "|a" * 100, r"tissue#1\.region is 'cortex.*; wanted: .*up to 200 characters"),
     ("tissue.0.region", " ", r"tissue#1\.region is ' '"),
     ("tissue.1.region", "cortex", r"tissue#2\.region is 'cortex'; .*not used before"),
     ("tissue.0.constants", "griffiths2024:cortx", r"tissue#1\.constants is .*; wanted: .*griffiths2024:cortex"),
@@ -255,6 +264,8 @@ BAD = [
     ("tissue.2.mu_Pa", [], r"tissue#3\.mu_Pa is \[\]"),
     ("tissue.2", {"region": "v", "alpha": [1.0]}, r"tissue#3\.mu_Pa is missing"),
     ("tissue.2", {"region": "v", "mu_Pa": 1.0, "alpha": 0.0}, r"tissue#3\.alpha is \[0\.0\]; .*none of them 0"),
+    ("tissue.2", {"region": "v", "mu_Pa": 1.0, "alpha": 1e300}, r"#3\.alpha is \[1e\+300\]; wanted: .* 0\.001 to 1000"),
+    ("tissue.2", {"region": "v", "mu_Pa": 1.0, "alpha": 1e-9}, r"#3\.alpha is \[1e-09\]; wanted: .* 0\.001 to 1000"),
     ("tissue.2", {"region": "v", "mu_Pa": [1.0, 1.0], "alpha": [1.0, 1.0]}, r"tissue#3\.eta_Pa_s is missing; .*1"),
     ("tissue.2", {"region": "v", "mu_Pa": 1.0, "eta_Pa_s": [1.0]}, r"tissue#3\.eta_Pa_s is \[1\.0\]; .*fewer"),
     ("tissue.2", {"region": "v", "mu_Pa": 1e300, "bulk_ratio": 1e300}, r"tissue#3\.bulk_ratio is 1e\+300; .*mu_Pa"),
@@ -265,6 +276,16 @@ BAD = [
     ("cleft.target_mm", [1.0, 2.0], r"cleft\.target_mm is \[1\.0, 2\.0\]; .*3 places"),
     ("cleft.target_mm", [1.0, math.nan, 2.0], r"cleft\.target_mm is \[1\.0, nan, 2\.0\]"),
     ("cleft.target_mm", 3.0, r"cleft\.target_mm is 3\.0"),
+    ("cleft.target_mm", [0, 0, 99], r"cleft\.target_mm is .*99.*; wanted: a point inside the brain"),
+    ("cleft.target_mm", [0, 0, 1e290], r"cleft\.target_mm is .*; wanted: a point inside the brain"),
+    ("cleft.target_mm", [14, 0, 6], r"cleft\.target_mm is .*; wanted: .*not in a ventricle"),
+    ("cleft.target_mm", [0, 0, 0], r"cleft\.approach is missing; wanted: a direction: .*cleft\.target_mm = \[0, 0, 0\]"),
+    ("cleft.target_mm", [60, 0, 0], r"blade\.tip_mm is 4\.0; wanted: 5 or more below 5\.98.*cleft\.target_mm"),
+    ("cleft.opening_mm", 1e-9, r"cleft\.opening_mm is 1e-09; wanted: .*at least 0\.1"),
+    ("cleft.craniotomy_mm", 13.0, r"cleft\.craniotomy_mm is 13\.0; wanted: at least 2 more than 12\.65"),
+    ("cleft.craniotomy_mm", 81.0, r"cleft\.craniotomy_mm is 81\.0; wanted: at most 80"),
+    ("cleft.approach", [1e200, 0, 0], r"cleft\.approach is \[1e\+200, 0\.0, 0\.0\]; wanted: a direction: .*beyond 1000"),
+    ("cleft.across", [0, 1e-200, 0], r"cleft\.across is \[0\.0, 1e-200, 0\.0\]; wanted: a direction: not all 0"),
     ("cleft.craniotomy_mm", 12.0, r"cleft\.craniotomy_mm is 12\.0; .*12\.65.*cleft\.width_mm.*cleft\.opening_mm"),
     ("cleft.approach", [0, 0, 0], r"cleft\.approach is \[0\.0, 0\.0, 0\.0\]; wanted: a direction"),
     ("cleft.width_mm", -12.0, r"cleft\.width_mm is -12\.0; wanted: a length in mm greater than 0"),
@@ -278,27 +299,41 @@ BAD = [
     ("cleft.width_mm", 9.0, r"blade\.width_mm is 10\.0; wanted: at most 9, cleft\.width_mm: .*wider than the cleft"),
     ("blade", 3, r"blade is 3; wanted: a table"),
     ("blade.width_mm", 1.5, r"blade\.width_mm is 1\.5; .*blade\.edge_radius_mm"),
+    ("blade.width_mm", 3.0, r"blade\.width_mm is 3\.0; wanted: at least 4, and twice blade\.edge_radius_mm = 1"),
+    ("blade.tip_mm", 25.1, r"blade\.tip_mm is 25\.1; wanted: 5 or more below 29\.95, the height of the wall"),
     ("blade.edge_radius_mm", 0.5, r"blade\.edge_radius_mm is 0\.5; wanted: .*at least 1"),
     ("blade.tip_mm", 0.0, r"blade\.tip_mm is 0\.0; wanted: .*greater than 0"),
     ("blade.thickness_mm", 5.0, r"blade\.thickness_mm is 5\.0; wanted: at most 4, cleft\.opening_mm"),
     ("retraction.ramp_s", -1.0, r"retraction\.ramp_s is -1\.0; wanted: a time in s greater than 0"),
     ("retraction.ramp_s", 900.0, r"retraction\.elapsed_s is 900\.0; wanted: more than 900, retraction\.ramp_s"),
     ("retraction.elapsed_s", 950.0, r"#2\.hold_s .*rest_s = 90, .*ramp_s = 10 .*elapsed_s = 950; such as 246\.667"),
+    ("retraction.opening_mm", 500.0, r"retraction\.opening_mm is 500\.0; wanted: at most 29\.95, the height of the wall"),
+    ("retraction.opening_mm", 1e-9, r"retraction\.opening_mm is 1e-09; wanted: .*at least 0\.01"),
+    ("retraction.ramp_s", 1e-3, r"retraction\.ramp_s is 0\.001; wanted: at least 0\.009, retraction\.elapsed_s / 100000"),
+    ("retraction.ramp_s", 80.0, r"protocol#2\.rest_s is 90\.0; wanted: more than 112, .*opening_mm = 5 .*ramp_s = 80"),
     ("protocol", [], r"protocol is \[\]; wanted: one or more tables \[\[protocol\]\]"),
     ("protocol.0", 3, r"protocol#1 is 3; wanted: a table"),
     ("protocol.0.kind", DELETED, r"protocol#1\.kind is missing; .*continuous, intermittent, staged, program"),
     ("protocol.0.kind", "continous", r"protocol#1\.kind is 'continous'; wanted: one of continuous"),
     ("protocol.0.kind", ["continuous"], r"protocol#1\.kind is \['continuous'\]"),
     ("protocol.0.name", "staged", r"protocol#3\.name is 'staged'; .*not used before"),
+    ("protocol.0.name", "Staged", r"protocol#3\.name is 'staged'; .*not used before"),
+    ("protocol.0.name", "x" * 51, r"protocol#1\.name is 'xxx.*; wanted: up to 50 letters"),
+    ("protocol.0.name", "..", r"protocol#1\.name is '\.\.'"),
     ("protocol.0.name", "", r"protocol#1\.name is ''"),
     ("protocol.0.name", "../x", r"protocol#1\.name is '\.\./x'"),
     ("protocol.0.hold_s", 3.0, r"#1\.hold_s is 3\.0; wanted: this key left out: kind 'continuous' has kind, name"),
     ("protocol.1.rest_s", DELETED, r"#2\.rest_s is missing; wanted: a value: .* has kind, name, hold_s, rest_s"),
+    ("protocol.1.hold_s", 900.0, r"#2\.hold_s is 900\.0; wanted: holds of which one, not the first.*; such as 395$"),
+    ("protocol.1", {"kind": "intermittent", "hold_s": 440, "rest_s": 14}, r"#2\.rest_s is 14\.0; wanted: more than 14, "),
     ("protocol.1.hold_s", 1e-9, r"protocol#2\.hold_s is 1e-09"),
     ("protocol.1", {"kind": "intermittent", "hold_s": 1e-9, "rest_s": 1e-9}, r"protocol#2\.hold_s"),
     ("protocol.2.stages", 1, r"protocol#3\.stages is 1; wanted: a whole number from 2"),
+    ("protocol.2.rest_s", 1e-300, r"protocol#3\.rest_s is 1e-300; wanted: at least 0\.009, retraction\.elapsed_s / 100000"),
     ("protocol.2.rest_s", 300.0, r"protocol#3\.rest_s is 300\.0; .*stages = 5 .*retraction\.elapsed_s = 900"),
     ("steps.contact_s", 0, r"steps\.contact_s is 0"),
+    ("steps.contact_s", 1e-3, r"steps\.contact_s is 0\.001; wanted: at least 0\.009, retraction\.elapsed_s / 100000"),
+    ("steps.longest_s", 1e-300, r"steps\.longest_s is 1e-300; wanted: at least 0\.009"),
     ("steps.contact_s", datetime.date(2024, 1, 1), r"steps\.contact_s is "),
     ("title", "two\nlines", r"title is 'two\\nlines'; wanted: one line of text"),
 ]  # fmt: skip
@@ -321,6 +356,9 @@ def test_bad_input_is_one_line_that_says_where_what_and_what_is_wanted(demo, pat
         ({"opening_mm": [0, 5]}, r"opening_mm is \[0\.0, 5\.0\]; wanted: 3 values"),
         ({"opening_mm": [1, 5, 5]}, r"opening_mm is .*the first 0"),
         ({"opening_mm": [0, 0, -1]}, r"opening_mm is .*some greater"),
+        ({"t_s": [0, 1e-30, 900]}, r"t_s is .*increase by 0\.009 or more"),
+        ({"opening_mm": [0, 5e6, 5]}, r"opening_mm is .*none beyond 29\.95, the height of the wall"),
+        ({"opening_mm": [-1e290, 5, 5]}, r"opening_mm is .*none beyond"),
         ({"stages": 3}, r"stages is 3; .*left out"),
     ],
 )
@@ -343,6 +381,7 @@ def test_a_scene_that_is_no_table(data):
         (b"\x89PNG\r\n\x1a\n\x00\xff", r"file is unreadable \(.*utf-8"),
         (b"a = " + b"[" * 20000, r"file is unreadable"),
         (b"order = " + b"9" * 5000, r"file is unreadable"),
+        (b"#" * 1_000_001, r"file is unreadable \(more than a megabyte\); wanted: a scene in TOML"),
         (b"", r"tissue is missing"),
         (text_of("demo").partition("5.9,")[0].encode(), r"file is unreadable \(.*end of document"),
         (None, r"file is unreadable \(.*No such file"),
@@ -365,24 +404,53 @@ def test_a_folder_is_no_scene_and_a_byte_order_mark_does_no_harm(tmp_path):
     assert Scene.from_toml(str(tmp_path / "case.toml")) == Scene.shipped("demo")
 
 
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("Slow", "slow"), ("straße", "STRASSE"), ("\N{ANGSTROM SIGN}", "å"), ("x", "\N{FULLWIDTH LATIN SMALL LETTER X}")],
+)
+def test_names_that_some_file_systems_take_for_one_are_refused(demo, one, other):
+    data = put(put(demo, "protocol.0.name", one), "protocol.1.name", other)
+    assert str(refusal(data)) == f"protocol#2.name is {other!r}; wanted: one that is not used before"
+
+
+def test_too_many_stages_for_the_time(demo):
+    data = put(put(demo, "retraction.ramp_s", 1.0), "protocol.2", {"kind": "staged", "stages": 200, "rest_s": 1.0})
+    assert str(refusal(put(data, "protocol.1", {"kind": "continuous", "name": "x"}))).startswith(
+        "protocol#3.stages is 200; wanted: at most 111, for retraction.ramp_s = 1 and retraction.elapsed_s = 900"
+    )
+
+
+def test_a_wall_that_would_begin_outside_the_brain(demo):
+    demo["cleft"] |= {"target_mm": [0, 0, 58], "approach": [1, 0, 0], "across": [0, 0, 1]}
+    assert re.match(r"cleft\.opening_mm is 4\.0; wanted: so small that the walls begin in tissue", str(refusal(demo)))
+
+
+def test_what_blades_and_protocols_count_on_is_what_a_scene_checks():
+    assert room.CLEAR == protocols.CLEAR and room.FACED == observe.TIP_HEIGHT
+    assert room.NARROWEST / 2 > observe.PATCH_MARGIN
+
+
 @pytest.mark.parametrize(("name", "hint"), [("demofast", "'demo_fast'"), ("__init__", "demo, demo_fast"), (3, "demo")])
 def test_an_unknown_shipped_scene_names_the_nearest(name, hint):
     with pytest.raises(InputError, match=f"^scene is {name!r}; wanted: .*{hint}"):
         Scene.shipped(name)
 
 
-def test_intermittent_is_taken_if_and_only_if_the_end_falls_in_a_hold(demo):
-    """Against a walk through the cycles, for ends a step apart and exactly on the changes."""
+def test_intermittent_is_taken_if_and_only_if_the_end_falls_in_a_hold_that_is_not_the_first(demo):
+    """Against a walk through the cycles, for ends a step apart and exactly on the changes; what is advised is taken."""
     ramp, hold, rest = 10.0, 25.0, 40.0
     for end in [10.5 + k for k in range(230)] + [35.0, 110.0, 185.0, 75.0, 85.0, 160.0]:
-        fine = any(c + ramp < end <= c + ramp + hold for c in (75.0 * k for k in range(5)))
+        fine = any(c + ramp < end <= c + ramp + hold for c in (75.0 * k for k in range(1, 5)))
         data = put(demo, "retraction", {"ramp_s": ramp, "elapsed_s": end})
         data["protocol"] = [{"kind": "intermittent", "hold_s": hold, "rest_s": rest}]
         if fine:
             Scene.from_dict(data)
         else:
-            exact = float(re.search(r"such as (\S+)$", str(refusal(data)))[1])
-            Scene.from_dict(put(data, "protocol.0.hold_s", exact * (1 + 1e-5)))
+            line = str(refusal(data))
+            advice = re.search(r"such as (\S+)$", line)
+            assert line.startswith("protocol#1.hold_s is 25.0") and (advice or end <= 2 * (ramp + 1) + rest), line
+            if advice:
+                Scene.from_dict(put(data, "protocol.0.hold_s", float(advice[1])))
 
 
 def test_more_holds_than_anyone_could_compute_are_refused(demo):
@@ -472,7 +540,7 @@ def test_every_field_of_every_part_says_how_it_stands_in_toml():
     parts = [value for value in vars(room).values() if isinstance(value, type) and issubclass(value, room.Section)]
     entries = [f.metadata["entry"] for part in parts if part is not room.Section for f in dataclasses.fields(part)]
     assert len(entries) > 40 and all(entry.wanted and entry.key for entry in entries)
-    for entry, (unit, (per_si, _)) in itertools.product(entries, room.UNITS.items()):
+    for entry, (unit, (per_si, _)) in itertools.product(entries, fields.UNITS.items()):
         if entry.key.endswith(f"_{unit}") and not (unit == "s" and entry.key.endswith("_Pa_s")):
             assert entry.per_si == per_si
 

@@ -160,6 +160,24 @@ class Body:
         """Nodal forces (N) of the contact energies at the current state."""
         return self._apply(self.contact_form, self.state.copy())[self.is_u]
 
+    def settle(self) -> bool:
+        """True if every contact's offset is what it should be; else they have moved (`Contact.settle`)."""
+        return all([contact.settle(self.u) for contact in self.contacts])
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Offset (m) of every contact."""
+        return np.array([contact.offset.Get() for contact in self.contacts])
+
+    @offsets.setter
+    def offsets(self, values: np.ndarray) -> None:
+        for contact, value in zip(self.contacts, values, strict=True):
+            contact.offset.Set(float(value))
+
+    def contact_energy(self) -> float:
+        """Energy (J) stored in the contact penalties at the current state."""
+        return float(self.contact_form.Energy(self.gfu.vec))
+
     def _set(self, x: np.ndarray) -> None:
         self.gfu.vec.FV().NumPy()[:] = x
 

@@ -14,7 +14,7 @@ REST = 1e30
 
 
 class History:
-    """H_k, S̄_k per branch and what a time step's energy needs of them: β_k and G = Σ (e_k H_k - β_k S̄_k); C̄ before it.
+    """H_k, S̄_k per branch, C̄, and what a time step's energy needs of them: β_k and G = Σ (e_k H_k - β_k S̄_k); C̄ before it.
 
     mesh       NGSolve mesh
     laws       region pattern → `Viscous`
@@ -28,7 +28,7 @@ class History:
         tensors = ngs.MatrixValued(self.space, 3)
         self.pull = ngs.GridFunction(tensors)
         self.shape = ngs.GridFunction(tensors)
-        self.shape.vec.FV().NumPy()[:] = np.outer(np.eye(3).ravel(), np.ones(self.space.ndof)).ravel()
+        self.strain = np.outer(np.eye(3).ravel(), np.ones(self.space.ndof))
         self.per_dt = ngs.Parameter(0.0)
         self._new = ngs.GridFunction(tensors)
         self.n_branches = max((len(law.branches) for law in laws.values()), default=0)
@@ -59,7 +59,7 @@ class History:
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=zero))
 
     def begin(self, dt: float) -> None:
-        """Set β_k and the pull G of a step of `dt` seconds."""
+        """Set β_k, the pull G and the C̄ before a step of `dt` seconds."""
         self.dt = dt
         self.per_dt.Set(1 / dt)
         pull = np.zeros((9, self.space.ndof))
@@ -68,13 +68,20 @@ class History:
             self.shares[k].vec.FV().NumPy()[:] = beta
             pull += e * self.overstress[k] - beta * self.stress[k]
         self.pull.vec.FV().NumPy()[:] = pull.ravel()
+        self.shape.vec.FV().NumPy()[:] = self.strain.ravel()
 
     def finish(self) -> None:
-        """Move the history to the end of the step begun, at the state that now stands."""
-        self.shape.Interpolate(self._shape_cf)
+        """Move the history to the end of the step begun, at the state that now stands.
+
+        What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
+        """
+        self.strain = self._at_points(self._shape_cf)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self.tau[k])
-            self._new.Interpolate(self._stress_cf[k])
-            new = self._new.vec.FV().NumPy().reshape(9, -1)
+            new = self._at_points(self._stress_cf[k])
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
+
+    def _at_points(self, field: CoefficientFunction) -> np.ndarray:
+        self._new.Interpolate(field)
+        return self._new.vec.FV().NumPy().reshape(9, -1).copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
@@ -60,12 +61,18 @@ class Ogden(Addable):
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
-        logs = [ngs.log(value) / 2 for value in principal_values(C)]
+        logs = _principal_logs(C)
         terms = [
             2 * m / a**2 * (ngs.exp(a * logs[0]) + ngs.exp(a * logs[1]) + ngs.exp(a * logs[2]) - 3)
             for m, a in zip(_terms(self.mu), _terms(self.alpha), strict=True)
         ]
         return sum(terms[1:], terms[0])
+
+
+@lru_cache(maxsize=1)
+def _principal_logs(C: CoefficientFunction) -> list[CoefficientFunction]:
+    # Laws of one C share one expression, which a compiled energy then evaluates once instead of once for each law.
+    return [ngs.log(value) / 2 for value in principal_values(C)]
 
 
 def _terms(value: Value | Sequence[Value]) -> list[Value]:

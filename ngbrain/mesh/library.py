@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
+import netgen.meshing as meshing
 import ngsolve as ngs
 
 from ngbrain.errors import InputError, nearest
@@ -22,4 +23,7 @@ def load(name: str) -> ngs.Mesh:
     if name not in known:
         raise InputError("mesh", repr(name), nearest(name, known))
     with resources.as_file(folder / f"{name}.vol.gz") as path:
-        return ngs.Mesh(str(path)).Curve(2)
+        mesh = meshing.Mesh()
+        mesh.Load(str(path))
+    mesh.UpdateTopology()  # without it the middle nodes of edges count as vertices
+    return ngs.Mesh(mesh)

@@ -92,8 +92,8 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     """Name → value; what each should be is in the report. Worst over the protocols."""
     energy, volume, off_force, off_gap, recontact = [], [], [], [], []
     for run in runs.values():
-        work, size = run.column("blade_work")[-1] - run.column("tissue_work")[-1], run.column("tissue_work_size")[-1]
-        energy.append(abs(work) / size)
+        gone = run.column("blade_work") - run.column("contact_energy") - run.column("tissue_work")
+        energy.append(abs(gone[-1]) / run.column("tissue_work_size")[-1])
         parts = np.array(list(run.peak.volume.values()))
         volume.append(abs(parts.sum()) / np.abs(parts).max())
         away = run.column("gap") > 0

@@ -23,6 +23,8 @@ PENALTY = 500.0
 """Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 2 % of the opening deep."""
 SOFTNESS = 0.004
 """Penetration up to which the contact pressure sets in softly, in openings."""
+MADE_UP = 0.95
+"""Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
 STABILISING_TIME = 0.3
 """Viscosity over initial shear modulus (s): small beside a ramp of ten seconds; what it adds is not measured yet."""
 TISSUE = "^(?!ventricle).*"
@@ -79,7 +81,7 @@ class Model:
         scene, drive = self.scene, Drive(protocol)
         opening = scene.retraction.opening
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
-        contact = Contact(WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening)
+        contact = Contact(WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening, MADE_UP)
         body = Body(self.mesh, materials or self.materials(), scene.support.fixed, [contact], order or scene.body.order)
         control = control or StepControl(scene.steps.contact, dt_max=scene.steps.longest)
         return Transient(body, drive, control, penetration_limit=scene.body.site / 2)

@@ -35,6 +35,7 @@ class Row:
     min_det_F: float  # noqa: N815
     balance: float
     blade_work: float
+    contact_energy: float
     tissue_work: float
     tissue_work_size: float
 
@@ -45,8 +46,9 @@ class Observer:
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
     the same over its last 5 mm. Force is what the blade feels along the push. The net reaction is the tissue's own
     nodal force on the wall along the push, from the equilibrium residual without the contact term; `balance` is
-    |blade + supports| / |blade| (0 without a force). Blade work is ∫ force d(advance), tissue work ∫∫ P:Ḟ; its size
-    Σ |∫ P:ΔF| over steps is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
+    |blade + supports| / |blade| (0 without a force). Blade work is ∫ force d(advance) + ∫ (sum of contact pressures)
+    d(offset); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that,
+    Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
     """
 
     def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
@@ -68,6 +70,7 @@ class Observer:
                 tip * pressure,
                 tip * area,
                 patch * ngs.InnerProduct(u, push),
+                pressure,
             )
         ).Compile()
         displacement = body.fes.components[0]
@@ -76,19 +79,19 @@ class Observer:
         self._on_fixed = _mask(displacement, fixed)
         self._forces = np.zeros(displacement.ndof)
         self._u = np.zeros(displacement.ndof)
-        self._advance, self._force = 0.0, 0.0
+        self._advance = self._force = self._offset = self._squeeze = 0.0
         self.blade_work = self.tissue_work = self.tissue_work_size = 0.0
 
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
         """The body as it stands at time t with the blade at `advance` (m)."""
         values = ngs.Integrate(self._integrals, self.body.mesh, definedon=self._wall, order=SURFACE_ORDER)
-        area, patch_force, patch_area, tip_force, tip_area, opening = values
+        area, patch_force, patch_area, tip_force, tip_area, opening, squeeze = values
         tissue = self.body.tissue_forces()
         contact = self.body.contact_forces()
         reaction = float(self._push[self._on_wall] @ tissue[self._on_wall])
         force = max(0.0, -float(self._push @ contact))
         supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
-        self._add_work(tissue, force, advance)
+        self._add_work(tissue, force, advance, squeeze)
         return Row(
             t,
             advance,
@@ -102,13 +105,14 @@ class Observer:
             min_det,
             abs(supports + force) / force if force else 0.0,
             self.blade_work,
+            self.body.contact_energy(),
             self.tissue_work,
             self.tissue_work_size,
         )
 
     def checkpoint(self) -> dict[str, object]:
         """The running work and the state it is measured from."""
-        names = ("_u", "_forces", "_advance", "_force", "blade_work", "tissue_work", "tissue_work_size")
+        names = ("_u", "_forces", "_advance", "_force", "_offset", "_squeeze", "blade_work", "tissue_work", "tissue_work_size")
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:
@@ -116,13 +120,16 @@ class Observer:
         for name, value in saved.items():
             setattr(self, name if hasattr(self, name) else f"_{name}", value)
 
-    def _add_work(self, tissue: np.ndarray, force: float, advance: float) -> None:
+    def _add_work(self, tissue: np.ndarray, force: float, advance: float, squeeze: float) -> None:
         u = np.array(self.body.u.vec.FV().NumPy())
         step = float((tissue + self._forces) @ (u - self._u)) / 2
         self.tissue_work += step
         self.tissue_work_size += abs(step)
+        offset = self.contact.offset.Get()
         self.blade_work += (force + self._force) / 2 * (advance - self._advance)
+        self.blade_work += (squeeze + self._squeeze) / 2 * (offset - self._offset)
         self._u, self._forces, self._advance, self._force = u, tissue, advance, force
+        self._offset, self._squeeze = offset, squeeze
 
 
 def _nodal(space: ngs.FESpace, field: ngs.CoefficientFunction) -> np.ndarray:

@@ -39,10 +39,11 @@ def test_volumes_are_those_of_ellipsoids_less_the_slot(opened):
     cleft, mesh = opened
     ellipsoid = 4 / 3 * np.pi * np.prod(SEMI_AXES)
     slot = cleft.opening * cleft.width * cleft.depth
-    assert volume(mesh, ".*") == pytest.approx(ellipsoid - slot, rel=3e-3)
+    assert volume(mesh, ".*") == pytest.approx(ellipsoid - slot, rel=2e-3)
     for side in ("left", "right"):
         ventricle = 4 / 3 * np.pi * np.prod(VENTRICLE_SEMI_AXES)
-        assert volume(mesh, f"ventricle_{side}") == pytest.approx(ventricle, rel=2e-2)
+        # Some 80 elements each: their wall is pulled in where they would fold.
+        assert volume(mesh, f"ventricle_{side}") == pytest.approx(ventricle, rel=3e-2)
 
 
 def test_the_cleft_has_exact_planes_and_the_depth_asked_for(opened):
@@ -61,11 +62,22 @@ def test_the_craniotomy_is_a_disc_of_40_mm(opened):
     assert 1.0 < area(mesh, "craniotomy") / (np.pi * 20e-3**2 - 48e-6) < 1.06
 
 
-def test_no_element_is_inverted_and_the_surface_is_curved(opened):
+def test_no_element_is_inverted_at_its_corners(opened):
     _, mesh = opened
-    points = mesh.MapToAllElements(ngs.IntegrationRule(ngs.TET, 6), ngs.VOL)
-    assert np.min(ngs.Det(ngs.specialcf.JacobianMatrix(3))(points)) > 0
-    assert mesh.GetCurveOrder() == 2
+    points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5, 0, 0), (0, 0.5, 0), (0, 0, 0.5)]
+    points += [(0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)]
+    at = mesh.MapToAllElements(ngs.IntegrationRule(points, [0.0] * len(points)), ngs.VOL)
+    values = np.array(ngs.Det(ngs.specialcf.JacobianMatrix(3))(at)).reshape(mesh.ne, -1)
+    assert np.min(values.min(axis=1) / values.max(axis=1)) > 0.05
+
+
+def test_the_surface_is_curved(opened):
+    # The root mean square distance to the ellipsoid; that of straight elements is 1 mm.
+    _, mesh = opened
+    level = sum((c / a) ** 2 for c, a in zip((ngs.x, ngs.y, ngs.z), SEMI_AXES, strict=True)) - 1
+    surface = mesh.Boundaries("skull|craniotomy")
+    distance = np.sqrt(ngs.Integrate(level**2, mesh, definedon=surface) / area(mesh, "skull|craniotomy")) * 0.07 / 2
+    assert distance < 1e-4
 
 
 def test_the_same_shape_gives_the_same_bits(opened):
@@ -99,16 +111,19 @@ def test_targets_outside_the_tissue_are_refused(target, message):
         cleft_to(np.array(target))
 
 
-def test_sizes_that_invert_elements_are_refused():
-    with pytest.raises(InputError, match="smaller elements"):
-        idealised_head(cleft_to(TARGET), sizes=Sizes(4e-3, 12e-3, 40e-3, 0.9))
+@pytest.mark.parametrize(
+    ("far", "grading", "why"), [(60e-3, 1.0, "Netgen gives up"), (50e-3, 0.95, r"1\.[0-9] % of the brain is cut off")]
+)
+def test_sizes_that_are_too_large_are_refused(far, grading, why):
+    with pytest.raises(InputError, match=f"mesh sizes.*{why}.*; wanted: smaller elements$"):
+        idealised_head(sizes=Sizes(far=far, grading=grading))
 
 
 def test_shipped_meshes():
     assert volume(load("block"), "tissue") == pytest.approx(0.06 * 0.06 * 0.04)
     head = load("idealised_head")
     assert volume(head, ".*") == pytest.approx(4 / 3 * np.pi * np.prod(SEMI_AXES), rel=2e-3)
-    assert head.GetCurveOrder() == 2
+    assert head.nv == len({v for el in head.Elements() for v in el.vertices})
     with pytest.raises(InputError, match="idealised_head"):
         load("idealized_head")
 

@@ -1,0 +1,82 @@
+"""Tetrahedra with curved edges that follow the shape as far as they can without folding."""
+
+from __future__ import annotations
+
+from itertools import combinations, combinations_with_replacement
+from math import factorial
+
+import netgen.meshing as meshing
+import numpy as np
+
+from ngbrain.errors import InputError
+
+LOWEST = 0.1
+"""The Jacobian determinant anywhere in an element is at least this part of the element's largest."""
+STEP = 1 / 16
+"""Part of an edge's bow that is taken back at a time."""
+
+_EDGES = np.array(list(combinations(range(4), 2)))
+"""Netgen's order of the six middle nodes, by the vertices that they lie between."""
+
+
+def curve(mesh: meshing.Mesh) -> int:
+    """Put a node on the middle of every edge, on the shape that the mesh was made from; the mesh is changed in place.
+
+    Where a coarse element would fold, for instance one with two faces on the same smooth surface, the edge that
+    helps most is pulled back step by step, at worst to a straight line: neighbours still fit, and all other edges keep
+    to the shape. To be called once, before `ngsolve.Mesh(mesh)` and instead of its `Curve`.
+
+    Returns the number of edges pulled back. Raises `InputError` when an element is inside out while still straight.
+    """
+    mesh.SecondOrder()
+    points = mesh.Coordinates()  # the mesh's own memory: writing here moves its nodes
+    nodes = mesh.Elements3D().NumPy()["nodes"] - 1
+    straight = points.copy()
+    straight[nodes[:, 4:]] = points[nodes[:, _EDGES]].mean(axis=2)
+    if not (np.linalg.det(straight[nodes[:, 1:4]] - straight[nodes[:, :1]]) < 0).all():  # Netgen's orientation
+        raise InputError("mesh sizes", "such that Netgen turns an element inside out", "smaller elements")
+    bow, kept = points - straight, np.ones(len(points))
+    kept[np.abs(bow).max(axis=1) < 1e-9 * np.ptp(straight, axis=0).max()] = 0  # straight, but for rounding
+    bowed = kept > 0
+    suspects = nodes[bowed[nodes].any(axis=1)]
+    while len(folded := suspects[_folds(_determinants(points[suspects]))]):
+        trials = np.repeat(points[folded][None], 6, axis=0)
+        for k in range(6):
+            trials[k, :, 4 + k] -= STEP * bow[folded[:, 4 + k]]
+        gain = _determinants(trials.reshape(-1, 10, 3)).min(axis=1).reshape(6, -1).T
+        gain[kept[folded[:, 4:]] == 0] = -np.inf
+        pulled = np.unique(folded[np.arange(len(folded)), 4 + gain.argmax(axis=1)])
+        kept[pulled] -= STEP
+        points[pulled] = straight[pulled] + kept[pulled, None] * bow[pulled]
+        suspects = nodes[np.isin(nodes, pulled).any(axis=1)]
+    return int(np.sum(bowed & (kept < 1)))
+
+
+def _determinants(elements: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients (n, 20) of the Jacobian determinant, a cubic polynomial, of ten-node tetrahedra (n, 10, 3).
+
+    The determinant lies between the least and the largest of them everywhere, so that no fold goes unseen.
+    """
+    jacobians = np.einsum("eni,pnj->epij", elements, _SLOPES)
+    return -np.linalg.det(jacobians) @ _COEFFICIENTS.T
+
+
+def _folds(coefficients: np.ndarray) -> np.ndarray:
+    return ~(coefficients.min(axis=1) > LOWEST * coefficients.max(axis=1))
+
+
+def _bernstein() -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of the ten shape functions (20, 10, 3) on a lattice; from values there to Bernstein coefficients (20, 20)."""
+    powers = np.array([np.bincount(c, minlength=4) for c in combinations_with_replacement(range(4), 3)])
+    at = powers / 3  # barycentric coordinates
+    slopes = np.zeros((20, 10, 4))
+    for i in range(4):
+        slopes[:, i, i] = 4 * at[:, i] - 1
+    for k, (i, j) in enumerate(_EDGES, start=4):
+        slopes[:, k, i], slopes[:, k, j] = 4 * at[:, j], 4 * at[:, i]
+    weights = [6 / np.prod([factorial(p) for p in row]) for row in powers]
+    basis = np.prod(at[:, None] ** powers, axis=2) * weights
+    return slopes[:, :, 1:] - slopes[:, :, :1], np.linalg.inv(basis)
+
+
+_SLOPES, _COEFFICIENTS = _bernstein()
