@@ -30,6 +30,8 @@ class Motion(Protocol):
 
 SETTLINGS = 4
 """Times that a step may set the contacts' offsets; each leaves about a tenth of the error."""
+ROUGH = 1e3
+"""Tolerances while it does, in those of the last solve."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class StepControl:
     contact_dt: float
     first: float = 0.1
     restart: float = 0.1
-    touch_growth: float = 3.0
+    touch_growth: float = 2.0
     release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
@@ -94,7 +96,7 @@ class Transient:
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.contact_dt * control.first)
-        self.follow = np.zeros_like(body.weights)
+        self.follow, self.follow_offsets = np.zeros_like(body.weights), np.zeros_like(body.offsets)
         self._now = 0.0
         self._factored: dict[str, Any] = {}
         self.motion.set(0.0)
@@ -117,7 +119,7 @@ class Transient:
             at.work += record.work
             at.newton += record.iterations
             if not problem:
-                self._accept(start, dt)
+                self._accept(start, offsets, dt)
                 return record
             at.rejected += 1
             at.cut = True
@@ -161,16 +163,12 @@ class Transient:
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
-            if not body.min_det(guess) > self.newton.min_det:
+            if body.min_det(guess) > self.newton.min_det:
+                body.offsets = np.maximum(body.offsets + self.follow_offsets * travel, 0.0)
+            else:
                 guess = start
-        x, record = self.newton.solve(self, guess)
+        x, record = self.solve(guess)
         body.state[:] = x
-        for _ in range(SETTLINGS):
-            if not record.converged or body.settle():
-                break
-            x, again = self.newton.solve(self, x)
-            body.state[:] = x
-            record = again.after(record)
         if not record.converged:
             return record, record.reason
         depth = -body.min_gap()
@@ -178,13 +176,28 @@ class Transient:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
         return record, ""
 
-    def _accept(self, start: np.ndarray, dt: float) -> None:
+    def solve(self, x: np.ndarray) -> tuple[np.ndarray, NewtonRecord]:
+        """Equilibrium of the step begun, from x, with the contacts' offsets right: roughly while they move, then exactly."""
+        body, record = self.body, NewtonRecord()
+        for _ in range(SETTLINGS):
+            x, rough = self.newton.solve(self, x, ROUGH)
+            body.state[:] = x
+            record = rough.after(record)
+            if not record.converged or body.settle():
+                break
+        if not record.converged:
+            return x, record
+        x, exact = self.newton.solve(self, x)
+        return x, exact.after(record)
+
+    def _accept(self, start: np.ndarray, offsets: np.ndarray, dt: float) -> None:
         at = self.progress
         self.body.history.finish()
         touched = self.body.min_gap() < 0
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
+            self.follow_offsets = (self.body.offsets - offsets) / travel
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
         at.touching = touched
@@ -226,6 +239,7 @@ class Transient:
             "x": self.body.state.copy(),
             "offsets": self.body.offsets,
             "follow": self.follow,
+            "follow_offsets": self.follow_offsets,
             "largest": self.newton.largest,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
@@ -246,7 +260,8 @@ class Transient:
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.strain[:] = saved["strain"]
-        self.follow, self.newton.largest = np.array(saved["follow"]), saved["largest"]
+        self.follow, self.follow_offsets = np.array(saved["follow"]), np.array(saved["follow_offsets"])
+        self.newton.largest = saved["largest"]
         body.state[:], body.offsets = saved["x"], saved["offsets"]
         self.motion.set(self.progress.t)
 

@@ -67,7 +67,8 @@ def order_peaks(scene: Scene) -> tuple[float, float]:
     high.body.history.begin(ramp)
     # Far from the solution in the corners, and worth many factorisations: there is no step to cut.
     high.newton = Newton(max_factorisations=40, min_damping=1e-3, max_iter=100)
-    x, record = high.newton.solve(high, high.body.state.copy())
+    high.body.offsets = low.body.offsets
+    x, record = high.solve(high.body.state.copy())
     if not record.converged:
         raise SolverError(f"the elastic step at order {order + 1} did not converge: {record.reason}")
     high.body.state[:] = x

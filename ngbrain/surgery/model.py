@@ -21,7 +21,7 @@ WALL = "wall_plus"
 """The wall that the blade pushes."""
 PENALTY = 500.0
 """Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 2 % of the opening deep."""
-SOFTNESS = 0.004
+SOFTNESS = 0.02
 """Penetration up to which the contact pressure sets in softly, in openings."""
 MADE_UP = 0.95
 """Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
