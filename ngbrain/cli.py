@@ -15,6 +15,8 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.retraction import CHECKS, solve, write_json
 
 EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
+NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
+"""How a field begins that an option or another file gave."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -67,7 +69,12 @@ def _demo(arguments: argparse.Namespace) -> None:
 
 
 def _retract(arguments: argparse.Namespace) -> None:
-    _run(Scene.from_toml(arguments.scene), "retract", arguments)
+    try:
+        _run(Scene.from_toml(arguments.scene), "retract", arguments)
+    except InputError as error:
+        if error.file or error.field.startswith(NOT_OF_THE_SCENE):
+            raise
+        raise InputError(error.field, error.value, error.wanted, arguments.scene) from error
 
 
 def _run(scene: Scene, verb: str, arguments: argparse.Namespace) -> None:

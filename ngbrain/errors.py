@@ -14,7 +14,10 @@ from typing import Any
 
 
 class NgbrainError(Exception):
-    """Base of every exception that ngbrain raises on purpose."""
+    """Base of every exception that ngbrain raises on purpose; its message is one line."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(" ".join(str(message).split()))
 
 
 class InputError(NgbrainError, ValueError):
@@ -30,6 +33,9 @@ class InputError(NgbrainError, ValueError):
         self.field, self.value, self.wanted, self.file = field, value, wanted, file
         where = f"{file}: " if file else ""
         super().__init__(f"{where}{field} is {value}; wanted: {wanted}")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # how it comes back from another process
+        return type(self), (self.field, self.value, self.wanted, self.file)
 
 
 class SolverError(NgbrainError, RuntimeError):
@@ -56,7 +62,11 @@ class MissingExtra(NgbrainError, ImportError):
     """
 
     def __init__(self, package: str, extra: str) -> None:
+        self.package, self.extra = package, extra
         super().__init__(f'{package} is not installed; get it with: pip install "ngbrain[{extra}]"')
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.package, self.extra)
 
 
 def require(package: str, extra: str) -> ModuleType:

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from ngbrain.cli import main
+from ngbrain.errors import InputError
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 
@@ -25,7 +26,10 @@ def run(capsys, *arguments):
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
         ("width_mm = 10.0", "width_mm = 13.0", ["blade.width_mm", "cleft"]),
         ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
+        ('fixed = "skull"', 'fixed = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
+        ('region = "white"', 'region = ".*e.*"', ["tissue region", ".*e.*", "cortex"]),
+        ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "regular expression"]),
     ],
 )
 def test_bad_scenes(tmp_path, capsys, find, replace, words):
@@ -35,7 +39,7 @@ def test_bad_scenes(tmp_path, capsys, find, replace, words):
     scene.write_text(text.replace(find, replace, 1))
     status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
     assert status == 2 and len(lines) == 1
-    assert all(word in lines[0] for word in words), lines[0]
+    assert all(word in lines[0] for word in [f"{scene}: ", *words, "wanted"]), lines[0]
     assert not (tmp_path / "out" / "result.json").exists()
 
 
@@ -51,6 +55,28 @@ def test_unreadable_and_truncated_files(tmp_path, capsys):
         assert status == 2 and len(lines) == 1 and name in lines[0]
     status, lines = run(capsys, "retract", tmp_path / "absent.toml", "-q")
     assert status == 2 and len(lines) == 1 and "absent.toml" in lines[0]
+
+
+def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("ngbrain.mesh.shapes.MOST_LOST", 1e-6)
+    scene = tmp_path / "case.toml"
+    scene.write_text(SMALL)
+    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
+    assert status == 2 and len(lines) == 1
+    assert lines[0].startswith(f"ngbrain: {scene}: body.far_mm is 24, ") and "body.near_mm" in lines[0]
+
+
+@pytest.mark.parametrize(("field", "named"), [("tissue", True), ("--resume", False), ("checkpoint", False)])
+def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatch, field, named):
+    def refuse(*_):
+        raise InputError(field, "bad", "good")
+
+    monkeypatch.setattr("ngbrain.cli.solve", refuse)
+    scene = tmp_path / "case.toml"
+    scene.write_text(SMALL)
+    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
+    where = f"{scene}: " if named else ""
+    assert status == 2 and lines == [f"ngbrain: {where}{field} is bad; wanted: good"]
 
 
 def test_output_must_be_a_folder(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Messages are one line and say what to do; the hierarchy is what the command line's exit statuses rest on."""
 
+import pickle
+
 import pytest
 
 from ngbrain import errors
@@ -30,6 +32,25 @@ def test_one_line_caught_by_base_and_by_builtin(error, builtin):
     assert isinstance(error, errors.NgbrainError) and isinstance(error, builtin)
     assert isinstance(error, errors.SolverError) == (builtin is RuntimeError)
     assert str(error) and "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        errors.InputError("a", 1, "2", file="case.toml"),
+        errors.MissingExtra("torch", "train"),
+        errors.ContactError("too deep"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_come_back_from_another_process(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error) and str(again) == str(error) and vars(again) == vars(error)
+
+
+def test_line_breaks_in_what_was_found_do_not_make_two_lines():
+    assert str(errors.InputError("a", "x\n y", "2", file="c\nd.toml")) == "c d.toml: a is x y; wanted: 2"
+    assert str(errors.ConvergenceError("no\r\nconvergence")) == "no convergence"
 
 
 def test_require_returns_the_module_asked_for():

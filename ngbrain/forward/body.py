@@ -78,12 +78,9 @@ class Body:
             for contact in self.contacts
         ]
         self._vec = self.gfu.vec.CreateVector()
-        free = np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
-        self._free = free.astype(float)
         n_u = self.fes.components[0].ndof
         self.is_u = np.arange(self.fes.ndof) < n_u
-        scale = np.where(self.is_u, LENGTH_SCALE, PRESSURE_SCALE)
-        self.weights = self._free / scale**2 / self.fes.ndof
+        self._release(ngs.BitArray(self.fes.FreeDofs()))
 
     def _forms(self) -> tuple[ngs.BilinearForm, ngs.BilinearForm, ngs.BilinearForm]:
         u, p = self.fes.TrialFunction()
@@ -112,6 +109,21 @@ class Body:
             both += ngs.Variation(term)
         return tissue, contact, both
 
+    def hold(self, elements: np.ndarray) -> None:
+        """Hold all unknowns of some elements (a mask) where they are from now on."""
+        free = self._free_dofs
+        for element in self.mesh.Elements():
+            if elements[element.nr]:
+                for dof in self.fes.GetDofNrs(element):
+                    free.Clear(dof)
+        self._release(free)
+
+    def _release(self, free: ngs.BitArray) -> None:
+        self._free_dofs = free
+        self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
+        scale = np.where(self.is_u, LENGTH_SCALE, PRESSURE_SCALE)
+        self.weights = self._free / scale**2 / self.fes.ndof
+
     # What Newton's method asks (solvers.newton.System).
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
@@ -124,7 +136,7 @@ class Body:
         self._set(x)
         self.form.AssembleLinearization(self.gfu.vec)
         try:
-            inverse = self.form.mat.Inverse(self.fes.FreeDofs(), inverse="sparsecholesky")
+            inverse = self.form.mat.Inverse(self._free_dofs, inverse="sparsecholesky")
         except Exception as error:  # NGSolve raises bare exceptions of several kinds here
             raise FloatingPointError(f"the tangent cannot be factorised: {error}") from error
         out = self._vec.CreateVector()
@@ -188,17 +200,33 @@ class Body:
 
 
 def check_patterns(mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str]) -> None:
-    """Raise `InputError` if a pattern matches nothing, or a region has no material."""
-    covered = ngs.BitArray(mesh.GetNE(ngs.VOL) and len(mesh.GetMaterials()))
-    covered.Clear()
+    """Raise `InputError` unless every region has one material and the first boundaries, the held ones, are not touched.
+
+    regions      patterns; none may be unknown or share a region with another
+    boundaries   patterns; none may be unknown, and what the first matches is in none of the others
+    """
+    names, covered = mesh.GetMaterials(), set[int]()
     for pattern in regions:
-        mask = mesh.Materials(pattern).Mask()
-        if mask.NumSet() == 0:
-            raise InputError("tissue region", repr(pattern), nearest(pattern, set(mesh.GetMaterials())))
-        covered |= mask
-    if covered.NumSet() < len(mesh.GetMaterials()):
-        bare = sorted({name for i, name in enumerate(mesh.GetMaterials()) if not covered[i]})
-        raise InputError("tissue", "not given for " + ", ".join(bare), "a tissue for every region of the mesh")
-    for pattern in boundaries:
-        if mesh.Boundaries(pattern).Mask().NumSet() == 0:
-            raise InputError("boundary", repr(pattern), nearest(pattern, set(mesh.GetBoundaries())))
+        found = _matches("tissue region", pattern, mesh.Materials, names)
+        if twice := {names[i] for i in found & covered}:
+            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a tissue already"
+            raise InputError("tissue region", repr(pattern), wanted)
+        covered |= found
+    if bare := {name for i, name in enumerate(names) if i not in covered}:
+        raise InputError("tissue", f"not given for {', '.join(sorted(bare))}", "a tissue for every region of the mesh")
+    names = mesh.GetBoundaries()
+    held, *touched = (_matches("boundary", pattern, mesh.Boundaries, names) for pattern in boundaries)
+    if both := {names[i] for i in held.intersection(set[int]().union(*touched))}:
+        wanted = f"a pattern without {', '.join(sorted(both))}, which a rigid body touches"
+        raise InputError("boundary", repr(boundaries[0]), wanted)
+
+
+def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
+    """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    try:
+        found = {i for i, match in enumerate(find(pattern).Mask()) if match}
+    except RuntimeError as error:
+        raise InputError(kind, repr(pattern), f"a name or a regular expression ({error})") from error
+    if not found:
+        raise InputError(kind, repr(pattern), nearest(pattern, set(names)))
+    return found

@@ -24,6 +24,8 @@ NEAR_DEPTH = 0.016
 """Depth (m) of the zone under the craniotomy that is meshed finer."""
 MOST_LOST = 0.01
 """Part of the brain's volume that the elements may miss."""
+TOUCH = 1e-6
+"""A slot nearer (m) than this to a ventricle would open it."""
 
 
 @dataclass(frozen=True)
@@ -62,20 +64,23 @@ def cleft_to(
     Raises `InputError` when the target lies outside the brain or in a ventricle.
     """
     target = np.asarray(target, float)
-    shown = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
     if np.sum((target / SEMI_AXES) ** 2) >= 1:
         raise InputError(
-            "cleft.target_mm", shown, "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm"
+            "cleft.target_mm", _mm(target), "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm"
         )
     mirrored = target * np.array([np.sign(target[0]) or 1.0, 1, 1])
     if np.sum(((mirrored - VENTRICLE_CENTRE) / VENTRICLE_SEMI_AXES) ** 2) <= 1:
-        raise InputError("cleft.target_mm", shown, "a point in tissue, not in a ventricle")
+        raise InputError("cleft.target_mm", _mm(target), "a point in tissue, not in a ventricle")
     out, across = frame(_way_out(target) if approach is None else approach, across)
     # |(target + s out)/axes| = 1, the positive root
     a, b = np.sum((out / SEMI_AXES) ** 2), np.sum(out * target / SEMI_AXES**2)
     c = np.sum((target / SEMI_AXES) ** 2) - 1
     depth = float((-b + np.sqrt(b * b - a * c)) / a)
     return Cleft(target, out, across, depth, opening, width)
+
+
+def _mm(point: np.ndarray) -> str:
+    return "(" + ", ".join(f"{1e3 * c:.1f}" for c in point) + ") mm"
 
 
 def _way_out(target: np.ndarray) -> np.ndarray:
@@ -104,7 +109,8 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
     craniotomy   diameter (m)
     sizes        element sizes
 
-    The mesh is curved already: its `Curve` must not be called. Raises `InputError` for sizes that are too large.
+    The mesh is curved already: its `Curve` must not be called. Raises `InputError` for sizes that are too large
+    and for a cleft that opens a ventricle.
 
     >>> mesh = idealised_head(sizes=Sizes(far=0.018, grading=0.5))
     >>> sorted(set(mesh.GetMaterials()))
@@ -118,6 +124,9 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
     for ventricle, name in ((left, "ventricle_left"), (right, "ventricle_right")):
         ventricle.faces.name = "ventricle_wall"
         ventricle.mat(name)
+        if cleft is not None and _slot(cleft).Distance(ventricle) < TOUCH:
+            wanted = "a target, approach and size of the cleft that spare the ventricles"
+            raise InputError("cleft.target_mm", _mm(cleft.target), wanted)
     tissues = {"cortex": brain - inner, "white": inner - left - right}
     parts = []
     for name, tissue in tissues.items():
@@ -131,24 +140,32 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
             face.name = "craniotomy"
         elif face.name is None:
             face.name = "inside"
-    straight = _mesh(whole, sizes.far, sizes.grading)
-    curve(straight)
-    mesh = ngs.Mesh(straight)
-    lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / whole.mass
-    if abs(lost) > MOST_LOST:
-        raise InputError("mesh sizes", f"so coarse that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
+    try:
+        straight = _mesh(whole, sizes.far, sizes.grading)
+        curve(straight)
+        mesh = ngs.Mesh(straight)
+        lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / whole.mass
+        if abs(lost) > MOST_LOST:
+            raise InputError("mesh sizes", f"such that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
+    except InputError as error:
+        wanted = "less, or smaller body.near_mm or body.site_mm"
+        raise InputError("body.far_mm", f"{1e3 * sizes.far:g}, {error.value}", wanted) from error
     return mesh
 
 
 def _opened(tissue: occ.TopoDS_Shape, cleft: Cleft, craniotomy: float, sizes: Sizes) -> list[occ.TopoDS_Shape]:
     """A tissue without the slot, split into the zone under the craniotomy and the rest."""
-    slot = _plane(cleft, cleft.target).RectangleC(cleft.opening, cleft.width).Face().Extrude(cleft.depth + 0.02)
+    slot = _slot(cleft)
     for face in slot.faces:
         face.name, face.maxh = _cleft_face(cleft, face), sizes.site
     zone = _plane(cleft, cleft.entry - NEAR_DEPTH * cleft.out).Circle(craniotomy / 2).Face().Extrude(NEAR_DEPTH + 0.03)
     near = tissue * zone - slot
     near.maxh = sizes.near
     return [tissue - zone - slot, near]
+
+
+def _slot(cleft: Cleft) -> occ.Solid:
+    return _plane(cleft, cleft.target).RectangleC(cleft.opening, cleft.width).Face().Extrude(cleft.depth + 0.02)
 
 
 def _cleft_face(cleft: Cleft, face: occ.Face) -> str:
@@ -162,7 +179,7 @@ def _cleft_face(cleft: Cleft, face: occ.Face) -> str:
 
 def _under(face: occ.Face, cleft: Cleft, craniotomy: float) -> bool:
     a, b, height = cleft.coordinates(np.array([[face.center.x, face.center.y, face.center.z]]))[0]
-    return bool(np.hypot(a, b) < craniotomy / 4 and height > 0)
+    return bool(np.hypot(a, b) < craniotomy / 4 and abs(height - cleft.depth) < NEAR_DEPTH)
 
 
 def _plane(cleft: Cleft, origin: np.ndarray) -> occ.WorkPlane:

@@ -42,7 +42,7 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("longest_s_above_30_mmHg", "Time above 30 mmHg, longest without a break", "s", True),
     ("margin_to_20_mmHg", "Margin to 20 mmHg (negative: above it)", "mmHg", False),
     ("dose_mmHg_min", "Dose: pressure × time", "mmHg min", True),
-    ("working_s", "Working time: blade spreading or holding", "s", False),
+    ("working_s", "Working time: at full opening", "s", False),
     ("mps_p50", "Largest principal strain near the site, median", "%", True),
     ("mps_p95", "Largest principal strain near the site, 95th percentile", "%", True),
     ("mps_p99", "Largest principal strain near the site, 99th percentile", "%", True),

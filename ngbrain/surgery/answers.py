@@ -162,7 +162,8 @@ def comparison(runs: Runs) -> dict[str, Any]:
         working = runs["intermittent"].working_s
         continuous = runs["continuous"]
         t, pressure = continuous.column("t"), to_mmHg(continuous.column("pressure"))
-        upto = np.append(t[t < working], working)
+        until = t[-1] - (continuous.working_s - working)  # it works from the end of its ramp on
+        upto = np.append(t[t < until], until)
         equal = {
             "working_s": working,
             "continuous": dose(upto, np.interp(upto, t, pressure)),
@@ -171,7 +172,7 @@ def comparison(runs: Runs) -> dict[str, Any]:
         result["dose_at_equal_working_time_mmHg_min"] = equal
         higher = "higher" if equal["intermittent"] > equal["continuous"] else "lower"
         findings.append(
-            f"At equal working time ({working:.0f} s) the dose of intermittent retraction is {higher}: "
+            f"At equal working time ({working:.0f} s at full opening) the dose of intermittent retraction is {higher}: "
             f"{equal['intermittent']:.1f} against {equal['continuous']:.1f} mmHg min."
         )
     return result

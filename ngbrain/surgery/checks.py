@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import ngsolve as ngs
+import numpy as np
+
 from ngbrain.errors import SolverError
 from ngbrain.forward.body import Body
 from ngbrain.forward.transient import Progress, StepControl, Transient
-from ngbrain.scene import Scene
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.model import WALL, Model
@@ -15,8 +17,10 @@ from ngbrain.surgery.observe import Observer
 
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
-COARSE = {"site": 4e-3, "near": 10e-3, "far": 24e-3}
-"""Element sizes (m) of the mesh on which one order more is affordable."""
+COARSE = {"site": 4e-3, "near": 14e-3, "far": 36e-3}
+"""Element sizes (m) of the mesh on which one order more is affordable,"""
+REACH = 20e-3
+"""and how far (m) from the cleft it is used."""
 
 
 def ramp_peak(model: Model, control: StepControl | None = None) -> float:
@@ -34,45 +38,54 @@ def ramp_peak(model: Model, control: StepControl | None = None) -> float:
     return peak
 
 
-def halved_steps_peak(scene: Scene) -> float:
+def halved_steps_peak(model: Model) -> float:
     """Peak pressure (Pa) of the first opening at half the time step."""
-    return ramp_peak(Model.of(scene), StepControl(scene.steps.contact, dt_max=scene.steps.longest).halved())
+    steps = model.scene.steps
+    return ramp_peak(model, StepControl(steps.contact, dt_max=steps.longest).halved())
 
 
-def miller_peak(scene: Scene) -> float:
+def miller_peak(model: Model) -> float:
     """Peak pressure (Pa) of the first opening with every exponent at -4.7 and the same moduli and times."""
-    tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in scene.tissues)
-    return ramp_peak(Model.of(replace(scene, tissues=tissues)))
+    tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
+    return ramp_peak(replace(model, scene=replace(model.scene, tissues=tissues)))
 
 
-def order_peaks(scene: Scene) -> tuple[float, float]:
+def order_peaks(model: Model) -> tuple[float, float]:
     """Patch pressure (Pa) at full opening on a coarse mesh, at the scene's order and one more.
 
-    Elastic: the law that one step of the ramp's length from rest amounts to. The richer problem starts from the
-    poorer one's solution, which it contains.
+    Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One
+    order more is used within `REACH` of the cleft; further out the tissue goes where the poorer solution has it.
     """
-    coarse = Model.of(
-        replace(scene, body=replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()}))
-    )
-    ramp = scene.retraction.ramp
+    scene = model.scene
+    body = replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()})
+    coarse = model if body == scene.body else Model.of(replace(scene, body=body))
+    ramp, order = scene.retraction.ramp, scene.body.order
     protocol, materials = coarse.ramp("elastic"), coarse.elastic(ramp)
-    order = scene.body.order
-    control = StepControl(ramp / 5)
-    low = coarse.run(protocol, control, materials, order)
-    low.run(lambda *_: None)
-    high = coarse.run(protocol, control, materials, order + 1)
-    for target, source in zip(high.body.gfu.components, low.body.gfu.components, strict=True):
-        target.Interpolate(source)
-    high.motion.set(ramp)
+    control = StepControl(ramp / 10, first=0.05)
+    low, high = (coarse.run(protocol, control, materials, k) for k in (order, order + 1))
+    for run in (low, high):
+        run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
+    high.body.hold(coarse.cleft.distance_to_walls(_centres(coarse.mesh)) > REACH)
     high.body.history.begin(ramp)
-    # Far from the solution in the corners, and worth many factorisations: there is no step to cut.
-    high.newton = Newton(max_factorisations=40, min_damping=1e-3, max_iter=100)
-    high.body.offsets = low.body.offsets
-    x, record = high.solve(high.body.state.copy())
-    if not record.converged:
-        raise SolverError(f"the elastic step at order {order + 1} did not converge: {record.reason}")
-    high.body.state[:] = x
+    embedded, before = ngs.GridFunction(high.body.fes), np.zeros(high.body.fes.ndof)
+
+    def follow(body: Body, at: Progress, record: NewtonRecord) -> None:
+        nonlocal before
+        for target, source in zip(embedded.components, body.gfu.components, strict=True):
+            target.Interpolate(source)
+        now = embedded.vec.FV().NumPy().copy()
+        high.motion.set(at.t)
+        x, record = high.solve(high.body.state + now - before)
+        if not record.converged:
+            raise SolverError(f"order {order + 1} at {1e3 * protocol.at(at.t):.2f} mm: {record.reason}")
+        high.body.state[:], before = x, now
+
+    low.run(follow)
     return _pressure(coarse, low), _pressure(coarse, high)
+
+
+def _centres(mesh: ngs.Mesh) -> np.ndarray:
+    return np.array([np.mean([mesh[v].point for v in element.vertices], axis=0) for element in mesh.Elements()])
 
 
 def _pressure(model: Model, transient: Transient) -> float:

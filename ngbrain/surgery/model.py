@@ -81,7 +81,9 @@ class Model:
         scene, drive = self.scene, Drive(protocol)
         opening = scene.retraction.opening
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
-        contact = Contact(WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening, MADE_UP)
+        contact = Contact(
+            WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening, MADE_UP
+        )
         body = Body(self.mesh, materials or self.materials(), scene.support.fixed, [contact], order or scene.body.order)
         control = control or StepControl(scene.steps.contact, dt_max=scene.steps.longest)
         return Transient(body, drive, control, penetration_limit=scene.body.site / 2)

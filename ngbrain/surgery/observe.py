@@ -112,7 +112,17 @@ class Observer:
 
     def checkpoint(self) -> dict[str, object]:
         """The running work and the state it is measured from."""
-        names = ("_u", "_forces", "_advance", "_force", "_offset", "_squeeze", "blade_work", "tissue_work", "tissue_work_size")
+        names = (
+            "_u",
+            "_forces",
+            "_advance",
+            "_force",
+            "_offset",
+            "_squeeze",
+            "blade_work",
+            "tissue_work",
+            "tissue_work_size",
+        )
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:

@@ -37,15 +37,10 @@ class Protocol:
 
     @property
     def working_s(self) -> float:
-        """Time (s) during which the blade holds or spreads the tissue: advance > 0 and not withdrawing."""
+        """Time (s) at the full opening, while a surgeon can work."""
         t, s = np.array(self.times), np.array(self.advance)
-        working = (s[1:] > 0) & (s[1:] >= s[:-1])
-        return float(np.sum(np.diff(t)[working]))
-
-    def first_ramp_end(self) -> float:
-        """Time (s) at which the advance first stops growing."""
-        s = np.array(self.advance)
-        return self.times[int(np.argmax(np.diff(s) <= 0))] if np.any(np.diff(s) <= 0) else self.times[-1]
+        full = (s[1:] == s.max()) & (s[:-1] == s.max())
+        return float(np.sum(np.diff(t)[full]))
 
 
 class Drive:

@@ -19,18 +19,21 @@ from ngbrain.errors import SolverError
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, checks, pool
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import Peak, ProtocolRun, table
 
 Tell = Callable[[str, float, float], None]
 
 
-_CHECKS: dict[str, Callable[[Scene], Any]] = {
+_CHECKS: dict[str, Callable[[Model], Any]] = {
+    "one order more": checks.order_peaks,
     "half steps": checks.halved_steps_peak,
     "Miller's exponent": checks.miller_peak,
-    "one order more": checks.order_peaks,
 }
 CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
+_CHECK = "check: "
+"""Before a check's name where it stands among protocols, whose names have no colon."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,9 @@ def solve(
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
-    results = pool.run(_tasks(scene, where, resume), threads, tell)
+    results = pool.run(_tasks(model, where, resume), threads, tell)
     runs = {p.name: results[p.name] for p in scene.protocols}
+    checked = {name: results[_CHECK + name] for name in _CHECKS}
     result = {
         "verb": "retract",
         "title": scene.title,
@@ -90,10 +94,10 @@ def solve(
         "scene": scene.to_dict(),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
-        "checks": answers.checks(scene, runs, results),
+        "checks": answers.checks(scene, runs, checked),
         "answers": {name: answers.answer(run) for name, run in runs.items()},
         "comparison": answers.comparison(runs),
-        "material_band": answers.material_band(scene, runs, results),
+        "material_band": answers.material_band(scene, runs, checked),
         "left_out": list(answers.LEFT_OUT),
         "time_s": time.perf_counter() - started,
     }
@@ -102,19 +106,17 @@ def solve(
     return result
 
 
-def _tasks(scene: Scene, folder: Path | None, resume: bool) -> list[pool.Task]:
+def _tasks(model: Model, folder: Path | None, resume: bool) -> list[pool.Task]:
     """The longest first, so that the processes end together."""
-    data = scene.to_dict()
-    protocols: list[pool.Task] = [(p.name, _protocol, (data, i, folder, resume)) for i, p in enumerate(scene.protocols)]
-    protocols.sort(key=lambda task: -len(Model.program(scene, scene.protocols[task[2][1]]).times))
-    extra: list[pool.Task] = [(name, _check, (data, name)) for name in _CHECKS]
+    scene = model.scene
+    programs = sorted((model.program(scene, asked) for asked in scene.protocols), key=lambda p: -len(p.times))
+    protocols: list[pool.Task] = [(p.name, _protocol, (model, p, folder, resume)) for p in programs]
+    extra: list[pool.Task] = [(_CHECK + name, _check, (model, name)) for name in _CHECKS]
     return [*protocols, *extra]
 
 
-def _protocol(data: dict[str, Any], index: int, folder: Path | None, resume: bool, tell: Tell) -> Outcome:
-    scene = Scene.from_dict(data)
-    model = Model.of(scene)
-    run = ProtocolRun(model, model.program(scene, scene.protocols[index]), folder, resume).go(tell)
+def _protocol(model: Model, protocol: Protocol, folder: Path | None, resume: bool, tell: Tell) -> Outcome:
+    run = ProtocolRun(model, protocol, folder, resume).go(tell)
     at = run.transient.progress
     assert run.peak is not None
     return Outcome(
@@ -122,13 +124,13 @@ def _protocol(data: dict[str, Any], index: int, folder: Path | None, resume: boo
     )
 
 
-def _check(data: dict[str, Any], name: str, tell: Tell) -> Any:
-    tell(name, 0.0, 0.0)
+def _check(model: Model, name: str, tell: Tell) -> Any:
+    tell(_CHECK + name, 0.0, 0.0)
     try:
-        value = _CHECKS[name](Scene.from_dict(data))
+        value = _CHECKS[name](model)
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None
-    tell(name, 0.0, 1.0)
+    tell(_CHECK + name, 0.0, 1.0)
     return value
 
 

@@ -72,8 +72,39 @@ def test_smallest_determinant_sees_an_inverted_quadrature_point(make_body):
         ({"tisue": Material(NeoHooke(1.0), 10.0)}, "bottom", "tissue"),
         ({"tissue": Material(NeoHooke(1.0), 10.0)}, "botom", "bottom"),
         ({}, "bottom", "tissue"),
+        ({"[[:tissue:]]": Material(NeoHooke(1.0), 10.0)}, "bottom", "tissue region .*regular expression"),
+        ({"tissue": Material(NeoHooke(1.0), 10.0)}, "[[:bottom:]]", "boundary .*regular expression"),
     ],
 )
 def test_names_that_match_nothing_are_refused(materials, fixed, message):
     with pytest.raises(InputError, match=message):
         Body(block(maxh=0.04), materials, fixed)
+
+
+def test_patterns_that_share_a_region_are_refused():
+    # Both energies would count there.
+    tissue = Material(NeoHooke(1.0), 10.0)
+    with pytest.raises(InputError, match=r"tissue region is '\.\*'; wanted: a pattern without tissue"):
+        Body(block(maxh=0.04), {"tissue": tissue, ".*": tissue}, "bottom")
+
+
+def test_a_boundary_that_is_held_and_touched_is_refused(plate):
+    contacts = [plate((0, 1), (0, 1e-3)).contact()]
+    with pytest.raises(InputError, match=r"boundary is 'bottom\|t\.\*'; wanted: a pattern without top"):
+        Body(block(maxh=0.04), {"tissue": Material(NeoHooke(1.0), 10.0)}, "bottom|t.*", contacts)
+
+
+def test_held_elements_do_not_move(make_body, plate):
+    drive = plate((0, 1), (0, 1e-3))
+    body = make_body(contacts=[drive.contact()], maxh=0.01)
+    low = np.array([max(body.mesh[v].point[2] for v in e.vertices) < 0.011 for e in body.mesh.Elements()])
+    assert low.any() and not low.all()
+    body.hold(low)
+    drive.set(1.0)
+    body.history.begin(1.0)
+    step = body.factorise(body.state.copy())(body.residual(body.state.copy())[0])
+    held = np.zeros(body.fes.ndof, bool)
+    for element in body.mesh.Elements():
+        if low[element.nr]:
+            held[list(body.fes.GetDofNrs(element))] = True
+    assert np.all(step[held] == 0) and np.all(body.weights[held] == 0) and np.abs(step[~held]).max() > 0

@@ -112,10 +112,36 @@ def test_targets_outside_the_tissue_are_refused(target, message):
 
 
 @pytest.mark.parametrize(
+    ("target", "approach"),
+    [
+        ((14.0, 0.0, -10.0), (0, 0, 1)),  # through the middle
+        ((14.0, 0.0, 17.0), (1, 0, 0)),  # with an edge
+        ((0.0, -30.0, 0.0), (0.4, 1, 0.1)),
+    ],
+)
+def test_a_slot_through_a_ventricle_is_refused(target, approach):
+    cleft = cleft_to(1e-3 * np.array(target), approach=np.array(approach, float))
+    with pytest.raises(InputError, match=r"cleft.target_mm is \(.*\) mm; wanted: .* spare the ventricles"):
+        idealised_head(cleft, sizes=COARSE)
+
+
+def test_a_slot_beside_a_ventricle_is_not():
+    cleft = cleft_to(1e-3 * np.array([14.0, 0.0, 16.1]), approach=np.array([0, 0, 1.0]))
+    assert volume(idealised_head(cleft, sizes=COARSE), "ventricle_right") > 0
+
+
+def test_a_deep_cleft_leaves_the_skull_its_name():
+    cleft = cleft_to(1e-3 * np.array([0.0, 0.0, -40.0]), approach=np.array([0, 0, 1.0]))
+    mesh = idealised_head(cleft, sizes=COARSE)
+    assert area(mesh, "craniotomy") < 1.1 * np.pi * 20e-3**2 < area(mesh, "skull")
+
+
+@pytest.mark.parametrize(
     ("far", "grading", "why"), [(60e-3, 1.0, "Netgen gives up"), (50e-3, 0.95, r"1\.[0-9] % of the brain is cut off")]
 )
 def test_sizes_that_are_too_large_are_refused(far, grading, why):
-    with pytest.raises(InputError, match=f"mesh sizes.*{why}.*; wanted: smaller elements$"):
+    message = f"body.far_mm is {1e3 * far:g}, such that {why}.*; wanted: less, or smaller body.near_mm or body.site_mm$"
+    with pytest.raises(InputError, match=message):
         idealised_head(sizes=Sizes(far=far, grading=grading))
 
 

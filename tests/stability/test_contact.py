@@ -1,0 +1,47 @@
+"""A soft penalty. Naive: the tissue stays behind the blade by the penetration. Ours: one offset a blade makes up for it."""
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.materials import Ogden
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
+
+PRESS = Protocol("press", (0.0, 4.0), (0.0, 4e-3))
+
+
+def force(penalty, share):
+    drive = Drive(PRESS)
+    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty, 2e-5, share)
+    body = Body(block((0.02, 0.02, 0.02), 0.01), {"tissue": Material(Ogden(1000.0, -15.0), 1e6)}, "bottom", [contact])
+    up = ngs.GridFunction(body.fes.components[0])
+    up.Set(ngs.CF((0, 0, 1)))
+    transient = Transient(body, drive, StepControl(1.0), 2e-3)
+    transient.run(lambda *_: None)
+    assert body.min_gap() < 0
+    return float(up.vec.FV().NumPy() @ body.contact_forces()), -body.min_gap(), transient.progress.work.factorisations
+
+
+def test_offset_makes_up_for_a_soft_penalty():
+    exact, depth, _ = force(1e10, 0.0)
+    soft, soft_depth, _ = force(3e7, 0.0)
+    ours, _, _ = force(3e7, 0.95)
+    assert depth < 2e-5 < 2e-4 < soft_depth
+    assert abs(soft / exact - 1) > 0.15
+    assert abs(ours / exact - 1) < 0.03
+
+
+def test_nothing_is_left_of_the_offset_when_the_blade_is_off():
+    drive = Drive(Protocol("press and leave", (0.0, 4.0, 8.0), (0.0, 3e-3, -1e-3)))
+    contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 3e7, 2e-5, 0.95)
+    body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": Material(Ogden(1000.0, -8.0), 1e6)}, "bottom", [contact])
+    rows = []
+    Transient(body, drive, StepControl(1.0), 2e-3).run(
+        lambda b, at, record: rows.append((b.min_gap(), np.abs(b.contact_forces()).max(), contact.offset.Get()))
+    )
+    gap, f, offset = np.array(rows).T
+    assert (gap > 0).any() and np.all(f[gap > 0] == 0) and np.all(offset[gap > 0] == 0)
+    assert np.all(f[gap < 0] > 0) and offset.max() > 4e-5
