@@ -27,6 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, MissingExtra) as error:
         print(f"ngbrain: {error}", file=sys.stderr)
         return EXIT_INPUT
+    except OSError as error:
+        print(f"ngbrain: {error.filename or arguments.output}: {error.strerror or error}", file=sys.stderr)
+        return EXIT_INPUT
     except SolverError as error:
         print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
         return EXIT_SOLVER

@@ -17,6 +17,14 @@ def run(capsys, *arguments):
     return status, capsys.readouterr().err.strip().splitlines()
 
 
+@pytest.fixture
+def no_run(monkeypatch):
+    def run(*_):
+        raise AssertionError("hours of work were begun")
+
+    monkeypatch.setattr("ngbrain.surgery.pool.run", run)
+
+
 @pytest.mark.parametrize(
     ("find", "replace", "words"),
     [
@@ -32,7 +40,7 @@ def run(capsys, *arguments):
         ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "regular expression"]),
     ],
 )
-def test_bad_scenes(tmp_path, capsys, find, replace, words):
+def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):
     text = Scene.shipped("demo_fast").to_toml()
     assert find in text
     scene = tmp_path / "case.toml"
@@ -57,7 +65,7 @@ def test_unreadable_and_truncated_files(tmp_path, capsys):
     assert status == 2 and len(lines) == 1 and "absent.toml" in lines[0]
 
 
-def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch):
+def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
     monkeypatch.setattr("ngbrain.mesh.shapes.MOST_LOST", 1e-6)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)

@@ -55,7 +55,7 @@ def figure(height: float) -> Any:
 def png(figure: Any) -> bytes:
     """The bytes of a figure."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"optimize": True})
+    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 6})
     return stream.getvalue()
 
 
