@@ -20,7 +20,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery import answers, checks, pool
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Protocol
-from ngbrain.surgery.runs import Peak, ProtocolRun, table
+from ngbrain.surgery.runs import Peak, ProtocolRun, Snapshot, table
 
 Tell = Callable[[str, float, float], None]
 
@@ -83,7 +83,8 @@ def solve(
     model = Model.of(scene)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     results = pool.run(_tasks(model, where, resume), threads, tell)
-    runs = {p.name: results[p.name] for p in scene.protocols}
+    outcomes = {name: run for value in results.values() if isinstance(value, dict) for name, run in value.items()}
+    runs = {p.name: outcomes[p.name] for p in scene.protocols}
     checked = {name: results[_CHECK + name] for name in _CHECKS}
     result = {
         "verb": "retract",
@@ -107,21 +108,35 @@ def solve(
 
 
 def _tasks(model: Model, folder: Path | None, resume: bool) -> list[pool.Task]:
-    """The longest first, so that the processes end together."""
+    """The longest first, so that the processes end together; protocols that begin alike are one task."""
     scene = model.scene
-    programs = sorted((model.program(scene, asked) for asked in scene.protocols), key=lambda p: -len(p.times))
-    protocols: list[pool.Task] = [(p.name, _protocol, (model, p, folder, resume)) for p in programs]
+    groups: dict[Any, list[Protocol]] = {}
+    for program in (model.program(scene, asked) for asked in scene.protocols):
+        groups.setdefault((program.times[:2], program.advance[:2]), []).append(program)
+    longest = sorted(groups.values(), key=lambda programs: -sum(len(p.times) for p in programs))
+    protocols: list[pool.Task] = [
+        (", ".join(p.name for p in programs), _protocols, (model, programs, folder, resume)) for programs in longest
+    ]
     extra: list[pool.Task] = [(_CHECK + name, _check, (model, name)) for name in _CHECKS]
     return [*protocols, *extra]
 
 
-def _protocol(model: Model, protocol: Protocol, folder: Path | None, resume: bool, tell: Tell) -> Outcome:
-    run = ProtocolRun(model, protocol, folder, resume).go(tell)
-    at = run.transient.progress
-    assert run.peak is not None
-    return Outcome(
-        table(run.rows), run.peak, run.protocol.working_s, at.steps, at.rejected, at.newton, at.work.factorisations
-    )
+def _protocols(
+    model: Model, programs: list[Protocol], folder: Path | None, resume: bool, tell: Tell
+) -> dict[str, Outcome]:
+    """Programs whose first piece is the same, which is then computed once."""
+    shared: Snapshot | None = None
+    outcomes = {}
+    for program in sorted(programs, key=lambda p: -len(p.times)):
+        run = ProtocolRun(model, program, folder, resume, shared)
+        if shared is None and run.transient.progress.t <= program.times[1]:
+            shared = run.go(tell, program.times[1]).snapshot()
+        at = run.go(tell).transient.progress
+        assert run.peak is not None
+        outcomes[program.name] = Outcome(
+            table(run.rows), run.peak, program.working_s, at.steps, at.rejected, at.newton, at.work.factorisations
+        )
+    return outcomes
 
 
 def _check(model: Model, name: str, tell: Tell) -> Any:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ FRAME_SPACING = 1 / 12
 
 Tell = Callable[[str, float, float], None]
 """Called with a run's name, its time (s) and the share of it that is done."""
+Snapshot = tuple[dict[str, Any], list[Frame]]
+"""All that decides what is still to come and what there was, and the frames kept so far."""
 
 
 @dataclass
@@ -65,7 +68,9 @@ class Peak:
 class ProtocolRun:
     """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes."""
 
-    def __init__(self, model: Model, protocol: Protocol, folder: Path | None, resume: bool = False) -> None:
+    def __init__(
+        self, model: Model, protocol: Protocol, folder: Path | None, resume: bool = False, start: Snapshot | None = None
+    ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: Transient = model.run(protocol)
@@ -80,11 +85,13 @@ class ProtocolRun:
         self._fitted = min(fits, default=float("inf"))
         if resume and self.path is not None and self.path.exists():
             self._restore(load(self.path).state)
+        elif start is not None:
+            self._take(*start)
         else:
             self._look(self.transient.body, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
 
-    def go(self, tell: Tell | None = None) -> ProtocolRun:
-        """Run to the end; raises what `Transient.run` raises, with the last good step saved."""
+    def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
+        """Run to the end (or to `until`, s); raises what `Transient.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 
         def watch(body: Body, at: Progress, record: NewtonRecord) -> None:
@@ -92,8 +99,12 @@ class ProtocolRun:
             if tell is not None:
                 tell(self.protocol.name, at.t, at.t / end)
 
-        self.transient.run(watch)
+        self.transient.run(watch, until)
         return self
+
+    def snapshot(self) -> Snapshot:
+        """This run as it stands, for another protocol that is the same up to here to go on from."""
+        return deepcopy(self._state()), list(self.frames)
 
     def _look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
         self.rows.append(self.observer(at.t, self.protocol.at(at.t), record.min_det_F))
@@ -119,17 +130,20 @@ class ProtocolRun:
         spacing = FRAME_SPACING * self.protocol.times[-1]
         keep = not self.frames or at.rested or at.t - self.frames[-1].time >= spacing
         keep = keep or self.peak.t == at.t
-        state = {
+        more = {"scene": self.model.scene.to_dict(), "kept_frames": len(self.frames) + bool(keep)}
+        save(self.path, self.grid, [*self.frames, frame], self._state() | more)
+        if keep:
+            self.frames.append(frame)
+
+    def _state(self) -> dict[str, Any]:
+        """All that decides what is still to come, and what there was."""
+        assert self.peak is not None
+        return {
             "transient": self.transient.checkpoint(),
             "observer": self.observer.checkpoint(),
             "rows": table(self.rows),
             "peak": asdict(self.peak),
-            "scene": self.model.scene.to_dict(),
-            "kept_frames": len(self.frames) + bool(keep),
         }
-        save(self.path, self.grid, [*self.frames, frame], state)
-        if keep:
-            self.frames.append(frame)
 
     def _fields(self, body: Body) -> dict[str, np.ndarray]:
         """Displacement (m) and maximum principal strain at the nodes."""
@@ -144,13 +158,16 @@ class ProtocolRun:
         assert self.path is not None
         if state["scene"] != self.model.scene.to_dict():
             raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
+        self._take(state, load(self.path).frames[: state["kept_frames"]])
+
+    def _take(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
         self.transient.restore(state["transient"])
         self.observer.restore(state["observer"])
         self.rows = [
             Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)
         ]
         self.peak = Peak(**state["peak"])
-        self.frames = list(load(self.path).frames[: state["kept_frames"]])
+        self.frames = list(frames)
 
 
 def table(rows: list[Row]) -> dict[str, np.ndarray]:
