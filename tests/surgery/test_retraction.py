@@ -50,4 +50,3 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         rows = table(alone.rows)
         assert len(rows["t"]) > 10 and alone.peak == together[program.name].peak
         assert all(np.array_equal(rows[name], together[program.name].rows[name]) for name in rows)
-'''
