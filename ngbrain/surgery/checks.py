@@ -19,7 +19,7 @@ MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
 COARSE = {"site": 4e-3, "near": 14e-3, "far": 36e-3}
 """Element sizes (m) of the mesh on which one order more is affordable,"""
-REACH = 20e-3
+REACH = 15e-3
 """and how far (m) from the cleft it is used."""
 
 
