@@ -12,7 +12,7 @@ from ngbrain.errors import require
 from ngbrain.report.peak import Peak
 from ngbrain.report.surface import Floats
 
-DPI = 125
+DPI = 150
 WIDTH = 9.0
 """Of every picture, in inches: 1800 pixels, shown at 900 or less."""
 STYLE = {
