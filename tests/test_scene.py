@@ -19,7 +19,7 @@ from ngbrain import scene as room
 from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import Blade, Cleft, Protocol, Scene, Tissue
-from ngbrain.surgery import observe, protocols
+from ngbrain.surgery import observe
 
 NAMES = ["demo", "demo_fast"]
 SMALLEST = {"tissue": [{"region": ".*", "mu_Pa": 500}], "cleft": {"target_mm": [17, 5.9, 26.2]}}
@@ -425,8 +425,7 @@ def test_a_wall_that_would_begin_outside_the_brain(demo):
     assert re.match(r"cleft\.opening_mm is 4\.0; wanted: so small that the walls begin in tissue", str(refusal(demo)))
 
 
-def test_what_blades_and_protocols_count_on_is_what_a_scene_checks():
-    assert room.CLEAR == protocols.CLEAR and room.FACED == observe.TIP_HEIGHT
+def test_the_narrowest_blade_has_a_face_off_its_edges():
     assert room.NARROWEST / 2 > observe.PATCH_MARGIN
 
 

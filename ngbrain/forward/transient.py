@@ -13,6 +13,11 @@ from ngbrain.forward.body import Body
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
+SETTLINGS = 4
+"""Times that a step may set the contacts' offsets; what is still missing then is left to the next step."""
+ROUGH = 1e3
+"""Tolerances while it does, in those of the last solve."""
+
 
 class Motion(Protocol):
     """How the rigid bodies move."""
@@ -26,12 +31,6 @@ class Motion(Protocol):
 
     def travel(self, start: float, end: float) -> float:
         """How far (m) they move towards the tissue between two times; negative when they withdraw."""
-
-
-SETTLINGS = 4
-"""Times that a step may set the contacts' offsets; each leaves about a tenth of the error."""
-ROUGH = 1e3
-"""Tolerances while it does, in those of the last solve."""
 
 
 @dataclass(frozen=True)

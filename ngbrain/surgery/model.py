@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
-import numpy as np
 
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Viscous, after
-from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
+from ngbrain.mesh import Cleft, Sizes, idealised_head
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene
 from ngbrain.surgery.blades import Spatula
@@ -47,10 +46,7 @@ class Model:
     def of(cls, scene: Scene) -> Model:
         """Make the mesh; raises `InputError` for a target outside the tissue."""
         where = scene.cleft
-        vectors = {
-            k: None if v is None else np.array(v) for k, v in (("approach", where.approach), ("across", where.across))
-        }
-        cleft = cleft_to(np.array(where.target), where.opening, where.width, **vectors)
+        cleft = where.slot()
         sizes = Sizes(scene.body.site, scene.body.near, scene.body.far)
         mesh = idealised_head(cleft, where.craniotomy, sizes)
         tool = scene.blade

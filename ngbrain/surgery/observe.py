@@ -9,12 +9,11 @@ import numpy as np
 
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import current_normal_area
+from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Spatula
 
 PATCH_MARGIN = 1e-3
-"""The pressure patch stays this far (m) inside the face's edges;"""
-TIP_HEIGHT = 5e-3
-"""its last part, from the tip, has a pressure of its own."""
+"""The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own."""
 SURFACE_ORDER = 8
 """Order of the wall's integrals, as of the contact energy at second order."""
 
@@ -59,7 +58,7 @@ class Observer:
         push = ngs.CF(tuple(map(float, blade.cleft.across)))
         pressure = self.contact.pressure(u)
         area = ngs.Norm(current_normal_area(u))
-        patch, tip = blade.patch(PATCH_MARGIN), blade.patch(PATCH_MARGIN, TIP_HEIGHT)
+        patch, tip = blade.patch(PATCH_MARGIN), blade.patch(PATCH_MARGIN, FACED)
         self._reference_area = ngs.Integrate(patch, body.mesh, definedon=self._wall, order=SURFACE_ORDER)
         # One pass over the wall for all of them.
         self._integrals = ngs.CF(

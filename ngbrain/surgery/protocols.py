@@ -8,9 +8,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-
-CLEAR = 1e-3
-"""How far (m) behind first contact a withdrawn blade waits."""
+from ngbrain.scene import CLEAR
 
 
 @dataclass(frozen=True)

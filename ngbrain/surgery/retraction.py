@@ -40,7 +40,8 @@ _CHECK = "check: "
 class Outcome:
     """What a protocol's run leaves behind, small enough to pass between processes.
 
-    rows   columns of `Row` by name, SI units; peak: strain at its largest; steps, rejected, newton, factorisations: work
+    rows   columns of `Row` by name, SI units; peak: strain at its largest; steps, rejected, newton, factorisations: work,
+    with that of a beginning shared with another protocol
     """
 
     rows: dict[str, np.ndarray]
@@ -83,7 +84,7 @@ def solve(
     model = Model.of(scene)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     results = pool.run(_tasks(model, where, resume), threads, tell)
-    outcomes = {name: run for value in results.values() if isinstance(value, dict) for name, run in value.items()}
+    outcomes = {name: run for task in results if not task.startswith(_CHECK) for name, run in results[task].items()}
     runs = {p.name: outcomes[p.name] for p in scene.protocols}
     checked = {name: results[_CHECK + name] for name in _CHECKS}
     result = {

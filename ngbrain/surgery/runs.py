@@ -13,7 +13,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.transient import Progress, Transient
-from ngbrain.io import Frame, QuadraticGrid, load, save
+from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS, Strain, StrainSampler
 from ngbrain.surgery.model import TISSUE, WALL, Model
@@ -84,7 +84,7 @@ class ProtocolRun:
         fits = [tissue.fitted_strain for tissue in model.scene.tissues if tissue.fitted_strain is not None]
         self._fitted = min(fits, default=float("inf"))
         if resume and self.path is not None and self.path.exists():
-            self._restore(load(self.path).state)
+            self._restore(load(self.path))
         elif start is not None:
             self._take(*start)
         else:
@@ -154,11 +154,11 @@ class ProtocolRun:
         fields = {"displacement": self.grid.values(body.u), "max_principal_strain": strain}
         return {name: values.astype(np.float32) for name, values in fields.items()}
 
-    def _restore(self, state: dict[str, Any]) -> None:
-        assert self.path is not None
+    def _restore(self, saved: Checkpoint) -> None:
+        state = saved.state
         if state["scene"] != self.model.scene.to_dict():
             raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
-        self._take(state, load(self.path).frames[: state["kept_frames"]])
+        self._take(state, saved.frames[: state["kept_frames"]])
 
     def _take(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
         self.transient.restore(state["transient"])
