@@ -125,7 +125,7 @@ def record(method: str, run: object, args: tuple, exact: float) -> dict:
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
     steps = (2.0, 1.0, 0.5) if quick else (2.0, 1.0, 0.5, 0.25)
-    grids = ((2, 0.02), (2, 0.01)) if quick else ((2, 0.02), (2, 0.01), (3, 0.02), (3, 0.01))
+    grids = ((2, 0.02), (2, 0.01)) if quick else ((2, 0.02), (2, 0.01), (2, 0.007), (3, 0.02), (3, 0.01))
     exact, _, _ = ours(steps[-1] / 16 if not quick else 0.0625, 3, 0.01 if quick else 0.007, 0.7)
     records = []
     for order, maxh in grids:
@@ -145,7 +145,7 @@ def chart(records: list[dict], path: str) -> None:
     figure, axes = plt.subplots(figsize=(8, 5), constrained_layout=True)
     top = 2 * max(r["error"] for r in records if r["converged"])
     colours = {"ngbrain:exponential": "#0072B2", "ngbrain:exponential, factor renewed": "#56B4E9"}
-    marks = {(2, 0.02): "o", (2, 0.01): "s", (3, 0.02): "^", (3, 0.01): "D"}
+    marks = {(2, 0.02): "o", (2, 0.01): "s", (2, 0.007): "v", (3, 0.02): "^", (3, 0.01): "D"}
     for method in dict.fromkeys(r["method"] for r in records):
         for grid in marks:
             rows = [r for r in records if r["method"] == method and (r["order"], r["maxh"]) == grid]

@@ -43,8 +43,8 @@ def plate():
 
 @pytest.fixture
 def make_body():
-    def make(law=RELAXING, contacts=(), bulk=1.5e6, maxh=0.02, order=2, size=(0.02, 0.02, 0.02)):
+    def make(law=RELAXING, contacts=(), bulk=1.5e6, maxh=0.02, order=2, size=(0.02, 0.02, 0.02), **helpers):
         mesh = block(size, maxh)
-        return Body(mesh, {"tissue": Material(law, bulk)}, "bottom", contacts, order)
+        return Body(mesh, {"tissue": Material(law, bulk, **helpers)}, "bottom", contacts, order)
 
     return make
