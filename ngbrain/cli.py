@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
+from ngbrain.io import write_json
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
-from ngbrain.surgery.retraction import CHECKS, solve, write_json
+from ngbrain.surgery.retraction import CHECKS, solve
 
 EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result")

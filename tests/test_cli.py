@@ -1,8 +1,11 @@
 """The command line: bad input ends with status 2 and one line; a coarse run gives its files; a stopped run goes on."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -106,8 +109,8 @@ SMALL = """
 title = "A short push"
 [body]
 site_mm = 4.0
-near_mm = 10.0
-far_mm = 24.0
+near_mm = 14.0
+far_mm = 36.0
 [[tissue]]
 region = "cortex|white"
 mu_Pa = 1000.0
@@ -134,25 +137,39 @@ rest_s = 7.0
 """
 
 
+def command(scene, out, *options):
+    return [sys.executable, "-m", "ngbrain", "retract", str(scene), "-o", str(out), "-q", *options]
+
+
+def retract(*arguments):
+    subprocess.run(command(*arguments), check=True, timeout=300)
+
+
+def numbers(out):
+    """What a run found out: all of its result but how long it took."""
+    result = json.loads((out / "result.json").read_text())
+    return {name: result[name] for name in ("answers", "checks", "comparison", "material_band", "geometry", "model")}
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     scene = folder / "small.toml"
     scene.write_text(SMALL)
-    out = folder / "out"
-    command = [sys.executable, "-m", "ngbrain", "retract", str(scene), "-o", str(out), "-q"]
-    subprocess.run([*command, "--threads", "1"], check=True, timeout=300)
-    return scene, out, json.loads((out / "result.json").read_text())
+    retract(scene, folder / "out", "--threads", "1")
+    return scene, folder / "out"
 
 
 @pytest.mark.slow
 def test_a_run_leaves_its_files_and_its_truths(finished):
-    _, out, result = finished
+    _, out = finished
     assert (out / "report.html").stat().st_size > 10_000
+    result = numbers(out)
     checks = result["checks"]
     assert checks["reaction_balance"] < 1e-6 and checks["volume_balance"] < 1e-4 and checks["energy_balance"] < 0.05
     assert checks["force_while_off_N"] == 0 and checks["gap_while_off_mm"] > 0
     assert checks["first_peaks_differ"] < 1e-6 and checks["min_net_reaction_N"] > -1e-6
+    assert checks["dt_halving"] < 0.03 and checks["order_plus_one"] < 0.1
     for answer in result["answers"].values():
         series = answer["series"]
         assert len({len(values) for values in series.values()}) == 1
@@ -160,21 +177,30 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
 
 
 @pytest.mark.slow
-def test_resume_after_the_end_gives_the_same_answers(finished):
-    scene, out, result = finished
-    command = [
-        sys.executable,
-        "-m",
-        "ngbrain",
-        "retract",
-        str(scene),
-        "-o",
-        str(out),
-        "-q",
-        "--resume",
-        "--threads",
-        "2",
-    ]
-    subprocess.run(command, check=True, timeout=300)
-    again = json.loads((out / "result.json").read_text())
-    assert again["answers"] == result["answers"]
+def test_resume_after_the_end_computes_nothing_and_says_the_same(finished):
+    scene, out = finished
+    before, files = numbers(out), [*out.glob("*.vtkhdf"), *(out / "checks").iterdir()]
+    written = {path: path.stat().st_mtime_ns for path in files}
+    assert len(written) == 5
+    retract(scene, out, "--resume", "--threads", "2")
+    assert numbers(out) == before
+    assert written == {path: path.stat().st_mtime_ns for path in files}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_path, stop):
+    scene, out = finished
+    started = command(scene, tmp_path, "--threads", "2")
+    with subprocess.Popen(started, stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
+        while not (tmp_path / "intermittent.vtkhdf").exists():
+            assert run.poll() is None
+            time.sleep(0.1)
+        time.sleep(3.0)
+        os.killpg(run.pid, stop)
+        said = run.communicate(timeout=30)[1]
+    assert not (tmp_path / "result.json").exists()
+    if stop == signal.SIGINT:
+        assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
+    retract(scene, tmp_path, "--resume", "--threads", "2")
+    assert numbers(tmp_path) == numbers(out)

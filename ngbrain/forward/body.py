@@ -9,15 +9,13 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.contact import BONUS_INTORDER, Contact
+from ngbrain.forward.contact import Contact, surface_rule
 from ngbrain.forward.history import History
-from ngbrain.materials import Law, Viscous, perturbed_lagrangian
+from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 LENGTH_SCALE = 1e-3
-"""Displacements (m) are judged against a millimetre in the size of a Newton correction,"""
-PRESSURE_SCALE = 1e3
-"""pressures (Pa) against a kilopascal."""
+"""Displacements (m) are judged against a millimetre in the size of a Newton correction."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,8 @@ class Material:
     bulk       K (Pa)
     viscosity  η (Pa s), η/(8 Δt) |C̄ - C̄_n|² a step: a little of it keeps tissue that snaps from one shape to another
                (reversed overstress in a tight corner) on a path that time steps can follow
-    pointwise  κ (Pa), the part of K that holds J near 1 at every point, not only in the mean over an element
-               (`perturbed_lagrangian`): corners of a cut need it, a smooth scene is more accurate without
+    pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
+               an element: corners of a cut need it, a smooth scene does without
     """
 
     law: Viscous | Law
@@ -51,6 +49,7 @@ class Body:
     fixed      boundary pattern held at u = 0
     contacts   rigid bodies that walls see
     order      k ≥ 2
+    modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
     Attributes: `fes`, `gfu` (compound), `u`, `p` (its components), `history`. Raises `InputError` for a pattern that
     matches no region or boundary.
@@ -63,9 +62,11 @@ class Body:
         fixed: str,
         contacts: Sequence[Contact] = (),
         order: int = 2,
+        modulus: float = 1e3,
     ) -> None:
         check_patterns(mesh, materials, [fixed, *(contact.wall for contact in contacts)])
-        self.mesh, self.materials, self.contacts, self.order = mesh, materials, tuple(contacts), order
+        self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
+        self.order, self.modulus = order, modulus
         self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p = self.gfu.components
@@ -73,12 +74,11 @@ class Body:
         F = deformation_gradient(self.u)
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
-        rule = ngs.IntegrationRule(ngs.TRIG, 2 * order + BONUS_INTORDER)
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
         self._tissue_terms: list[ngs.comp.BFI] = []
         self.tissue_form, self.contact_form, self.form = self._forms()
         self._gaps = [
-            (contact.gap(self.u).Compile(), mesh.MapToAllElements(rule, mesh.Boundaries(contact.wall)))
+            (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
         ]
         self._vec = self.gfu.vec.CreateVector()
@@ -102,7 +102,9 @@ class Body:
             if material.viscosity:
                 change = C - self.history.shape
                 energy += material.viscosity / 8 * self.history.per_dt * ngs.InnerProduct(change, change)
-            energy += perturbed_lagrangian(J, p, material.bulk, material.pointwise)
+            energy += perturbed_lagrangian(J, p, material.bulk)
+            if material.pointwise:
+                energy += barrier(J, material.pointwise)
             # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
             term = ngs.SymbolicEnergy(energy.Compile(), definedon=self.mesh.Materials(pattern))
             for shape, rule in self.history.rules.items():
@@ -130,7 +132,7 @@ class Body:
     def _release(self, free: ngs.BitArray) -> None:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
-        scale = np.where(self.is_u, LENGTH_SCALE, PRESSURE_SCALE)
+        scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
         self.weights = self._free / scale**2 / self.fes.ndof
 
     # What Newton's method asks (solvers.newton.System).

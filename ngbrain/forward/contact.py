@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
-BONUS_INTORDER = 4
-"""Extra quadrature order on contact facets: the contact zone ends inside facets."""
+SURFACE_ORDER = 8
+"""Order of the quadrature on walls, whatever the elements': the contact zone ends inside facets.
+
+Where it does, another rule is another contact: energy, force, area and pressure must all see the same points.
+"""
 SLACK = 0.04
 """The offset may miss its share of the mean penetration by so much of it."""
 
@@ -69,8 +72,13 @@ class Contact:
         return False
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
-        """The `ds` of every integral over the wall, so that energy, force and area see the same points."""
-        return ngs.ds(self.wall, bonus_intorder=BONUS_INTORDER)
+        """The `ds` of every integral over the wall."""
+        return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
+
+
+def surface_rule() -> ngs.IntegrationRule:
+    """Quadrature on walls."""
+    return ngs.IntegrationRule(ngs.TRIG, SURFACE_ORDER)
 
 
 def current_normal_area(u: ngs.GridFunction) -> CoefficientFunction:

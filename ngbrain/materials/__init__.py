@@ -4,7 +4,7 @@ from ngbrain.materials.base import Law, Sum
 from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
 from ngbrain.materials.isotropic import NeoHooke, Ogden
 from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, step_factors
-from ngbrain.materials.volumetric import perturbed_lagrangian
+from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
 
 __all__ = [
     "CATALOGUE",
@@ -18,6 +18,7 @@ __all__ = [
     "Sum",
     "Viscous",
     "after",
+    "barrier",
     "constants",
     "perturbed_lagrangian",
     "step_factors",

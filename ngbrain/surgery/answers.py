@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ngbrain.scene import Scene
+from ngbrain.surgery.checks import HALF, MILLER, ORDER
 from ngbrain.surgery.injury import dose, times_above
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.units import to_ml, to_mm, to_mmHg
@@ -105,7 +106,7 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     ramp = scene.retraction.ramp
     firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
     peak = firsts[0] if firsts else float("nan")
-    halved, orders = results["half steps"], results["one order more"]
+    halved, orders = results[HALF], results[ORDER]
     return {
         "reaction_balance": max(_imbalance(run) for run in runs.values()),
         "volume_balance": float(max(volume)),
@@ -188,7 +189,7 @@ def _ranked(values: dict[str, float]) -> str:
 
 def material_band(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
     """Peak pressure as given and with Miller's exponent, and how much tissue is strained beyond what the law was fitted to."""
-    first, miller = next(iter(runs.values())), results["Miller's exponent"]
+    first, miller = next(iter(runs.values())), results[MILLER]
     fits = [tissue.fitted_strain for tissue in scene.tissues if tissue.fitted_strain is not None]
     return {
         "peak_pressure_mmHg": {

@@ -8,14 +8,12 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import current_normal_area
+from ngbrain.forward.contact import SURFACE_ORDER, current_normal_area
 from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Spatula
 
 PATCH_MARGIN = 1e-3
 """The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own."""
-SURFACE_ORDER = 8
-"""Order of the wall's integrals, as of the contact energy at second order."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ngbrain.threads import set_threads
 Task = tuple[str, Callable[..., Any], tuple[Any, ...]]
 """Name, function (importable by name) and its arguments; it is also passed `tell`."""
 Tell = Callable[[str, float, float], None]
+"""Called with a run's name, its time (s) and the share of it that is done."""
 
 _queue: Any = None
 _parent: int = 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -16,19 +14,18 @@ import numpy as np
 from ngsolve import ngsglobals
 
 from ngbrain.errors import SolverError
+from ngbrain.io import write_json
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, checks, pool
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import Peak, ProtocolRun, Snapshot, table
 
-Tell = Callable[[str, float, float], None]
-
-
-_CHECKS: dict[str, Callable[[Model], Any]] = {
-    "one order more": checks.order_peaks,
-    "half steps": checks.halved_steps_peak,
-    "Miller's exponent": checks.miller_peak,
+_CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
+    checks.ORDER: checks.one_order_more,
+    checks.HALF: checks.half_steps,
+    checks.MILLER: checks.miller,
 }
 CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
@@ -63,7 +60,8 @@ def solve(
     """Run every protocol of a scene and the checks; returns what `result.json` holds.
 
     scene      what to do (`Scene.from_toml`, `Scene.shipped`)
-    folder     where run files (`NAME.vtkhdf`, restartable) and `result.json` go; None writes nothing
+    folder     where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go; None
+               writes nothing
     threads    processes side by side; the results do not depend on it
     resume     go on from the run files in `folder`
     tell       called with (run, its time in s, share done) after every step
@@ -118,7 +116,7 @@ def _tasks(model: Model, folder: Path | None, resume: bool) -> list[pool.Task]:
     protocols: list[pool.Task] = [
         (", ".join(p.name for p in programs), _protocols, (model, programs, folder, resume)) for programs in longest
     ]
-    extra: list[pool.Task] = [(_CHECK + name, _check, (model, name)) for name in _CHECKS]
+    extra: list[pool.Task] = [(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS]
     return [*protocols, *extra]
 
 
@@ -140,10 +138,12 @@ def _protocols(
     return outcomes
 
 
-def _check(model: Model, name: str, tell: Tell) -> Any:
-    tell(_CHECK + name, 0.0, 0.0)
+def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:
+    if folder is not None:
+        folder = folder / "checks"
+        folder.mkdir(exist_ok=True)
     try:
-        value = _CHECKS[name](model)
+        value = _CHECKS[name](model, folder, resume, lambda _, t, share: tell(_CHECK + name, t, share))
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None
     tell(_CHECK + name, 0.0, 1.0)
@@ -169,10 +169,3 @@ def versions() -> dict[str, str]:
     """Versions of everything that numbers depend on."""
     packages = {name: version(name) for name in ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy", "h5py")}
     return {"python": platform.python_version(), **packages}
-
-
-def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Write, then rename: a reader never sees half a file."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(json.dumps(data, indent=1, allow_nan=False))
-    os.replace(temporary, path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,12 +12,13 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
-from ngbrain.forward.transient import Progress, Transient
+from ngbrain.forward.transient import Progress, StepControl, Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS, Strain, StrainSampler
 from ngbrain.surgery.model import TISSUE, WALL, Model
 from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
+from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml
@@ -25,8 +26,6 @@ from ngbrain.units import to_ml
 FRAME_SPACING = 1 / 12
 """A frame is kept at events and at least every such share of the run."""
 
-Tell = Callable[[str, float, float], None]
-"""Called with a run's name, its time (s) and the share of it that is done."""
 Snapshot = tuple[dict[str, Any], list[Frame]]
 """All that decides what is still to come and what there was, and the frames kept so far."""
 
@@ -69,11 +68,17 @@ class ProtocolRun:
     """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes."""
 
     def __init__(
-        self, model: Model, protocol: Protocol, folder: Path | None, resume: bool = False, start: Snapshot | None = None
+        self,
+        model: Model,
+        protocol: Protocol,
+        folder: Path | None,
+        resume: bool = False,
+        start: Snapshot | None = None,
+        control: StepControl | None = None,
     ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
-        self.transient: Transient = model.run(protocol)
+        self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
         self.observer = Observer(body, model.blade, WALL, model.scene.support.fixed)
         self.sampler = StrainSampler(body, model.cleft, TISSUE)

@@ -14,7 +14,7 @@ from ngbrain.mesh import block
 def loaded(make_body, plate, rng):
     """A relaxing body with a history, a contact and a state that is neither small nor special."""
     drive = plate((0, 1), (0, 1e-3))
-    body = make_body(contacts=[drive.contact(1e6)], viscosity=300.0, pointwise=1e4)
+    body = make_body(contacts=[drive.contact(1e6)], viscosity=300.0, pointwise=1e3)
     drive.set(1.0)
     body.history.stress[:] = 30 * rng.standard_normal(body.history.stress.shape)
     body.history.overstress[:] = 20 * rng.standard_normal(body.history.stress.shape)

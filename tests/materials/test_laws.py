@@ -6,7 +6,7 @@ import pytest
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
-from ngbrain.materials import CATALOGUE, Branch, NeoHooke, Ogden, Prony, Viscous, constants, step_factors
+from ngbrain.materials import CATALOGUE, Branch, NeoHooke, Ogden, Prony, Viscous, barrier, constants, step_factors
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)
@@ -131,3 +131,18 @@ def test_bad_parameters_are_named(make, field):
 def test_viscous_without_branches_is_its_law():
     C = ngs.CF(tuple(np.diag([1.1, 1.0, 0.9]).ravel()), dims=(3, 3))
     assert Viscous(NeoHooke(3.0)).energy(C, [])(POINT) == pytest.approx(NeoHooke(3.0).energy(C)(POINT))
+
+
+def test_barrier_is_soft_near_one_and_steep_beyond():
+    J = ngs.Parameter(1.0)
+    energy = barrier(J, 2.0)
+
+    def at(value):
+        J.Set(value)
+        return energy(POINT)
+
+    assert (
+        at(1.0) == 0 and at(1.001) == pytest.approx(1e-6, rel=2e-3) and at(1 / 1.001) == pytest.approx(1e-6, rel=2e-3)
+    )
+    assert at(0.8) == pytest.approx(2 / 900 * (np.cosh(30 * np.log(0.8)) - 1), rel=1e-12)
+    assert at(0.8) > 10 * 0.2**2 and np.isnan(at(-0.1))

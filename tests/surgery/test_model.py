@@ -1,0 +1,24 @@
+"""A head with a cleft: what must be true of forces on it, whatever the numbers."""
+
+from dataclasses import replace
+
+import pytest
+
+from ngbrain.scene import Scene
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.runs import ProtocolRun, table
+from ngbrain.threads import set_threads
+
+PUSH = Protocol("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e-3))
+
+
+@pytest.mark.slow
+def test_doubling_every_modulus_doubles_every_force():
+    set_threads(1)
+    scene = Scene.shipped("demo_fast")
+    twice = replace(scene, tissues=tuple(tissue.scaled(2.0) for tissue in scene.tissues))
+    model = Model.of(scene)
+    soft, stiff = (table(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
+    assert soft["force"].max() > 0.1
+    assert stiff["force"] == pytest.approx(2 * soft["force"], rel=1e-6, abs=1e-6 * soft["force"].max())
