@@ -31,6 +31,17 @@ def isochoric(C: CoefficientFunction) -> CoefficientFunction:
     return ngs.Det(C) ** (-1 / 3) * C
 
 
+def six(A: CoefficientFunction) -> CoefficientFunction:
+    """The six entries of a symmetric tensor: xx, yy, zz, yz, xz, xy."""
+    return ngs.CF((A[0, 0], A[1, 1], A[2, 2], A[1, 2], A[0, 2], A[0, 1]))
+
+
+def double_contraction(six_of_A: CoefficientFunction, B: CoefficientFunction) -> CoefficientFunction:
+    """A : B of symmetric tensors, of A the `six` entries."""
+    twice = ngs.CF((B[0, 0], B[1, 1], B[2, 2], 2 * B[1, 2], 2 * B[0, 2], 2 * B[0, 1]))
+    return ngs.InnerProduct(six_of_A, twice)
+
+
 def green_lagrange(F: CoefficientFunction) -> CoefficientFunction:
     """E = (FᵀF - 1)/2."""
     return 0.5 * (F.trans * F - ngs.Id(3))

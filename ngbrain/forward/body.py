@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, surface_rule
-from ngbrain.forward.history import History
+from ngbrain.forward.history import History, Remembering
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
@@ -70,7 +70,8 @@ class Body:
         self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p = self.gfu.components
-        self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
+        remembered = {name: Remembering(m.viscous, m.viscosity) for name, m in materials.items()}
+        self.history = History(mesh, remembered, order - 1)
         F = deformation_gradient(self.u)
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
@@ -97,11 +98,7 @@ class Body:
         for pattern, material in self.materials.items():
             law = material.viscous
             energy = law.energy(C, self.history.shares[: len(law.branches)])
-            if law.branches:
-                energy += 0.5 * ngs.InnerProduct(self.history.pull, C)
-            if material.viscosity:
-                change = C - self.history.shape
-                energy += material.viscosity / 8 * self.history.per_dt * ngs.InnerProduct(change, change)
+            energy += self.history.energy(self.history.regions[pattern], C)
             energy += perturbed_lagrangian(J, p, material.bulk)
             if material.pointwise:
                 energy += barrier(J, material.pointwise)

@@ -2,73 +2,96 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.materials import Viscous, step_factors
+from ngbrain.tensors import double_contraction, six
 
 REST = 1e30
 """Relaxation time (s) that stands for 'does not relax', where a region has fewer branches than another."""
 
 
+@dataclass(frozen=True)
+class Remembering:
+    """What a region remembers: the branches of its law, and by its viscosity η (Pa s) the C̄ before the step."""
+
+    law: Viscous
+    viscosity: float = 0.0
+
+
 class History:
-    """H_k, S̄_k per branch, C̄, and what a time step's energy needs of them: β_k and G = Σ (e_k H_k - β_k S̄_k); C̄ before it.
+    """H_k, S̄_k per branch and C̄, and the part of a time step's energy that is made of them.
 
     mesh       NGSolve mesh
-    laws       region pattern → `Viscous`
+    regions    region pattern → `Remembering`
     order      order of the quadrature-point space (order 1: the 4-point rule on tetrahedra)
+
+    Tensors are kept by their `six` entries: `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
     """
 
-    def __init__(self, mesh: ngs.Mesh, laws: dict[str, Viscous], order: int) -> None:
-        self.mesh, self.laws = mesh, laws
+    def __init__(self, mesh: ngs.Mesh, regions: dict[str, Remembering], order: int) -> None:
+        self.mesh, self.regions = mesh, regions
         self.space = IntegrationRuleSpace(mesh, order=order)
         self.rules = self.space.GetIntegrationRules()
-        tensors = ngs.MatrixValued(self.space, 3)
+        tensors = ngs.VectorValued(self.space, 6)
         self.pull = ngs.GridFunction(tensors)
-        self.shape = ngs.GridFunction(tensors)
-        self.strain = np.outer(np.eye(3).ravel(), np.ones(self.space.ndof))
         self.per_dt = ngs.Parameter(0.0)
         self._new = ngs.GridFunction(tensors)
-        self.n_branches = max((len(law.branches) for law in laws.values()), default=0)
+        self.n_branches = max((len(region.law.branches) for region in regions.values()), default=0)
         points = self.space.ndof
-        self.stress = np.zeros((self.n_branches, 9, points))
-        self.overstress = np.zeros((self.n_branches, 9, points))
+        self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
+        self.stress = np.zeros((self.n_branches, 6, points))
+        self.overstress = np.zeros((self.n_branches, 6, points))
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
-        self.tau = np.full((self.n_branches, points), REST)
+        self._tau = np.full((self.n_branches, points), REST)
         for k in range(self.n_branches):
-            field = ngs.GridFunction(self.space)
-            times = {pattern: law.branches[k].tau for pattern, law in laws.items() if len(law.branches) > k}
-            field.Interpolate(mesh.MaterialCF(times, default=REST))
-            self.tau[k] = field.vec.FV().NumPy()
+            times = {name: r.law.branches[k].tau for name, r in regions.items() if len(r.law.branches) > k}
+            self._tau[k] = self._values(times, REST)
+        self._viscosity = self._values({name: r.viscosity for name, r in regions.items()}, 0.0)
         self._stress_cf: list[CoefficientFunction] = []
-        self._shape_cf: CoefficientFunction = ngs.Id(3)
+        self._shape_cf: CoefficientFunction = six(ngs.Id(3))
         self.dt = 0.0
+
+    def _values(self, by_region: dict[str, float], default: float) -> np.ndarray:
+        field = ngs.GridFunction(self.space)
+        field.Interpolate(self.mesh.MaterialCF(by_region, default=default))
+        return field.vec.FV().NumPy().copy()
+
+    def energy(self, region: Remembering, C: CoefficientFunction) -> CoefficientFunction:
+        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + η/8Δt |C̄ - C̄_n|², but for a constant; one `pull` holds all that is linear in C̄."""
+        energy = ngs.CF(0.0)
+        if region.law.branches or region.viscosity:
+            energy += 0.5 * double_contraction(self.pull, C)
+        if region.viscosity:
+            energy += region.viscosity / 8 * self.per_dt * ngs.InnerProduct(C, C)
+        return energy
 
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `finish` evaluates the branch stresses at."""
-        self._stress_cf, self._shape_cf = [], C.Compile()
-        zero = ngs.CF((0,) * 9, dims=(3, 3))
+        self._stress_cf, self._shape_cf = [], six(C).Compile()
         for k in range(self.n_branches):
             by_region = {
-                pattern: law.branches[k].stress(C).Compile()
-                for pattern, law in self.laws.items()
-                if len(law.branches) > k
+                name: six(r.law.branches[k].stress(C)).Compile()
+                for name, r in self.regions.items()
+                if len(r.law.branches) > k
             }
-            self._stress_cf.append(self.mesh.MaterialCF(by_region, default=zero))
+            self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
     def begin(self, dt: float) -> None:
-        """Set β_k, the pull G and the C̄ before a step of `dt` seconds."""
+        """Set β_k and the pull for a step of `dt` seconds."""
         self.dt = dt
         self.per_dt.Set(1 / dt)
-        pull = np.zeros((9, self.space.ndof))
+        pull = -self._viscosity / (2 * dt) * self.strain
         for k in range(self.n_branches):
-            e, beta = step_factors(dt, self.tau[k])
+            e, beta = step_factors(dt, self._tau[k])
             self.shares[k].vec.FV().NumPy()[:] = beta
             pull += e * self.overstress[k] - beta * self.stress[k]
         self.pull.vec.FV().NumPy()[:] = pull.ravel()
-        self.shape.vec.FV().NumPy()[:] = self.strain.ravel()
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.
@@ -77,11 +100,11 @@ class History:
         """
         self.strain = self._at_points(self._shape_cf)
         for k in range(self.n_branches):
-            e, beta = step_factors(self.dt, self.tau[k])
+            e, beta = step_factors(self.dt, self._tau[k])
             new = self._at_points(self._stress_cf[k])
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
 
     def _at_points(self, field: CoefficientFunction) -> np.ndarray:
         self._new.Interpolate(field)
-        return self._new.vec.FV().NumPy().reshape(9, -1).copy()
+        return self._new.vec.FV().NumPy().reshape(6, -1).copy()

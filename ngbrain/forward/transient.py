@@ -226,7 +226,7 @@ class Transient:
         """The body's factorisation; what it was made at is kept so that a restart makes the same one."""
         history = self.body.history
         self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt, "offsets": self.body.offsets}
-        self._factored |= {name: getattr(history, name).vec.FV().NumPy().copy() for name in ("pull", "shape")}
+        self._factored["pull"] = history.pull.vec.FV().NumPy().copy()
         return self.body.factorise(x)
 
     # Restart.
@@ -251,8 +251,7 @@ class Transient:
         body, history, factor = self.body, self.body.history, saved["factor"]
         if factor:
             history.begin(factor["dt"])
-            for name in ("pull", "shape"):
-                getattr(history, name).vec.FV().NumPy()[:] = factor[name]
+            history.pull.vec.FV().NumPy()[:] = factor["pull"]
             self._now, body.offsets = factor["t"], factor["offsets"]
             self.motion.set(self._now)
             self.newton.renew(self, factor["x"], NewtonRecord())
