@@ -82,7 +82,8 @@ class Tissue(Section):
             self._need(fits and all(alpha), path, "alpha", f"as many values as mu_Pa, {len(mu)}, none of them 0")
             self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
             self._need(len(eta) == len(mu) - 1, path, "eta", f"one value fewer than mu_Pa: {len(mu) - 1}")
-        self._need(math.isfinite(self.bulk), path, "bulk_ratio", "one that, times mu_Pa, is a finite bulk modulus")
+        self._need(all(1e-3 <= m <= 1e9 for m in mu), path, "mu", "moduli of 0.001 to 1e9 Pa")
+        self._need(1e-3 <= self.bulk_ratio <= 1e9, path, "bulk_ratio", "a ratio of 0.001 to 1e9")
 
     @property
     def _constants(self) -> OgdenBranches:

@@ -270,5 +270,5 @@ def _error(problem: str, t: float, dt: float) -> Exception:
     )
     return kind(
         f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {problem}; "
-        "try a finer mesh at the site or a slower blade"
+        "try a finer mesh at the site, a slower blade or a smaller opening"
     )
