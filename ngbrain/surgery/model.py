@@ -25,7 +25,7 @@ SOFTNESS = 0.02
 MADE_UP = 0.95
 """Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
 STABILISING_TIME = 0.3
-"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds, it adds 1.3 % to the fast demo's peak."""
+"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds, it adds 2 % to the fast demo's peak."""
 POINTWISE = 0.2
 """Barrier against collapse at single points (`Material.pointwise`), in initial shear moduli,"""
 NEARLY_INCOMPRESSIBLE = 100.0
