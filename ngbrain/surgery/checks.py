@@ -20,6 +20,8 @@ from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.runs import ProtocolRun
 
+Point = tuple[float, np.ndarray]
+"""Time (s) and all unknowns."""
 ORDER, HALF, MILLER = "one order more", "half steps", "Miller's exponent"
 """The checks' names."""
 MILLER_ALPHA = -4.7
@@ -30,9 +32,6 @@ REACH = 25e-3
 """and how far (m) from the cleft it is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast demo's head."""
 HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
-
-
-Point = tuple[float, np.ndarray]
 
 
 def half_steps(model: Model, folder: Path | None, resume: bool, tell: Tell) -> float:
