@@ -56,6 +56,18 @@ def test_history_moves_the_residual(loaded):
     assert np.linalg.norm(body.residual(x)[0] - short) > 1e-2 * np.linalg.norm(short)
 
 
+def test_viscosity_resists_a_change_of_shape_and_no_shape(make_body, rng):
+    plain, viscous = make_body(NeoHooke(1e3)), make_body(NeoHooke(1e3), viscosity=500.0)
+    x = np.where(plain.is_u, 2e-4, 50.0) * rng.standard_normal(plain.fes.ndof) * (plain.weights > 0)
+    elastic = plain.residual(x)[0]
+    viscous.history.begin(0.5)
+    moving = viscous.residual(x)[0]
+    viscous.history.finish()
+    viscous.history.begin(0.5)
+    assert viscous.residual(x)[0] == pytest.approx(elastic, abs=1e-10 * np.abs(elastic).max())
+    assert np.abs(moving - elastic).max() > 0.1 * np.abs(elastic).max()
+
+
 def test_smallest_determinant_sees_an_inverted_quadrature_point(make_body):
     body = make_body()
     x = np.zeros(body.fes.ndof)
