@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-OF_THE_RUN = ("time_s", "threads")
+OF_THE_RUN = ("time_s", "threads", "versions")
 
 
 def leaves(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
