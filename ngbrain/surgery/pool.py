@@ -5,9 +5,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
+import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from typing import Any
 
 from ngbrain.threads import set_threads
@@ -19,6 +21,7 @@ Tell = Callable[[str, float, float], None]
 
 _queue: Any = None
 _parent: int = 0
+_tasks: dict[str, Task] = {}
 
 
 def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[str, Any]:
@@ -33,9 +36,12 @@ def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[s
     listener = threading.Thread(target=_listen, args=(messages, done, tell), daemon=True)
     listener.start()
     results = {}
-    with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, (messages, os.getpid())) as executor:
-        futures = {executor.submit(_call, function, args): name for name, function, args in tasks}
+    # Tasks go with the start of a process: in the executor's own pipe megabytes would block it for ever once nobody reads.
+    shared = (messages, os.getpid(), list(tasks))
+    with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, shared) as executor:
         try:
+            with _undisturbed():
+                futures = {executor.submit(_call, name): name for name, _, _ in tasks}
             for future in as_completed(futures):
                 results[futures[future]] = future.result()
         except BaseException:
@@ -48,6 +54,24 @@ def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[s
     return {name: results[name] for name, _, _ in tasks}
 
 
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C goes to every process of a terminal: those started here never hear of it, and this one once all are started."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    heard: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # is what a process started here begins with
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if heard:
+        raise KeyboardInterrupt
+
+
 def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
     while not done.is_set():
         try:
@@ -56,13 +80,15 @@ def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
             continue
 
 
-def _start(messages: Any, parent: int) -> None:
+def _start(messages: Any, parent: int, tasks: Sequence[Task]) -> None:
     global _queue, _parent
     _queue, _parent = messages, parent
+    _tasks.update({task[0]: task for task in tasks})
     set_threads(1)
 
 
-def _call(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+def _call(name: str) -> Any:
+    _, function, args = _tasks[name]
     return function(*args, tell=_report)
 
 
