@@ -188,15 +188,19 @@ def test_resume_after_the_end_computes_nothing_and_says_the_same(finished):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGKILL])
-def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_path, stop):
+@pytest.mark.parametrize(
+    ("stop", "after_s"),
+    [(signal.SIGINT, 0.0), (signal.SIGINT, 3.0), (signal.SIGKILL, 3.0)],
+    ids=["Ctrl-C while processes start", "Ctrl-C", "kill"],
+)
+def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_path, stop, after_s):
     scene, out = finished
     started = command(scene, tmp_path, "--threads", "2")
     with subprocess.Popen(started, stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
         while not (tmp_path / "intermittent.vtkhdf").exists():
             assert run.poll() is None
-            time.sleep(0.1)
-        time.sleep(3.0)
+            time.sleep(0.01)
+        time.sleep(after_s)
         os.killpg(run.pid, stop)
         said = run.communicate(timeout=30)[1]
     assert not (tmp_path / "result.json").exists()

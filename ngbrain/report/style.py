@@ -14,7 +14,7 @@ from ngbrain.report.surface import Floats
 
 DPI = 150
 WIDTH = 9.0
-"""Of every picture, in inches: 1800 pixels, shown at 900 or less."""
+"""Of every picture, in inches: 1350 pixels, shown at 900 or less."""
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 10,
