@@ -1,0 +1,106 @@
+"""A tetrahedral mesh with named regions and boundaries as plain arrays: what is kept on disk, exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import netgen.meshing as meshing
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+
+
+GRADING = 0.5
+"""Growth of the tetrahedra away from the given triangles."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles (k, 3) under a name, outwards of the region numbered `inside`; `outside` is -1 for nothing."""
+
+    name: str
+    triangles: np.ndarray
+    inside: int
+    outside: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """points (n, 3) m; tets (m, 4) in Netgen's orientation and region (m,); triangles (k, 3) and boundary (k,).
+
+    `regions` and `boundaries` are the names that `region` and `boundary` number.
+    """
+
+    points: np.ndarray
+    tets: np.ndarray
+    region: np.ndarray
+    triangles: np.ndarray
+    boundary: np.ndarray
+    regions: tuple[str, ...]
+    boundaries: tuple[str, ...]
+
+    @classmethod
+    def enclosed(cls, points: np.ndarray, surfaces: list[Surface], regions: tuple[str, ...], maxh: float) -> Elements:
+        """Fill closed surfaces with tetrahedra, which keep every triangle; one thread, so the same bits every time.
+
+        Raises `InputError` where Netgen finds no mesh.
+        """
+        mesh = meshing.Mesh()
+        mesh.dim = 3
+        mesh.AddPoints(np.ascontiguousarray(points))
+        for i, surface in enumerate(surfaces):
+            face = meshing.FaceDescriptor(surfnr=i + 1, domin=surface.inside + 1, domout=surface.outside + 1, bc=i + 1)
+            index = mesh.Add(face)
+            mesh.AddElements(2, index, np.ascontiguousarray(surface.triangles, np.int32), base=0)
+        try:
+            mesh.GenerateVolumeMesh(mp=meshing.MeshingParameters(maxh=maxh, grading=GRADING, parallel_meshing=False))
+        except Exception as error:  # Netgen raises its own exceptions and bare ones
+            raise InputError("mesh sizes", f"such that Netgen gives up ({error})", "other element sizes") from error
+        flat, solid = mesh.Elements2D().NumPy(), mesh.Elements3D().NumPy()
+        if not len(solid):
+            raise InputError("mesh sizes", "such that Netgen makes no tetrahedra", "other element sizes")
+        made = cls(
+            mesh.Coordinates().copy(),
+            solid["nodes"][:, :4].astype(np.int32) - 1,
+            solid["index"].astype(np.int32) - 1,
+            flat["nodes"][:, :3].astype(np.int32) - 1,
+            flat["index"].astype(np.int32) - 1,
+            regions,
+            tuple(surface.name for surface in surfaces),
+        )
+        if not (made.volumes() > 0).all():
+            raise InputError("mesh sizes", "such that Netgen turns an element inside out", "other element sizes")
+        return made
+
+    def volumes(self) -> np.ndarray:
+        """Volume (m³) of every tetrahedron; negative where one is inside out."""
+        x = self.points[self.tets]
+        return np.asarray(-np.linalg.det(x[:, 1:] - x[:, :1]) / 6)
+
+    def dihedral(self) -> np.ndarray:
+        """Smallest angle (degrees) between two faces of every tetrahedron."""
+        x = self.points[self.tets]
+        smallest = np.full(len(x), np.inf)
+        for i, j in combinations(range(4), 2):
+            k, m = sorted({0, 1, 2, 3} - {i, j})
+            edge = x[:, j] - x[:, i]
+            sides = [np.cross(edge, x[:, corner] - x[:, i]) for corner in (k, m)]
+            cosine = np.einsum("ij,ij->i", *sides) / np.prod([np.linalg.norm(s, axis=1) for s in sides], axis=0)
+            smallest = np.minimum(smallest, np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+        return smallest
+
+    def mesh(self) -> ngs.Mesh:
+        """As an NGSolve mesh."""
+        mesh = meshing.Mesh()
+        mesh.dim = 3
+        mesh.AddPoints(self.points)
+        for i, name in enumerate(self.regions):
+            mesh.SetMaterial(i + 1, name)
+            mesh.AddElements(3, i + 1, np.ascontiguousarray(self.tets[self.region == i]), base=0)
+        for i, name in enumerate(self.boundaries):
+            index = mesh.Add(meshing.FaceDescriptor(surfnr=i + 1, domin=1, domout=0, bc=i + 1))
+            mesh.SetBCName(i, name)
+            mesh.AddElements(2, index, np.ascontiguousarray(self.triangles[self.boundary == i]), base=0)
+        return ngs.Mesh(mesh)

@@ -1,0 +1,79 @@
+"""A shape given by voxels, as a smooth signed distance that points can be put on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+Points = np.ndarray
+NEWTON = 12
+"""Steps with which a point is put on a level: a smoothed distance has a slope near 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSet:
+    """φ (m), negative inside, linear between the points of a grid; far from the shape it is only a bound.
+
+    values   (nx, ny, nz) m; origin (3,) of the first, m; spacing of the grid (m)
+    """
+
+    values: np.ndarray
+    origin: np.ndarray
+    spacing: float
+
+    @classmethod
+    def of(cls, mask: np.ndarray, origin: np.ndarray, spacing: float, smoothing: float, margin: float) -> LevelSet:
+        """The smoothed outline of a mask (nx, ny, nz), `origin` (m) at its first voxel; it encloses the mask's volume.
+
+        smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps
+        margin      room (m) around the mask
+        """
+        box = [slice(*np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {i})))[[0, -1]] + [0, 1]) for i in range(3)]
+        start = np.array([s.start for s in box])
+        pad = int(np.ceil(margin / spacing))
+        inner = np.pad(mask[tuple(box)], pad)
+        distance = ndimage.distance_transform_edt(~inner) - ndimage.distance_transform_edt(inner)
+        distance -= 0.5 * np.sign(distance)  # the outline lies between voxels
+        smooth = ndimage.gaussian_filter(distance.astype(np.float32), smoothing / spacing)
+        n = int(inner.sum())
+        level = np.partition(smooth.ravel(), n)[n]  # as many voxels inside as the mask has
+        return cls((smooth - level) * np.float32(spacing), origin + (start - pad) * spacing, spacing)
+
+    def __call__(self, points: Points) -> np.ndarray:
+        """φ (n,) at points (n, 3) in m; beyond the grid the value at its border."""
+        at = (np.atleast_2d(points) - self.origin) / self.spacing
+        return ndimage.map_coordinates(self.values, at.T, order=1, mode="nearest", output=float)
+
+    def moved(self, by: float) -> LevelSet:
+        """The outline moved outwards by a distance (m)."""
+        return replace(self, values=self.values - np.float32(by))
+
+    def normals(self, points: Points) -> np.ndarray:
+        """∇φ (n, 3), by differences over a voxel to each side."""
+        steps = self.spacing * np.eye(3)
+        return np.stack([(self(points + e) - self(points - e)) / (2 * self.spacing) for e in steps], axis=1)
+
+    def project(self, points: Points, level: float = 0.0) -> Points:
+        """Points (n, 3) moved along the gradient to φ = level, at most two voxels at a time."""
+        points = np.array(points, float)
+        for _ in range(NEWTON):
+            gradient = self.normals(points)
+            step = (self(points) - level) / np.maximum((gradient**2).sum(axis=1), 0.05)
+            limit = 2 * self.spacing / np.maximum(np.abs(step) * np.linalg.norm(gradient, axis=1), 2 * self.spacing)
+            points -= (step * limit)[:, None] * gradient
+        return points
+
+    def along(self, start: Points, direction: np.ndarray, longest: float) -> np.ndarray:
+        """How far (n,) from points inside, along a unit vector, φ = 0 is first met (m); NaN where it is not."""
+        s = np.arange(0.0, longest, self.spacing / 2)
+        path = start[:, None] + s[:, None] * direction
+        phi = self(path.reshape(-1, 3)).reshape(len(start), -1)
+        out = phi > 0
+        k = out.argmax(axis=1)
+        found = out.any(axis=1) & (k > 0)
+        i, j = np.arange(len(start)), np.maximum(k, 1)
+        low, high = phi[i, j - 1], phi[i, j]
+        share = low / np.where(found, low - high, 1.0)
+        return np.where(found, s[j - 1] + share * self.spacing / 2, np.nan)
