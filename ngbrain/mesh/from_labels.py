@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ngbrain.errors import InputError
@@ -17,10 +15,8 @@ from ngbrain.mesh.surfaces import triangulated
 REGIONS = ("brain", "ventricles")
 GROWTH = 0.4
 """Growth of the element size (m) with distance (m) from the cleft."""
-ROUNDS = 3
-"""How often an outline is moved so that flat triangles enclose what the smooth one does;"""
-ENOUGH = 1e-3
-"""to this part of the volume."""
+ROUNDS = 4
+"""of moving triangles until they enclose the volume of the outline."""
 CLEARANCE = 1.5e-3
 """Tissue (m) that has to stay between the cleft and a ventricle."""
 
@@ -29,13 +25,14 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
     """Tetrahedra between the outlines, with the cleft cut out by exact planes.
 
     Regions `brain` and `ventricles`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around
-    the cleft), `ventricle_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines to `ENOUGH`.
+    the cleft), `ventricle_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines.
 
     sizes   elements (m) on the cleft, under the craniotomy, and elsewhere
 
     Raises `InputError` for a cleft that opens a ventricle or does not reach the surface, and where no mesh is found.
     """
-    _clear(Slot.of(cleft, brain, sizes.site), ventricles)
+    slot = Slot.of(cleft, brain, sizes.site)
+    _clear(slot, ventricles)
 
     def size(points: Points) -> np.ndarray:
         a, b, height = cleft.coordinates(points).T
@@ -43,17 +40,11 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
         largest = np.where(near, sizes.near, sizes.far)
         return np.clip(sizes.site + GROWTH * cleft.distance_to_walls(points), sizes.site, largest)
 
-    def hull(surface: LevelSet) -> tuple[Points, np.ndarray]:
-        mouth = Slot.of(cleft, surface, sizes.site)
-        fixed = np.concatenate([mouth.points[: mouth.mouth], rim(cleft, surface, craniotomy, sizes.near)])
-        return triangulated(surface, size, fixed)
-
-    def walls(surface: LevelSet) -> tuple[Points, np.ndarray]:
-        return triangulated(surface, size, np.zeros((0, 3)))
-
-    brain, outer, triangles = _enclosing(brain, hull)
-    _, inner, ventricle = _enclosing(ventricles, walls)
-    slot = Slot.of(cleft, brain, sizes.site)
+    fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
+    outer, triangles = triangulated(brain, size, fixed)
+    outer = _enclosing(brain, outer, triangles, slot.mouth)
+    inner, ventricle = triangulated(ventricles, size, np.zeros((0, 3)))
+    inner = _enclosing(ventricles, inner, ventricle)
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then the ventricles'.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
@@ -78,20 +69,21 @@ def _clear(slot: Slot, ventricles: LevelSet) -> None:
         raise InputError("cleft.target_mm", f"({where}) mm with a cleft that opens a ventricle", wanted)
 
 
-def _enclosing(
-    surface: LevelSet, make: Callable[[LevelSet], tuple[Points, np.ndarray]]
-) -> tuple[LevelSet, Points, np.ndarray]:
-    """An outline moved, and triangles on it, so that they enclose what the outline did."""
+def _enclosing(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
+    """Points moved along their normals, but for the first `fixed`, so that flat triangles enclose what the outline does."""
     wanted = float((surface.values < 0).sum()) * surface.spacing**3
+    points = points.copy()
     for _ in range(ROUNDS):
-        points, triangles = make(surface)
         a, b, c = (points[triangles[:, k]] for k in range(3))
-        normals = np.cross(b - a, c - a) / 2
-        missing = wanted - float(np.einsum("ij,ij->", a, normals)) / 3
-        if abs(missing) <= ENOUGH * wanted:
-            break
-        surface = surface.moved(missing / float(np.linalg.norm(normals, axis=1).sum()))
-    return surface, points, triangles
+        areas = np.cross(b - a, c - a) / 2
+        missing = wanted - float(np.einsum("ij,ij->", a, areas)) / 3
+        normals = np.zeros_like(points)
+        for k in range(3):
+            np.add.at(normals, triangles[:, k], areas / 3)
+        normals[:fixed] = 0
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        points += missing / lengths.sum() * normals / np.where(lengths > 0, lengths, 1.0)
+    return points
 
 
 def _closed(triangles: np.ndarray) -> bool:

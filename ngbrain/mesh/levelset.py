@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -45,10 +45,6 @@ class LevelSet:
         """φ (n,) at points (n, 3) in m; beyond the grid the value at its border."""
         at = (np.atleast_2d(points) - self.origin) / self.spacing
         return ndimage.map_coordinates(self.values, at.T, order=1, mode="nearest", output=float)
-
-    def moved(self, by: float) -> LevelSet:
-        """The outline moved outwards by a distance (m)."""
-        return replace(self, values=self.values - np.float32(by))
 
     def normals(self, points: Points) -> np.ndarray:
         """∇φ (n, 3), by differences over a voxel to each side."""

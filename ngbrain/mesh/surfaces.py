@@ -50,7 +50,7 @@ def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -
 
 def _dense(surface: LevelSet, size: Sizes) -> tuple[Points, np.ndarray]:
     """Points (n, 3) that stand for the whole surface, and the area (m²) of each: pieces well below the size there."""
-    vertices, faces, *_ = marching_cubes(surface.values, 0.0, step_size=2)
+    vertices, faces, *_ = marching_cubes(surface.values, 0.0, step_size=1 if surface.values.size < 1e6 else 2)
     pieces = (surface.origin + vertices.astype(float) * surface.spacing)[faces]
     kept = []
     while len(pieces):
