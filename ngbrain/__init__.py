@@ -1,7 +1,7 @@
 """In silico brain surgery on NGSolve: from a head to a retraction and its risk.
 
 >>> import ngbrain
->>> scene = ngbrain.Scene.shipped("demo")
+>>> scene = ngbrain.Scene.shipped("idealised")
 >>> scene.retraction.opening
 0.005
 """

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, replace
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
+from typing import Protocol as Interface
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Section, brief, choice, entries, number, pattern, read_toml, table, text, to_toml, whole
 from ngbrain.materials import CATALOGUE, NeoHooke, OgdenBranches, Viscous, constants
 from ngbrain.mesh.cleft import Cleft as Slot
-from ngbrain.mesh.shapes import cleft_to
+from ngbrain.mesh.shapes import Ellipsoids
 
 MOST = 1000
 """Holds or stages of a protocol."""
@@ -38,17 +40,40 @@ FACED = 5e-3
 """Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
 
 
+class Openable(Interface):
+    """A head, as far as a scene has to know: see `ngbrain.surgery.heads`."""
+
+    def point(self, voxel: Sequence[float]) -> np.ndarray:
+        """The place (m) of a voxel of the scan's file, counted from 0."""
+
+    def cleft_to(
+        self,
+        target: np.ndarray,
+        opening: float = ...,
+        width: float = ...,
+        approach: np.ndarray | None = None,
+        across: np.ndarray | None = None,
+    ) -> Slot:
+        """The slot from the surface to a target (m), by the shortest way or along `approach`."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Body(Section):
-    """The head: its shape; element sizes (m) on the cleft, under the craniotomy and elsewhere; polynomial order."""
+    """The head: which; element sizes (m) on the cleft, under the craniotomy and elsewhere; polynomial order.
 
-    head: str = choice("head", "idealised", ["idealised"])
+    head    idealised; mni152, the average brain that nilearn brings along; or scan, with the T1's file as `image`
+    """
+
+    head: str = choice("head", "idealised", ["idealised", "mni152", "scan"])
+    image: str | None = text("image", None, "the path of a NIfTI file", lambda raw: raw.strip())
     site: float = number("site_mm", 3e-3, least=0.2)
     near: float = number("near_mm", 8e-3, least=0.5)
     far: float = number("far_mm", 24e-3, least=2.0)
     order: int = whole("order", 2, 2, 4)
 
     def _check(self, path: str, scene: Scene) -> None:
+        wanted = "a file to go with head = 'scan', and with no other head"
+        self._need((self.head == "scan") == (self.image is not None), path, "image", wanted)
         self._need(self.near >= self.site, path, "near", f"at least {self.shown('site'):g}, body.site_mm")
         self._need(self.far >= self.near, path, "far", f"at least {self.shown('near'):g}, body.near_mm")
 
@@ -106,6 +131,12 @@ class Tissue(Section):
         return self.bulk_ratio * self.initial_modulus
 
     @property
+    def branches(self) -> OgdenBranches:
+        """Its constants as Ogden terms; Neo-Hooke is the one with exponent 2."""
+        c = self._constants
+        return c if c.alpha else replace(c, alpha=(2.0,))
+
+    @property
     def fitted_strain(self) -> float | None:
         """Largest stretch change (|λ - 1|) of the data behind the catalogue's constants; None for other tissues."""
         return self._constants.fitted_strain if self.constants else None
@@ -134,11 +165,13 @@ class Support(Section):
 class Cleft(Section):
     """The opening: centre of its floor (m), size along (`width`) and between its walls, diameter of the craniotomy (m).
 
+    voxel      the centre of the floor as a voxel of the scan's file, counted from 0, in place of `target`
     approach   direction from the target outwards; None: the shortest way
     across     direction from wall to wall; None: left to right
     """
 
-    target: tuple[float, float, float] = number("target_mm", signed=True, size=3)
+    target: tuple[float, float, float] | None = number("target_mm", None, signed=True, size=3)
+    voxel: tuple[float, float, float] | None = number("target_voxel", None, signed=True, size=3)
     width: float = number("width_mm", 12e-3)
     opening: float = number("opening_mm", 4e-3, least=0.1)
     craniotomy: float = number("craniotomy_mm", 40e-3)
@@ -153,24 +186,28 @@ class Cleft(Section):
         for name in ("approach", "across"):
             largest = max(map(abs, getattr(self, name) or (1,)))
             self._need(1e-3 <= largest <= 1e3, path, name, "a direction: not all 0, and none beyond 1000")
-        self._need(max(map(abs, self.target)) < 1, path, "target", "a point inside the brain")
+        wanted = "a number in mm in each of 3 places, or cleft.target_voxel; not both"
+        self._need((self.target is None) != (self.voxel is None), path, "target", wanted)
+        of_scan = scene.body.head != "idealised"
+        self._need(of_scan or self.voxel is None, path, "voxel", "cleft.target_mm: the idealised head has no voxels")
+        self._need(max(map(abs, self.target or (0,))) < 1, path, "target", "a point inside the brain")
         wanted = "a direction: no way out is the shortest one from the centre of the brain, cleft.target_mm = [0, 0, 0]"
-        self._need(self.approach or any(self.target), path, "approach", wanted)
-        self.slot()
-        try:
-            self.wall()
-        except InputError:
-            self._need(False, path, "opening", "so small that the walls begin in tissue, as cleft.target_mm does")
+        self._need(of_scan or self.approach or any(self.target or ()), path, "approach", wanted)
 
-    def slot(self) -> Slot:
-        """Where it lies in the head; raises `InputError` where it cannot."""
+    def slot(self, head: Openable) -> Slot:
+        """Where it lies in a head; raises `InputError` where it cannot."""
         directions = [None if way is None else np.array(way) for way in (self.approach, self.across)]
-        return cleft_to(np.array(self.target), self.opening, self.width, *directions)
+        target = head.point(self.voxel) if self.voxel else np.array(self.target)
+        return head.cleft_to(target, self.opening, self.width, *directions)
 
-    def wall(self) -> float:
+    def wall(self, head: Openable) -> float:
         """Height (m) of the wall that the blade pushes, floor to surface, in its middle."""
-        slot = self.slot()
-        return cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth
+        slot = self.slot(head)
+        try:
+            return head.cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth
+        except InputError:
+            wanted = "so small that the walls begin in tissue, as cleft.target_mm does"
+            raise InputError("cleft.opening_mm", self.shown("opening"), wanted) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +226,8 @@ class Blade(Section):
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
         wanted = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", wanted)
-        wall = scene.cleft.wall()
+
+    def _check_wall(self, path: str, wall: float) -> None:
         wanted = f"{1e3 * FACED:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         self._need(self.tip + FACED <= wall, path, "tip", wanted)
 
@@ -205,7 +243,8 @@ class Retraction(Section):
     def _check(self, path: str, scene: Scene) -> None:
         self._need(self.elapsed > self.ramp, path, "elapsed", f"more than {self.ramp:g}, retraction.ramp_s")
         self._need(self.ramp >= self.moment, path, "ramp", self.not_shorter)
-        wall = scene.cleft.wall()
+
+    def _check_wall(self, path: str, wall: float) -> None:
         wanted = f"at most {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         self._need(self.opening <= wall, path, "opening", wanted)
 
@@ -265,7 +304,7 @@ class Protocol(Section):
         if self.kind == "staged":
             self._check_staged(path, scene.retraction)
         if self.kind == "program":
-            self._check_program(path, scene.retraction, scene.cleft.wall())
+            self._check_program(path, scene.retraction)
 
     def _check_intermittent(self, path: str, shared: Retraction) -> None:
         ramp, end = shared.ramp, shared.elapsed
@@ -288,15 +327,18 @@ class Protocol(Section):
         most = math.floor(shared.ramp / shared.moment)
         self._need(self.stages <= most, path, "stages", f"at most {most}, for {shared.in_words}")
 
-    def _check_program(self, path: str, shared: Retraction, wall: float) -> None:
+    def _check_program(self, path: str, shared: Retraction) -> None:
         rising = self.times[0] == 0 and all(b - a >= shared.moment for a, b in pairwise(self.times))
         wanted = f"times that start at 0, increase by {shared.moment:g} or more"
         wanted += f", and end at retraction.elapsed_s = {shared.elapsed:g}"
         self._need(rising and math.isclose(self.times[-1], shared.elapsed), path, "times", wanted)
         wanted = f"{len(self.times)} values, as many as t_s; the first 0, or less (clear of tissue), some greater"
-        wanted += f", none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         fits = len(self.opening) == len(self.times) and self.opening[0] <= 0 < max(self.opening)
-        self._need(fits and max(map(abs, self.opening)) <= wall, path, "opening", wanted)
+        self._need(fits, path, "opening", wanted)
+
+    def _check_wall(self, path: str, wall: float) -> None:
+        wanted = f"none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(max(map(abs, self.opening or (0,))) <= wall, path, "opening", wanted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,7 +362,7 @@ def _protocols() -> tuple[Protocol, ...]:
 class Scene(Section):
     """One operation on one head. Whatever is wrong with one raises `InputError`.
 
-    >>> scene = Scene.shipped("demo")
+    >>> scene = Scene.shipped("idealised")
     >>> scene.blade.width, scene.to_dict()["blade"]["width_mm"], [p.name for p in scene.protocols]
     (0.01, 10.0, ['continuous', 'intermittent', 'staged'])
     """
@@ -341,8 +383,18 @@ class Scene(Section):
             one, parts = entry.size == 1, getattr(self, name)
             for i, part in enumerate([parts] if one else parts, 1) if entry.table else ():
                 part._check(entry.key if one else f"{entry.key}#{i}", self)
+        if self.body.head == "idealised":  # a scan has to be read first
+            self.check_on(Ellipsoids())
         self._check_unique("tissue", self.tissues, "region", [tissue.region for tissue in self.tissues])
         self._check_unique("protocol", self.protocols, "name", [_as_file(protocol.name) for protocol in self.protocols])
+
+    def check_on(self, head: Openable) -> None:
+        """Raise `InputError` for a cleft, blade or protocol that does not fit into a head."""
+        wall = self.cleft.wall(head)
+        self.blade._check_wall("blade", wall)
+        self.retraction._check_wall("retraction", wall)
+        for i, protocol in enumerate(self.protocols, 1):
+            protocol._check_wall(f"protocol#{i}", wall)
 
     @staticmethod
     def _check_unique(key: str, parts: tuple[Section, ...], name: str, values: list[str]) -> None:

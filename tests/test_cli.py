@@ -44,7 +44,7 @@ def no_run(monkeypatch):
     ],
 )
 def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):
-    text = Scene.shipped("demo_fast").to_toml()
+    text = Scene.shipped("idealised_fast").to_toml()
     assert find in text
     scene = tmp_path / "case.toml"
     scene.write_text(text.replace(find, replace, 1))

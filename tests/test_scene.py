@@ -116,7 +116,7 @@ def test_the_smallest_scene_falls_back_on_the_defaults():
         Protocol(kind="staged", stages=5, rest=30.0),
     )
     assert scene.tissues[0].bulk_ratio == 1000.0 and scene.support.fixed == "skull" and scene.body.order == 2
-    demo = Scene.shipped("demo")
+    demo = Scene.shipped("idealised")
     assert (scene.body, scene.blade, scene.cleft, scene.steps) == (demo.body, demo.blade, demo.cleft, demo.steps)
     single = SMALLEST | {"tissue": SMALLEST["tissue"][0]}
     assert Scene.from_dict(single) == scene  # [tissue] for [[tissue]]
@@ -169,7 +169,7 @@ def test_integers_numpy_numbers_arrays_and_lists_do_in_python():
 
 
 def test_replace_gives_a_checked_scene():
-    demo = Scene.shipped("demo")
+    demo = Scene.shipped("idealised")
     wide = dataclasses.replace(demo, cleft=dataclasses.replace(demo.cleft, width=0.02, craniotomy=0.05))
     assert wide.cleft.width == 0.02 and wide.blade == demo.blade
     with pytest.raises(InputError, match=r"^blade\.width_mm is 14\.0; .*12, cleft\.width_mm"):
@@ -402,7 +402,7 @@ def test_a_folder_is_no_scene_and_a_byte_order_mark_does_no_harm(tmp_path):
     with pytest.raises(InputError, match="unreadable"):
         Scene.from_toml(tmp_path)
     (tmp_path / "case.toml").write_bytes(b"\xef\xbb\xbf" + text_of("demo").replace("\n", "\r\n").encode())
-    assert Scene.from_toml(str(tmp_path / "case.toml")) == Scene.shipped("demo")
+    assert Scene.from_toml(str(tmp_path / "case.toml")) == Scene.shipped("idealised")
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ for name, f in (("Griffiths white matter", force), ("my law, relaxing", mine_for
 # `python -m ngbrain retract SCENE.toml` does the same and writes a report.
 
 # %%
-scene = ngbrain.Scene.shipped("demo_fast")
+scene = ngbrain.Scene.shipped("idealised_fast")
 print(scene.title, [protocol.name for protocol in scene.protocols], f"opening {1e3 * scene.retraction.opening:.0f} mm")
 
 # %% The number.

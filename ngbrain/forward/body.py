@@ -12,6 +12,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, surface_rule
 from ngbrain.forward.history import History, Remembering
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
+from ngbrain.materials.base import Value
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 LENGTH_SCALE = 1e-3
@@ -31,9 +32,9 @@ class Material:
     """
 
     law: Viscous | Law
-    bulk: float
-    viscosity: float = 0.0
-    pointwise: float = 0.0
+    bulk: Value
+    viscosity: Value = 0.0
+    pointwise: Value = 0.0
 
     @property
     def viscous(self) -> Viscous:

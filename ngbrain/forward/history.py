@@ -10,6 +10,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.materials import Viscous, step_factors
+from ngbrain.materials.base import Value
 from ngbrain.tensors import double_contraction, six
 
 REST = 1e30
@@ -21,7 +22,7 @@ class Remembering:
     """What a region remembers: the branches of its law, and by its viscosity η (Pa s) the C̄ before the step."""
 
     law: Viscous
-    viscosity: float = 0.0
+    viscosity: Value = 0.0
 
 
 class History:
@@ -57,7 +58,7 @@ class History:
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
         self.dt = 0.0
 
-    def _values(self, by_region: dict[str, float], default: float) -> np.ndarray:
+    def _values(self, by_region: dict[str, Value], default: float) -> np.ndarray:
         field = ngs.GridFunction(self.space)
         field.Interpolate(self.mesh.MaterialCF(by_region, default=default))
         return field.vec.FV().NumPy().copy()

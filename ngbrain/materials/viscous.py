@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CoefficientFunction
+from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Law, Value, positive
@@ -98,15 +98,20 @@ def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def after(material: Viscous, dt: float) -> Law:
-    """The elastic law that one step of `dt` seconds from rest amounts to, W_∞ + Σ β_k W_k; numbers as τ only."""
-    taus = np.array([float(branch.tau) for branch in material.branches])
-    return _Fixed(material, tuple(float(b) for b in step_factors(dt, taus)[1]))
+    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k."""
+    return _Fixed(material, tuple(_share(dt, branch.tau) for branch in material.branches))
+
+
+def _share(dt: float, tau: Value) -> Value:
+    if isinstance(tau, CoefficientFunction):
+        return (1 - exp(-dt / tau)) * tau / dt
+    return float(step_factors(dt, np.array([tau]))[1][0])
 
 
 @dataclass(frozen=True)
 class _Fixed:
     material: Viscous
-    shares: tuple[float, ...]
+    shares: tuple[Value, ...]
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         return self.material.energy(C, self.shares)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 
 import netgen.meshing as meshing
@@ -10,7 +10,6 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-
 
 GRADING = 0.5
 """Growth of the tetrahedra away from the given triangles."""
@@ -79,17 +78,15 @@ class Elements:
         x = self.points[self.tets]
         return np.asarray(-np.linalg.det(x[:, 1:] - x[:, :1]) / 6)
 
-    def dihedral(self) -> np.ndarray:
-        """Smallest angle (degrees) between two faces of every tetrahedron."""
-        x = self.points[self.tets]
-        smallest = np.full(len(x), np.inf)
-        for i, j in combinations(range(4), 2):
-            k, m = sorted({0, 1, 2, 3} - {i, j})
-            edge = x[:, j] - x[:, i]
-            sides = [np.cross(edge, x[:, corner] - x[:, i]) for corner in (k, m)]
-            cosine = np.einsum("ij,ij->i", *sides) / np.prod([np.linalg.norm(s, axis=1) for s in sides], axis=0)
-            smallest = np.minimum(smallest, np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-        return smallest
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a file; `from_arrays` gives the same back."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Elements:
+        """From what `arrays` gave."""
+        named = {key: tuple(arrays[key].tolist()) for key in ("regions", "boundaries")}
+        return cls(**(arrays | named))  # type: ignore[arg-type]
 
     def mesh(self) -> ngs.Mesh:
         """As an NGSolve mesh."""
@@ -104,3 +101,15 @@ class Elements:
             mesh.SetBCName(i, name)
             mesh.AddElements(2, index, np.ascontiguousarray(self.triangles[self.boundary == i]), base=0)
         return ngs.Mesh(mesh)
+
+
+def smallest_angles(x: np.ndarray) -> np.ndarray:
+    """Smallest angle (degrees) between two faces of every tetrahedron (n, 4, 3)."""
+    smallest = np.full(len(x), np.inf)
+    for i, j in combinations(range(4), 2):
+        k, m = sorted({0, 1, 2, 3} - {i, j})
+        edge = x[:, j] - x[:, i]
+        sides = [np.cross(edge, x[:, corner] - x[:, i]) for corner in (k, m)]
+        cosine = np.einsum("ij,ij->i", *sides) / np.prod([np.linalg.norm(s, axis=1) for s in sides], axis=0)
+        smallest = np.minimum(smallest, np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    return smallest

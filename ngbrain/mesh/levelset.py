@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from ngbrain.errors import require
+
 Points = np.ndarray
+LARGE = 1_000_000
+"""Grid points of a shape whose outline is drawn with every other one."""
 NEWTON = 12
 """Steps with which a point is put on a level: a smoothed distance has a slope near 1."""
 
@@ -50,6 +54,13 @@ class LevelSet:
         """∇φ (n, 3), by differences over a voxel to each side."""
         steps = self.spacing * np.eye(3)
         return np.stack([(self(points + e) - self(points - e)) / (2 * self.spacing) for e in steps], axis=1)
+
+    def outline(self) -> np.ndarray:
+        """Triangles (n, 3, 3) m all over φ = 0, a grid spacing or, of large shapes, two in size; needs the extra `mri`."""
+        measure = require("skimage.measure", "mri")
+        stride = 1 if self.values.size < LARGE else 2
+        vertices, faces, *_ = measure.marching_cubes(self.values, 0.0, step_size=stride)
+        return np.asarray((self.origin + vertices.astype(float) * self.spacing)[faces])
 
     def project(self, points: Points, level: float = 0.0) -> Points:
         """Points (n, 3) moved along the gradient to φ = level, at most two voxels at a time."""

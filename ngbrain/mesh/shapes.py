@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import netgen.meshing as meshing
@@ -77,6 +78,16 @@ def cleft_to(
     c = np.sum((target / SEMI_AXES) ** 2) - 1
     depth = float((-b + np.sqrt(b * b - a * c)) / a)
     return Cleft(target, out, across, depth, opening, width)
+
+
+class Ellipsoids:
+    """The idealised head before it is opened, as a scene asks for one."""
+
+    cleft_to = staticmethod(cleft_to)
+
+    def point(self, voxel: Sequence[float]) -> np.ndarray:
+        """There is none."""
+        raise InputError("cleft.target_voxel", list(voxel), "cleft.target_mm: the idealised head has no voxels")
 
 
 def _mm(point: np.ndarray) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
-from skimage.measure import marching_cubes
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.levelset import LevelSet, Points
@@ -50,8 +49,7 @@ def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -
 
 def _dense(surface: LevelSet, size: Sizes) -> tuple[Points, np.ndarray]:
     """Points (n, 3) that stand for the whole surface, and the area (m²) of each: pieces well below the size there."""
-    vertices, faces, *_ = marching_cubes(surface.values, 0.0, step_size=1 if surface.values.size < 1e6 else 2)
-    pieces = (surface.origin + vertices.astype(float) * surface.spacing)[faces]
+    pieces = surface.outline()
     kept = []
     while len(pieces):
         edge = np.linalg.norm(pieces - pieces[:, [1, 2, 0]], axis=2).max(axis=1)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError, require
-from ngbrain.report import figures, tables
+from ngbrain.report import figures, slices, tables
 from ngbrain.report.peak import Peak
 from ngbrain.report.style import colour
 
@@ -72,11 +72,14 @@ def _pictures(folder: Path, result: dict[str, Any]) -> dict[str, str]:
         raise InputError(
             "geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json"
         ) from error
+    image = slices.ScanImage.read(folder)
     drawn = {
         "head": figures.head(peak),
         "pressure": figures.pressure(answers),
         "slice": figures.strain_slice(peak),
     }
+    if image:
+        drawn["slices"] = slices.slices(image, peak)
     encoded = {name: base64.b64encode(png).decode() for name, png in drawn.items()}
     return {**encoded, "protocol": shown, "time": tables.duration(peak.time)}
 
@@ -105,5 +108,6 @@ def _page(result: dict[str, Any], pictures: dict[str, str]) -> str:
             band=result.get("material_band") or {},
             geometry=result["geometry"],
             model=result.get("model") or {},
+            volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),
         )
     )

@@ -1,1 +1,1 @@
-"""Scenes that come with the package, as TOML: `Scene.shipped("demo")`."""
+"""Scenes that come with the package, as TOML: `Scene.shipped("idealised")`."""

@@ -24,7 +24,6 @@ LEFT_OUT = (
     "inertia: the blade moves at less than a millimetre per second",
     "friction between blade and tissue",
     "blood flow and drainage of tissue fluid; ventricles are a soft drained filling",
-    "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape",
     "damage: the tissue recovers whatever it was strained to",
 )
 

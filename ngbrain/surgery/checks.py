@@ -76,11 +76,10 @@ def order_peaks(model: Model) -> tuple[float, float]:
     """
     scene = model.scene
     body = replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()})
-    coarse = model if body == scene.body else Model.of(replace(scene, body=body))
+    coarse = model if body == scene.body else Model.of(replace(scene, body=body), model.head)
     ramp, order = scene.retraction.ramp, scene.body.order
-    protocol, materials = coarse.ramp("elastic"), coarse.elastic(ramp)
-    control = StepControl(ramp / 10, first=0.05)
-    low, high = (coarse.run(protocol, control, materials, k) for k in (order, order + 1))
+    protocol, control = coarse.ramp("elastic"), StepControl(ramp / 10, first=0.05)
+    low, high = (coarse.run(protocol, control, coarse.elastic(ramp, k), k) for k in (order, order + 1))
     for run in (low, high):
         run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
     high.body.hold(coarse.cleft.distance_to_walls(_centres(coarse.mesh)) > REACH)

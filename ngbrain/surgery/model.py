@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
 
+from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
-from ngbrain.materials import Viscous, after
-from ngbrain.mesh import Cleft, Sizes, idealised_head
+from ngbrain.materials import Branch, Law, Ogden, OgdenBranches, Viscous, after
+from ngbrain.materials.base import Value
+from ngbrain.mesh import Cleft, Sizes
 from ngbrain.scene import Protocol as SceneProtocol
-from ngbrain.scene import Scene
+from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
 
 WALL = "wall_plus"
@@ -43,38 +48,52 @@ TISSUE = "^(?!ventricle).*"
 class Model:
     """A scene's geometry, made once and used by every run.
 
-    mesh    NGSolve mesh; cleft, blade: where and what pushes
+    head    what was opened; mesh: NGSolve mesh; cleft, blade: where and what pushes
     """
 
     scene: Scene
+    head: Head
     mesh: ngs.Mesh
     cleft: Cleft
     blade: Spatula
 
     @classmethod
-    def of(cls, scene: Scene) -> Model:
-        """Make the mesh; raises `InputError` for a target outside the tissue."""
-        where = scene.cleft
-        cleft = where.slot()
-        sizes = Sizes(scene.body.site, scene.body.near, scene.body.far)
-        mesh = idealised_head(cleft, where.craniotomy, sizes)
-        tool = scene.blade
-        return cls(scene, mesh, cleft, Spatula(cleft, tool.width, tool.edge_radius, tool.tip, tool.thickness))
+    def of(cls, scene: Scene, head: Head | None = None) -> Model:
+        """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
+        head = head or head_of(scene.body)
+        scene.check_on(head)
+        where, tool = scene.cleft, scene.blade
+        cleft = where.slot(head)
+        mesh = head.opened(cleft, where.craniotomy, Sizes(scene.body.site, scene.body.near, scene.body.far))
+        blade = Spatula(cleft, tool.width, tool.edge_radius, tool.tip, tool.thickness)
+        return cls(scene, head, mesh, cleft, blade)
 
-    def materials(self) -> dict[str, Material]:
-        """Region pattern → law of shape and bulk modulus."""
-        found = {}
+    def materials(self, order: int | None = None) -> dict[str, Material]:
+        """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
+        mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
+        tissues = self._tissues([name for shares in mixtures.values() for name in shares])
+        return {region: _mixed([(tissues[n], s) for n, s in shares.items()]) for region, shares in mixtures.items()}
+
+    def _tissues(self, names: list[str]) -> dict[str, Tissue]:
+        """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
+        found: dict[str, Tissue] = {}
         for tissue in self.scene.tissues:
-            mu = tissue.initial_modulus
-            barrier = POINTWISE * mu if tissue.bulk_ratio >= NEARLY_INCOMPRESSIBLE else 0.0
-            found[tissue.region] = Material(tissue.law(), tissue.bulk, STABILISING_TIME * mu, barrier)
+            mine = [name for name in names if re.fullmatch(tissue.region, name)]
+            if not mine:
+                raise InputError("tissue region", repr(tissue.region), nearest(tissue.region, set(names)))
+            if twice := sorted({name for name in mine if name in found}):
+                wanted = f"a pattern without {', '.join(twice)}, which has a tissue already"
+                raise InputError("tissue region", repr(tissue.region), wanted)
+            found |= dict.fromkeys(mine, tissue)
+        if bare := sorted(set(names) - set(found)):
+            raise InputError("tissue", f"not given for {', '.join(bare)}", "a tissue for every region of the head")
         return found
 
-    def elastic(self, seconds: float) -> dict[str, Material]:
+    def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
         """The elastic laws that one step of `seconds` from rest amounts to."""
         return {
             region: replace(m, law=after(m.law, seconds), viscosity=0.0) if isinstance(m.law, Viscous) else m
-            for region, m in self.materials().items()
+            for region, m in self.materials(order).items()
         }
 
     def run(
@@ -91,7 +110,8 @@ class Model:
         contact = Contact(
             WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening, MADE_UP
         )
-        materials, order = materials or self.materials(), order or scene.body.order
+        order = order or scene.body.order
+        materials = materials or self.materials(order)
         body = Body(self.mesh, materials, scene.support.fixed, [contact], order, stiffest)
         control = control or StepControl(scene.steps.contact, dt_max=scene.steps.longest)
         return Transient(body, drive, control, penetration_limit=scene.body.site / 2)
@@ -112,3 +132,36 @@ class Model:
         """The first opening alone."""
         r = self.scene.retraction
         return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
+
+
+def _mixed(shares: list[tuple[Tissue, Value]]) -> Material:
+    """One material whose constants are those of the tissue that is there; shares are 0 or 1 at quadrature points.
+
+    Constants are mixed instead of energies, which costs no more than one tissue does.
+    """
+    if len(shares) == 1:
+        ((tissue, _),) = shares
+        return _material(tissue.law(), tissue.bulk, tissue.initial_modulus, _barrier(tissue))
+    parts = [(tissue.branches, share) for tissue, share in shares]
+    most = max(len(part.eta) for part, _ in parts)
+
+    def mean(values: Callable[[OgdenBranches], tuple[float, ...]], k: int, missing: float) -> Value:
+        return sum(share * (values(part)[k] if k < len(values(part)) else missing) for part, share in parts)
+
+    mu, alpha = lambda c: c.mu, lambda c: c.alpha
+    terms = [Ogden(mean(mu, k, 0.0), mean(alpha, k, 2.0)) for k in range(most + 1)]
+    times = [mean(lambda c: tuple(e / m for e, m in zip(c.eta, c.mu[1:], strict=True)), k, 1.0) for k in range(most)]
+    law = Viscous(terms[0], tuple(Branch(term, time) for term, time in zip(terms[1:], times, strict=True)))
+    bulk, modulus, barrier = (
+        sum(share * value(tissue) for tissue, share in shares)
+        for value in (lambda t: t.bulk, lambda t: t.initial_modulus, _barrier)
+    )
+    return _material(law, bulk, modulus, barrier)
+
+
+def _material(law: Viscous | Law, bulk: Value, modulus: Value, barrier: Value) -> Material:
+    return Material(law, bulk, STABILISING_TIME * modulus, barrier)
+
+
+def _barrier(tissue: Tissue) -> float:
+    return POINTWISE * tissue.initial_modulus if tissue.bulk_ratio >= NEARLY_INCOMPRESSIBLE else 0.0

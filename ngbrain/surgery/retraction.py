@@ -71,7 +71,7 @@ def solve(
     Example, with a coarse mesh (about two minutes)::
 
         import ngbrain
-        result = ngbrain.solve(ngbrain.Scene.shipped("demo_fast"), threads=2)
+        result = ngbrain.solve(ngbrain.Scene.shipped("idealised_fast"), threads=2)
         result["answers"]["continuous"]["peak_pressure_mmHg"]
     """
     started = time.perf_counter()
@@ -92,13 +92,14 @@ def solve(
         "seed": 0,
         "threads": threads,
         "scene": scene.to_dict(),
+        "head": model.head.describe(model.mesh),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
         "checks": answers.checks(scene, runs, checked),
         "answers": {name: answers.answer(run) for name, run in runs.items()},
         "comparison": answers.comparison(runs),
         "material_band": answers.material_band(scene, runs, checked),
-        "left_out": list(answers.LEFT_OUT),
+        "left_out": [*answers.LEFT_OUT, model.head.left_out],
         "time_s": time.perf_counter() - started,
     }
     if where is not None:

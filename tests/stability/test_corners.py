@@ -27,7 +27,7 @@ def opened(model, share):
 @pytest.mark.slow
 def test_corners_keep_their_volume_and_the_pressure_is_that_of_one_order_more():
     set_threads(1)
-    model = Model.of(Scene.shipped("demo_fast"))
+    model = Model.of(Scene.shipped("idealised_fast"))
     ours, third_order = order_peaks(model)
     naive, collapsed = opened(model, 0.0)
     again, smallest = opened(model, 1.0)

@@ -16,7 +16,7 @@ PUSH = Protocol("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e-3
 @pytest.mark.slow
 def test_doubling_every_modulus_doubles_every_force():
     set_threads(1)
-    scene = Scene.shipped("demo_fast")
+    scene = Scene.shipped("idealised_fast")
     twice = replace(scene, tissues=tuple(tissue.scaled(2.0) for tissue in scene.tissues))
     model = Model.of(scene)
     soft, stiff = (table(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))

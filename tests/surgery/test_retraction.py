@@ -15,7 +15,7 @@ from ngbrain.threads import set_threads
 
 def test_protocols_named_like_checks_keep_their_results():
     names = ["half steps", "one order more"]
-    scene = Scene.shipped("demo_fast")
+    scene = Scene.shipped("idealised_fast")
     kinds = ({"kind": "continuous"}, {"kind": "staged", "stages": 2, "rest": 20.0})
     protocols = tuple(Protocol(name=name, **kind) for name, kind in zip(names, kinds, strict=True))
     scene = replace(scene, protocols=protocols)
@@ -27,7 +27,7 @@ def test_protocols_named_like_checks_keep_their_results():
 
 
 def test_protocols_that_begin_alike_are_computed_together():
-    tasks = retraction._tasks(Model(Scene.shipped("demo_fast"), None, None, None), None, False)
+    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None), None, False)
     names = [name for name, _, _ in tasks]
     assert "continuous, intermittent" in names and "staged" in names
 
@@ -35,7 +35,7 @@ def test_protocols_that_begin_alike_are_computed_together():
 @pytest.mark.slow
 def test_a_shared_beginning_changes_no_bit(tmp_path):
     set_threads(1)
-    scene = Scene.shipped("demo_fast")
+    scene = Scene.shipped("idealised_fast")
     continuous, intermittent, _ = scene.protocols
     scene = replace(
         scene,

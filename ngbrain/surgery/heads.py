@@ -1,0 +1,182 @@
+"""Heads to operate on: what a scene needs to know of one, for the idealised head and for one from a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from typing import Any, Protocol
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve.comp import IntegrationRuleSpace
+
+from ngbrain.errors import InputError
+from ngbrain.image import Scan, Volume, check_extracted, extracted, mni152, read_scan, segment, ventricles
+from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
+from ngbrain.io.cache import Arrays, kept
+from ngbrain.mesh import (
+    Cleft,
+    Elements,
+    LevelSet,
+    Sizes,
+    cut,
+    elements,
+    from_labels,
+    idealised_head,
+    levelset,
+    shapes,
+    smallest_angles,
+    surfaces,
+)
+from ngbrain.mesh.cleft import frame
+from ngbrain.scene import Body, Openable
+
+MARGIN = 8e-3
+"""Room (m) around a shape in the grid of its distance."""
+
+
+class Head(Openable, Protocol):
+    """A head before it is opened.
+
+    left_out   what the model of it leaves out, in words
+    """
+
+    left_out: str
+
+    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+        """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Region of the mesh → tissue → its share (a CoefficientFunction, or 1), at the quadrature points of an order."""
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """For the result."""
+
+
+class Idealised(shapes.Ellipsoids):
+    """Ellipsoids: see `ngbrain.mesh.idealised_head`."""
+
+    left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
+    opened = staticmethod(idealised_head)
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Every region is a tissue of its own."""
+        return {name: {name: 1.0} for name in mesh.GetMaterials()}
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """Where it comes from."""
+        return {"source": "idealised head of ellipsoids"}
+
+
+@dataclass(eq=False)
+class Scanned:
+    """A head from a T1 scan: tissue labels, and smooth outlines of the brain and of its ventricles."""
+
+    scan: Scan
+    labels: Volume
+    smoothing: float
+    brain: LevelSet = field(init=False)
+    ventricles: LevelSet = field(init=False)
+    left_out = (
+        "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
+        "fibres, and differences between parts of grey and of white matter"
+    )
+
+    def __post_init__(self) -> None:
+        origin, spacing = self.labels.affine[:3, 3], float(self.labels.spacing[0])
+        parts = (self.labels.data > 0, self.labels.data == VENTRICLE)
+        self.brain, self.ventricles = (
+            LevelSet.of(part, origin, spacing, self.smoothing, MARGIN + 4 * self.smoothing) for part in parts
+        )
+
+    @classmethod
+    def of(cls, scan: Scan, smoothing: float = 2e-3) -> Scanned:
+        """Segmented, or taken from the cache; raises `InputError` for a scan that is no extracted brain."""
+        mask = check_extracted(scan)
+
+        def make() -> Arrays:
+            return {"labels": segment.segment(scan.volume, mask).volume.data}
+
+        digest = scan.volume.digest()
+        labels = kept("labels", digest, (segment, ventricles, extracted), make)["labels"]
+        return cls(scan, Volume(labels, scan.volume.affine), smoothing)
+
+    def point(self, voxel: Sequence[float]) -> np.ndarray:
+        """The middle of a voxel of the file, counted from 0."""
+        return np.asarray((self.scan.file_affine @ [*voxel, 1.0])[:3])
+
+    def cleft_to(
+        self,
+        target: np.ndarray,
+        opening: float = 4e-3,
+        width: float = 12e-3,
+        approach: np.ndarray | None = None,
+        across: np.ndarray | None = None,
+    ) -> Cleft:
+        """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
+        target = np.asarray(target, float)
+        where = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
+        if self.brain(target)[0] >= 0:
+            raise InputError("cleft.target_mm", where, "a point inside the brain")
+        if self.ventricles(target)[0] <= 0:
+            raise InputError("cleft.target_mm", where, "a point in tissue, not in a ventricle")
+        out, across = frame(self._way_out(target) if approach is None else approach, across)
+        depth = float(self.brain.along(target[None], out, 0.3)[0])
+        if np.isnan(depth):
+            raise InputError("cleft.approach", out.tolist(), "a direction that leads out of the brain")
+        return Cleft(target, out, across, depth, opening, width)
+
+    def _way_out(self, target: np.ndarray) -> np.ndarray:
+        points = self.brain.outline().mean(axis=1)
+        return np.asarray(points[np.linalg.norm(points - target, axis=1).argmin()] - target)
+
+    def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
+        """From the cache, or made by `from_labels.head`."""
+        shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
+        made_from = [self.labels.digest(), self.smoothing, shape, craniotomy, asdict(sizes), version("netgen-mesher")]
+        modules = (levelset, surfaces, cut, from_labels, elements)
+
+        def make() -> Arrays:
+            return from_labels.head(self.brain, self.ventricles, cleft, craniotomy, sizes).arrays()
+
+        return Elements.from_arrays(kept("mesh", made_from, modules, make)).mesh()
+
+    def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
+        """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""
+        space = IntegrationRuleSpace(mesh, order=order - 1)
+        places = []
+        for coordinate in (ngs.x, ngs.y, ngs.z):
+            place = ngs.GridFunction(space)
+            place.Interpolate(coordinate)
+            places.append(place.vec.FV().NumPy().copy())
+        found = self.labels.at(np.column_stack(places), order=0)
+        white, grey = ngs.GridFunction(space), ngs.GridFunction(space)
+        white.vec.FV().NumPy()[:] = found == WHITE
+        grey.vec.FV().NumPy()[:] = found != WHITE
+        return {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
+
+    def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
+        """Where it comes from, and volumes of its labels against the mesh's (ml)."""
+        ml = 1e6 * self.labels.voxel_volume
+        counts = np.bincount(self.labels.data.ravel(), minlength=len(NAMES)) * ml
+        names = dict(zip(NAMES, counts.tolist(), strict=True))
+        return {
+            "source": self.scan.source,
+            "label_volumes_ml": {name: value for name, value in names.items() if name != "outside"},
+            "label_brain_ml": float(counts[1:].sum() - counts[VENTRICLE]),
+            "min_dihedral_deg": float(smallest_angles(_corners(mesh)).min()),
+        }
+
+
+def head_of(body: Body) -> Head:
+    """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
+    if body.head == "idealised":
+        return Idealised()
+    scan = mni152() if body.head == "mni152" else read_scan(str(body.image))
+    return Scanned.of(scan)
+
+
+def _corners(mesh: ngs.Mesh) -> np.ndarray:
+    """Corners (n, 4, 3) of the tetrahedra (m)."""
+    return np.asarray(mesh.ngmesh.Coordinates()[mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4] - 1])
