@@ -13,6 +13,7 @@ from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
+from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
 
 EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
@@ -43,7 +44,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ngbrain", description="In silico brain surgery.")
     verbs = parser.add_subparsers(required=True, metavar="VERB")
     demo = verbs.add_parser("demo", help="a retraction on the demonstration head, three ways")
-    demo.add_argument("--head", choices=["idealised"], default="idealised", help="which head")
+    which = demo.add_mutually_exclusive_group()
+    which.add_argument("--head", choices=["mni152", "idealised"], default="mni152", help="which head (mni152)")
+    which.add_argument("--image", metavar="FILE", help="a brain-extracted T1 scan (NIfTI) to operate on instead")
     demo.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
     demo.set_defaults(verb=_demo)
     retract = verbs.add_parser("retract", help="one scene")
@@ -69,7 +72,11 @@ def _positive(text: str) -> int:
 
 
 def _demo(arguments: argparse.Namespace) -> None:
-    _run(Scene.shipped("demo_fast" if arguments.fast else "demo"), "demo", arguments)
+    name = "idealised" if arguments.head == "idealised" else "demo"
+    scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
+    if arguments.image:
+        scene = likewise(scene, arguments.image)
+    _run(scene, "demo", arguments)
 
 
 def _retract(arguments: argparse.Namespace) -> None:

@@ -57,8 +57,8 @@ def segment(t1: Volume, brain: np.ndarray) -> Labels:
     The model: Shattuck et al. 2001, doi:10.1006/nimg.2000.0730; mean field: Zhang 1992, doi:10.1109/78.157297.
 
     Raises:
-        InputError: not a T1 (one grey value in 40 % of the brain; less than 15 % or more than 65 % of the brain white; more white
-            matter near the surface than inside), or ventricles of less than 2 ml found.
+        InputError: not a T1 (one grey value in 40 % of the brain; less than 15 % or more than 65 % of it white; more
+            of it white near the surface than inside), or ventricles of less than 2 ml found.
     """
     box = ndimage.find_objects(brain.astype(np.uint8))[0]
     inside = np.pad(brain[box], 1)  # a layer of outside, so that neighbours need no cases

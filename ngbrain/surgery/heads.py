@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Protocol
 
 import ngsolve as ngs
@@ -30,7 +31,7 @@ from ngbrain.mesh import (
     surfaces,
 )
 from ngbrain.mesh.cleft import frame
-from ngbrain.scene import Body, Openable
+from ngbrain.scene import Body, Openable, Scene
 
 MARGIN = 8e-3
 """Room (m) around a shape in the grid of its distance."""
@@ -53,6 +54,9 @@ class Head(Openable, Protocol):
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
         """For the result."""
 
+    def pictures(self) -> dict[str, np.ndarray]:
+        """For the report, which shows slices of them: T1, labels and their place. Nothing where there is no scan."""
+
 
 class Idealised(shapes.Ellipsoids):
     """Ellipsoids: see `ngbrain.mesh.idealised_head`."""
@@ -67,6 +71,10 @@ class Idealised(shapes.Ellipsoids):
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
         """Where it comes from."""
         return {"source": "idealised head of ellipsoids"}
+
+    def pictures(self) -> dict[str, np.ndarray]:
+        """None."""
+        return {}
 
 
 @dataclass(eq=False)
@@ -101,6 +109,11 @@ class Scanned:
         digest = scan.volume.digest()
         labels = kept("labels", digest, (segment, ventricles, extracted), make)["labels"]
         return cls(scan, Volume(labels, scan.volume.affine), smoothing)
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middle of the brain and standard deviation along each axis (m)."""
+        points = self.labels.to_world(np.argwhere(self.labels.data > 0))
+        return points.mean(axis=0), points.std(axis=0)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """The middle of a voxel of the file, counted from 0."""
@@ -168,6 +181,14 @@ class Scanned:
             "min_dihedral_deg": float(smallest_angles(_corners(mesh)).min()),
         }
 
+    def pictures(self) -> dict[str, np.ndarray]:
+        """The T1 in 256 steps, the labels, and where their first voxel is (m)."""
+        t1, spacing = self.scan.volume.data, self.labels.spacing[0]
+        low, high = t1.min(), np.quantile(t1[self.labels.data > 0], 0.999)
+        steps = (255 * ((t1 - low) / (high - low)).clip(0, 1)).astype(np.uint8)
+        place = {"origin_m": self.labels.affine[:3, 3], "spacing_m": np.asarray(spacing)}
+        return {"t1": steps, "labels": self.labels.data, **place}
+
 
 def head_of(body: Body) -> Head:
     """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
@@ -180,3 +201,14 @@ def head_of(body: Body) -> Head:
 def _corners(mesh: ngs.Mesh) -> np.ndarray:
     """Corners (n, 4, 3) of the tetrahedra (m)."""
     return np.asarray(mesh.ngmesh.Coordinates()[mesh.ngmesh.Elements3D().NumPy()["nodes"][:, :4] - 1])
+
+
+def likewise(scene: Scene, image: str) -> Scene:
+    """A scene on the MNI152 head, moved to the like place of another scan: as many standard deviations from its middle."""
+    body = replace(scene.body, head="scan", image=image)
+    other, template = head_of(body), head_of(scene.body)
+    assert isinstance(other, Scanned) and isinstance(template, Scanned)
+    (middle, spread), (there, theirs) = template.extent(), other.extent()
+    target = there + theirs * (np.array(scene.cleft.target) - middle) / spread
+    title = scene.title.replace("the MNI152 average brain", Path(image).name)
+    return replace(scene, title=title, body=body, cleft=replace(scene.cleft, target=tuple(target.tolist())))

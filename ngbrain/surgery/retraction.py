@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import time
 from collections.abc import Callable
@@ -29,6 +30,8 @@ _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
 }
 CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
+PICTURES = "head.npz"
+"""The scan and its labels, for the report."""
 _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
 
@@ -81,6 +84,8 @@ def solve(
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
+    if where is not None:
+        _write_pictures(where / PICTURES, model.head.pictures())
     results = pool.run(_tasks(model, where, resume), threads, tell)
     outcomes = {name: run for task in results if not task.startswith(_CHECK) for name, run in results[task].items()}
     runs = {p.name: outcomes[p.name] for p in scene.protocols}
@@ -149,6 +154,19 @@ def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tel
         value = None
     tell(_CHECK + name, 0.0, 1.0)
     return value
+
+
+def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    if not arrays:
+        path.unlink(missing_ok=True)
+        return
+    part = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
+    try:
+        np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
+        os.replace(part, path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def _geometry(model: Model) -> dict[str, Any]:
