@@ -186,7 +186,7 @@ class Cleft(Section):
         for name in ("approach", "across"):
             largest = max(map(abs, getattr(self, name) or (1,)))
             self._need(1e-3 <= largest <= 1e3, path, name, "a direction: not all 0, and none beyond 1000")
-        wanted = "a number in mm in each of 3 places, or cleft.target_voxel; not both"
+        wanted = "a length in mm in each of 3 places, or cleft.target_voxel; not both"
         self._need((self.target is None) != (self.voxel is None), path, "target", wanted)
         of_scan = scene.body.head != "idealised"
         self._need(of_scan or self.voxel is None, path, "voxel", "cleft.target_mm: the idealised head has no voxels")
@@ -416,7 +416,7 @@ class Scene(Section):
 
     @classmethod
     def shipped(cls, name: str) -> Scene:
-        """One that comes with the package: "demo" or "demo_fast"."""
+        """One that comes with the package: "demo" (a real head), "idealised", and coarse ones of both, "demo_fast", "idealised_fast"."""
         files = {Path(file.name).stem: file for file in resources.files("ngbrain.scenes").iterdir()}
         known = [stem for stem, file in files.items() if file.name.endswith(".toml")]
         if name not in known:

@@ -40,7 +40,7 @@ def no_run(monkeypatch):
         ('fixed = "skull"', 'fixed = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
         ('region = "white"', 'region = ".*e.*"', ["tissue region", ".*e.*", "cortex"]),
-        ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "regular expression"]),
+        ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "'white'"]),
     ],
 )
 def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):

@@ -21,7 +21,7 @@ from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import Blade, Cleft, Protocol, Scene, Tissue
 from ngbrain.surgery import observe
 
-NAMES = ["demo", "demo_fast"]
+NAMES = ["demo", "demo_fast", "idealised", "idealised_fast"]
 SMALLEST = {"tissue": [{"region": ".*", "mu_Pa": 500}], "cleft": {"target_mm": [17, 5.9, 26.2]}}
 DELETED = object()
 
@@ -33,7 +33,7 @@ def text_of(name):
 @pytest.fixture
 def demo():
     """The demo with the numbers that the tests below count on, whatever the shipped one is tuned to."""
-    data = tomllib.loads(text_of("demo"))
+    data = tomllib.loads(text_of("idealised"))
     data["body"] = {"head": "idealised", "site_mm": 2.0, "near_mm": 6.0, "far_mm": 20.0, "order": 2}
     data["cleft"] |= {"width_mm": 12.0, "opening_mm": 4.0, "craniotomy_mm": 40.0}
     data["blade"] = {"width_mm": 10.0, "edge_radius_mm": 1.0, "tip_mm": 4.0, "thickness_mm": 2.0}
@@ -238,7 +238,7 @@ BAD = [
     ("tissue.1.mu_kPa", 1.0, r"tissue#2\.mu_kPa is not a known key; .*'mu_Pa'"),
     ("protocol.1.hold", 1.0, r"protocol#2\.hold is not a known key; .*'hold_s'"),
     ("body.two\nlines", 1, r"body\.'two\\nlines' is not a known key"),
-    ("body.head", "real", r"body\.head is 'real'; wanted: one of idealised"),
+    ("body.head", "real", r"body\.head is 'real'; wanted: one of idealised, mni152, scan"),
     ("body.order", 5, r"body\.order is 5; wanted: a whole number from 2 to 4"),
     ("body.order", 2.0, r"body\.order is 2\.0; wanted: a whole number"),
     ("body.order", True, r"body\.order is True"),
@@ -384,7 +384,7 @@ def test_a_scene_that_is_no_table(data):
         (b"order = " + b"9" * 5000, r"file is unreadable"),
         (b"#" * 1_000_001, r"file is unreadable \(more than a megabyte\); wanted: a scene in TOML"),
         (b"", r"tissue is missing"),
-        (text_of("demo").partition("5.9,")[0].encode(), r"file is unreadable \(.*end of document"),
+        (text_of("idealised").partition("5.9,")[0].encode(), r"file is unreadable \(.*end of document"),
         (None, r"file is unreadable \(.*No such file"),
     ],
 )
@@ -401,7 +401,7 @@ def test_files_that_cannot_be_read(tmp_path, content, line):
 def test_a_folder_is_no_scene_and_a_byte_order_mark_does_no_harm(tmp_path):
     with pytest.raises(InputError, match="unreadable"):
         Scene.from_toml(tmp_path)
-    (tmp_path / "case.toml").write_bytes(b"\xef\xbb\xbf" + text_of("demo").replace("\n", "\r\n").encode())
+    (tmp_path / "case.toml").write_bytes(b"\xef\xbb\xbf" + text_of("idealised").replace("\n", "\r\n").encode())
     assert Scene.from_toml(str(tmp_path / "case.toml")) == Scene.shipped("idealised")
 
 
@@ -430,7 +430,7 @@ def test_the_narrowest_blade_has_a_face_off_its_edges():
     assert room.NARROWEST / 2 > observe.PATCH_MARGIN
 
 
-@pytest.mark.parametrize(("name", "hint"), [("demofast", "'demo_fast'"), ("__init__", "demo, demo_fast"), (3, "demo")])
+@pytest.mark.parametrize(("name", "hint"), [("demofast", "'demo_fast'"), ("__init__", "demo, demo_fast, idealised, idealised_fast"), (3, "demo")])
 def test_an_unknown_shipped_scene_names_the_nearest(name, hint):
     with pytest.raises(InputError, match=f"^scene is {name!r}; wanted: .*{hint}"):
         Scene.shipped(name)
@@ -518,7 +518,7 @@ def test_fuzzed_scenes_parse_or_are_refused_by_name(name, seed):
 
 
 def test_fuzzed_files_parse_or_are_refused_in_one_line(tmp_path):
-    random_, text, path = random.Random(1), text_of("demo").encode(), tmp_path / "case.toml"
+    random_, text, path = random.Random(1), text_of("idealised").encode(), tmp_path / "case.toml"
     refused = 0
     for _ in range(300):
         broken = bytearray(text)

@@ -9,10 +9,9 @@ _DEPTH = 15.0  # mm below the surface of the brain; sulci and most cisterns are 
 _SEED = 300  # mm³ that must be left of a piece when thin sheets are cut
 _WALL = (3.0, 5.0)  # mm from the seed: beyond the fluid and the voxels that it shares with its wall
 _WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and less around cisterns
-_THIN = 10  # mm along horns of 3 voxels or more across
-_RIM = 3  # mm into the fluid nearest to that
+_REACH = 5  # mm of fluid around a seed that go with it
 
-_FACES, _EDGES = ndimage.generate_binary_structure(3, 1), ndimage.generate_binary_structure(3, 2)
+_FACES, _EDGES = (ndimage.generate_binary_structure(3, rank) for rank in (1, 2))
 
 
 def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> np.ndarray:
@@ -51,8 +50,6 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> 
     grown = (large & (share >= _WHITE))[pieces]
     if not grown.any():
         return found
-    thin = ndimage.binary_erosion(deep, _FACES)
-    grown = ndimage.binary_dilation(grown, _FACES, _THIN, mask=thin | grown)
-    grown = ndimage.binary_dilation(grown, _FACES, _RIM, mask=deep)
+    grown = ndimage.binary_dilation(grown, _FACES, _REACH, mask=deep)
     found[box] = ndimage.binary_fill_holes(grown)  # the choroid plexus
     return found

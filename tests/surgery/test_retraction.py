@@ -19,7 +19,7 @@ def test_protocols_named_like_checks_keep_their_results():
     kinds = ({"kind": "continuous"}, {"kind": "staged", "stages": 2, "rest": 20.0})
     protocols = tuple(Protocol(name=name, **kind) for name, kind in zip(names, kinds, strict=True))
     scene = replace(scene, protocols=protocols)
-    tasks = [name for name, _, _ in retraction._tasks(Model(scene, None, None, None), None, False)]
+    tasks = [name for name, _, _ in retraction._tasks(Model(scene, None, None, None, None), None, False)]
     assert len(set(tasks)) == len(tasks) == len(names) + retraction.CHECKS and set(names) < set(tasks)
     for task in set(tasks) - set(names):
         with pytest.raises(InputError, match=r"protocol\.name"):
@@ -27,7 +27,7 @@ def test_protocols_named_like_checks_keep_their_results():
 
 
 def test_protocols_that_begin_alike_are_computed_together():
-    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None), None, False)
+    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False)
     names = [name for name, _, _ in tasks]
     assert "continuous, intermittent" in names and "staged" in names
 
