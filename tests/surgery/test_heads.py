@@ -1,0 +1,113 @@
+"""A head from a scan: what the model of it must share with its labels, and what is refused."""
+
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+
+from ngbrain.cli import main
+from ngbrain.errors import InputError
+from ngbrain.forward.body import Body
+from ngbrain.image import Volume
+from ngbrain.image.segment import WHITE
+from ngbrain.scene import Scene
+from ngbrain.surgery.heads import Scanned, head_of, likewise
+from ngbrain.surgery.model import Model
+
+nibabel = pytest.importorskip("nibabel")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NGBRAIN_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def model(cache):
+    return Model.of(Scene.shipped("demo_fast"))
+
+
+def volume_ml(mesh, region):
+    return 1e6 * ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Materials(region))
+
+
+def test_volumes_are_those_of_the_labels(model):
+    told = model.head.describe(model.mesh)
+    slot = 1e6 * model.cleft.opening * model.cleft.width * model.cleft.depth
+    assert volume_ml(model.mesh, "brain") == pytest.approx(told["label_brain_ml"] - slot, rel=1e-3)
+    assert volume_ml(model.mesh, "ventricles") == pytest.approx(told["label_volumes_ml"]["ventricle"], rel=1e-2)
+    assert told["min_dihedral_deg"] > 3
+
+
+def test_tissues_are_the_labels_at_the_quadrature_points(model):
+    shares = model.head.mixtures(model.mesh, 2)["brain"]
+    white, grey = (share.vec.FV().NumPy() for share in (shares["white"], shares["grey"]))
+    assert set(np.unique(white)) == {0.0, 1.0} and np.array_equal(grey, 1 - white)
+    labels = model.head.labels.data
+    inside = labels > 0
+    assert ngs.Integrate(shares["white"] * ngs.dx("brain", intrules=shares["white"].space.GetIntegrationRules()),
+                         model.mesh) * 1e6 == pytest.approx(1e-3 * np.sum(labels[inside] == WHITE), rel=0.03)  # fmt: skip
+
+
+def test_one_tissue_twice_is_that_tissue(model):
+    # Both tissues alike: the mixture of constants must give the forces of the plain law.
+    grey, _, fluid = model.scene.tissues
+    same = replace(model.scene, tissues=(grey, replace(grey, region="white"), fluid))
+    mixed = replace(model, scene=same).materials()
+    plain = replace(mixed["brain"], law=grey.law(), bulk=grey.bulk, viscosity=0.3 * grey.initial_modulus,
+                    pointwise=0.2 * grey.initial_modulus)  # fmt: skip
+    forces = []
+    for material in (mixed["brain"], plain):
+        body = Body(model.mesh, {"brain": material, "ventricles": mixed["ventricles"]}, "skull")
+        body.u.Set(0.02 * ngs.CF((ngs.y, ngs.z, ngs.x)))
+        body.history.begin(0.5)
+        forces.append(body.tissue_forces())
+    assert np.abs(forces[0]).max() > 0
+    assert np.abs(forces[0] - forces[1]).max() < 1e-10 * np.abs(forces[1]).max()
+
+
+def written(path, volume: Volume, turn=None):
+    """A scan as a file in mm, its axes flipped and permuted by `turn`."""
+    image = nibabel.Nifti1Image(volume.data, np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image if turn is None else image.as_reoriented(turn), path)
+    return str(path)
+
+
+def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_path):
+    volume = model.head.scan.volume
+    turn = np.array([[1, -1], [2, 1], [0, -1]])
+    file = written(tmp_path / "turned.nii.gz", volume, turn)
+    copy = head_of(replace(model.scene.body, head="scan", image=file))
+    assert isinstance(copy, Scanned) and np.array_equal(copy.labels.data, model.head.labels.data)
+    target = np.array(model.scene.cleft.target)
+    voxel = Volume(volume.data, copy.scan.file_affine).to_voxels(target[None])[0]
+    cleft = replace(model.scene.cleft, target=None, voxel=tuple(voxel))
+    assert np.allclose(cleft.slot(copy).target, target, atol=1e-9)
+    moved = likewise(model.scene, file)
+    assert np.allclose(moved.cleft.target, target, atol=1e-9) and "turned.nii.gz" in moved.title
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [((0.0, 0.0, 0.2), "inside the brain"), ((0.0, 0.0, 0.1), "inside the brain"), (None, "not in a ventricle")],
+)
+def test_targets_outside_the_tissue_are_refused(model, target, words):
+    if target is None:
+        head = model.head
+        inside = head.ventricles.values.argmin()
+        at = np.unravel_index(inside, head.ventricles.values.shape)
+        target = head.ventricles.origin + head.ventricles.spacing * np.array(at)
+    with pytest.raises(InputError, match=rf"cleft\.target_mm is \(.*{words}"):
+        model.head.cleft_to(np.array(target))
+
+
+def test_a_bad_image_ends_with_one_line(tmp_path, capsys, cache):
+    path = tmp_path / "noise.nii.gz"
+    path.write_bytes(b"no picture")
+    assert main(["demo", "--fast", "--image", str(path), "-q", "-o", str(tmp_path / "out")]) == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and "noise.nii.gz" in lines[0] and "NIfTI" in lines[0]
