@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 .PHONY: demo test slow lint bench clean check
 
-demo: $(VENV)/.report
+demo: $(VENV)/.demo
 	$(BIN)/python -m ngbrain demo $(ARGS)
 
 test: $(VENV)/.dev
@@ -51,9 +51,9 @@ $(BIN)/pip: | check
 	"$(PYTHON)" -m venv --clear $(VENV)
 
 # NGSolve's wheel expects $(QUADMATH) from the system; where that is missing, SciPy's wheel brings one that serves.
-$(VENV)/.report: extras := report
-$(VENV)/.dev: extras := dev,report
-$(VENV)/.report $(VENV)/.dev: setup.cfg pyproject.toml | $(BIN)/pip
+$(VENV)/.demo: extras := demo
+$(VENV)/.dev: extras := dev,demo
+$(VENV)/.demo $(VENV)/.dev: setup.cfg pyproject.toml | $(BIN)/pip
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[$(extras)]"
 	@$(BIN)/python -c 'import ctypes; ctypes.CDLL("$(QUADMATH)")' 2>/dev/null || \
 		{ cd $(VENV)/lib/python3*/site-packages && set -- scipy.libs/libquadmath-* && \

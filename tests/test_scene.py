@@ -430,7 +430,10 @@ def test_the_narrowest_blade_has_a_face_off_its_edges():
     assert room.NARROWEST / 2 > observe.PATCH_MARGIN
 
 
-@pytest.mark.parametrize(("name", "hint"), [("demofast", "'demo_fast'"), ("__init__", "demo, demo_fast, idealised, idealised_fast"), (3, "demo")])
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("demofast", "'demo_fast'"), ("__init__", "demo, demo_fast, idealised, idealised_fast"), (3, "demo")],
+)
 def test_an_unknown_shipped_scene_names_the_nearest(name, hint):
     with pytest.raises(InputError, match=f"^scene is {name!r}; wanted: .*{hint}"):
         Scene.shipped(name)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import ngsolve as ngs
+import nibabel
 import numpy as np
 import pytest
 
@@ -14,8 +15,6 @@ from ngbrain.image.segment import WHITE
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned, head_of, likewise
 from ngbrain.surgery.model import Model
-
-nibabel = pytest.importorskip("nibabel")
 
 
 @pytest.fixture(scope="module")
