@@ -416,7 +416,7 @@ class Scene(Section):
 
     @classmethod
     def shipped(cls, name: str) -> Scene:
-        """One that comes with the package: "demo" (a real head), "idealised", or a coarse one: "demo_fast", "idealised_fast"."""
+        """One that comes with the package: "demo" (a real head), "idealised", or a coarser "demo_fast", "idealised_fast"."""
         files = {Path(file.name).stem: file for file in resources.files("ngbrain.scenes").iterdir()}
         known = [stem for stem, file in files.items() if file.name.endswith(".toml")]
         if name not in known:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 
-GRADING = 0.5
+GRADING = 0.3
 """Growth of the tetrahedra away from the given triangles."""
 
 
