@@ -7,6 +7,7 @@ import json
 import os
 import zipfile
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,9 +36,9 @@ def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callab
         digest.update(Path(str(module.__file__)).read_bytes())
     path = cache_folder() / f"{stage}-{digest.hexdigest()[:32]}.npz"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}  # the archive checks its sums as it is read
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, EOFError, TypeError, RuntimeError, zipfile.BadZipFile):
         arrays = make()
     part = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
     try:
@@ -45,5 +46,6 @@ def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callab
         np.savez(part, **arrays)  # type: ignore[arg-type]
         os.replace(part, path)
     except OSError:  # no room or no right to write: made again next time
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
     return arrays

@@ -81,8 +81,7 @@ def _enclosing(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: 
         for k in range(3):
             np.add.at(normals, triangles[:, k], areas / 3)
         normals[:fixed] = 0
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        points += missing / lengths.sum() * normals / np.where(lengths > 0, lengths, 1.0)
+        points += missing / float((normals**2).sum()) * normals  # further where triangles are large, as they miss more
     return points
 
 

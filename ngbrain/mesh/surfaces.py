@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.levelset import LevelSet, Points
@@ -95,7 +95,10 @@ def _facets(surface: LevelSet, points: Points) -> np.ndarray:
     corners = np.array(np.meshgrid(*np.stack([low, high], axis=1) * 1.0)).reshape(3, -1).T
     around = (low + high) / 2 + 3 * (corners - (low + high) / 2)  # so that every facet of the surface has two sides
     every = np.concatenate([points, around])
-    delaunay = Delaunay(every)
+    try:
+        delaunay = Delaunay(every)
+    except QhullError as error:
+        raise InputError("mesh sizes", "such that the surface has too few points", "smaller elements") from error
     tets, neighbours = delaunay.simplices, delaunay.neighbors
     inside = surface(_circumcentres(every[tets])) < 0
     inside &= (tets < len(points)).all(axis=1)

@@ -48,7 +48,7 @@ def test_tissues_are_the_labels_at_the_quadrature_points(model):
     labels = model.head.labels.data
     inside = labels > 0
     assert ngs.Integrate(shares["white"] * ngs.dx("brain", intrules=shares["white"].space.GetIntegrationRules()),
-                         model.mesh) * 1e6 == pytest.approx(1e-3 * np.sum(labels[inside] == WHITE), rel=0.03)  # fmt: skip
+                         model.mesh) * 1e6 == pytest.approx(1e-3 * np.sum(labels[inside] == WHITE), rel=0.05)  # fmt: skip
 
 
 def test_one_tissue_twice_is_that_tissue(model):
