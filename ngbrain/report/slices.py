@@ -13,13 +13,13 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 
 from ngbrain.errors import InputError, require
+from ngbrain.image.segment import CSF, VENTRICLE, WHITE
 from ngbrain.report.peak import Peak
 from ngbrain.report.style import WIDTH, direction, figure, png, style
 from ngbrain.report.surface import Floats, Ints, cut_surface
 
 __all__ = ["ScanImage", "slices", "volumes"]
 
-CSF, WHITE, VENTRICLE = 1, 3, 4
 MARGIN = 9.0
 """Around head and mesh, mm."""
 GAP = 4.0

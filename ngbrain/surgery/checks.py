@@ -29,7 +29,7 @@ MILLER_ALPHA = -4.7
 COARSE = {"site": 4e-3, "near": 14e-3, "far": 36e-3}
 """Element sizes (m) of the mesh on which one order more is affordable,"""
 REACH = 25e-3
-"""and how far (m) from the cleft it is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast demo's head."""
+"""and how far (m) from the cleft it is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast idealised head."""
 HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
 

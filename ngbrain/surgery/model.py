@@ -30,13 +30,13 @@ SOFTNESS = 0.02
 MADE_UP = 0.95
 """Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
 STABILISING_TIME = 0.3
-"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds, it adds 2 % to the fast demo's peak."""
+"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds, 2 % of the fast idealised demo's peak."""
 POINTWISE = 0.2
 """Barrier against collapse at single points (`Material.pointwise`), in initial shear moduli,"""
 NEARLY_INCOMPRESSIBLE = 100.0
 """for tissues of at least this bulk over shear modulus; J of others may go far from 1.
 
-Without it J falls to 0.45 at corners of the cleft and the pressure is 12 % too low. Elastic opening of the fast demo's
+Without it J falls to 0.45 at corners of the cleft and the pressure is 12 % too low. Elastic opening of the fast idealised
 head, second order: 157 mmHg with 4 mm elements, 163 with 3 mm, 160 with 2.5 mm; third order within 25 and 40 mm of the
 cleft, 4 mm: 154. Neo-Hooke, 1 mm opening, 4 mm elements: 3.9 mmHg against 3.8 of third order (3.8 without barrier).
 """
