@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.contact import Contact, surface_rule
+from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.history import History, Remembering
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.materials.base import Value
@@ -52,6 +52,8 @@ class Body:
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
+    Unknowns are those of `fes`, then the contacts' offsets, which are in equilibrium too (`contact.Offset`).
+
     Attributes: `fes`, `gfu` (compound), `u`, `p` (its components), `history`. Raises `InputError` for a pattern that
     matches no region or boundary.
     """
@@ -83,9 +85,10 @@ class Body:
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
         ]
+        trial = self.fes.TrialFunction()[0]
+        self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in self.contacts]
         self._vec = self.gfu.vec.CreateVector()
-        n_u = self.fes.components[0].ndof
-        self.is_u = np.arange(self.fes.ndof) < n_u
+        self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
     def _forms(self) -> tuple[ngs.BilinearForm, ngs.BilinearForm, ngs.BilinearForm]:
@@ -131,18 +134,21 @@ class Body:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
         scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
-        self.weights = self._free / scale**2 / self.fes.ndof
+        offsets = np.full(len(self.contacts), LENGTH_SCALE**-2)
+        self.weights = np.concatenate([self._free / scale**2, offsets]) / self.fes.ndof
 
     # What Newton's method asks (solvers.newton.System).
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """Residual on the free unknowns, and the norm of all nodal forces of the displacement rows."""
-        r = self._apply(self.form, x)
-        return r * self._free, float(np.linalg.norm(r[self.is_u]))
+        """Residual on the free unknowns and of the offsets, and the norm of all nodal forces of the displacement rows."""
+        self.state = x
+        r = self._apply(self.form)
+        missing = [offset.missing() for offset in self._offsets]
+        return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
 
     def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Tangent at x, factorised; symmetric and quasi-definite, so no pivoting is needed."""
-        self._set(x)
+        """Tangent at x, factorised; symmetric and quasi-definite, so no pivoting is needed. Offsets border it."""
+        self.state = x
         self.form.AssembleLinearization(self.gfu.vec)
         try:
             inverse = self.form.mat.Inverse(self._free_dofs, inverse="sparsecholesky")
@@ -155,11 +161,11 @@ class Body:
             out.data = inverse * self._vec
             return out.FV().NumPy() * self._free
 
-        return solve
+        return bordered(solve, [offset.border() for offset in self._offsets])
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""
-        self._set(x)
+        self.state = x
         return float(np.min(self._det(self._points)))
 
     def min_gap(self) -> float:
@@ -170,42 +176,50 @@ class Body:
 
     @property
     def state(self) -> np.ndarray:
-        """All unknowns as one array (a view)."""
-        return self.gfu.vec.FV().NumPy()
+        """All unknowns as one array, a copy."""
+        return np.concatenate([self.gfu.vec.FV().NumPy(), [contact.offset.Get() for contact in self.contacts]])
+
+    @state.setter
+    def state(self, x: np.ndarray) -> None:
+        n = self.fes.ndof
+        self.gfu.vec.FV().NumPy()[:] = x[:n]
+        for contact, offset in zip(self.contacts, x[n:], strict=True):
+            contact.offset.Set(float(offset))
 
     def tissue_forces(self) -> np.ndarray:
         """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""
-        return self._apply(self.tissue_form, self.state.copy())[self.is_u]
+        return self._apply(self.tissue_form)[self.is_u]
 
     def contact_forces(self) -> np.ndarray:
         """Nodal forces (N) of the contact energies at the current state."""
-        return self._apply(self.contact_form, self.state.copy())[self.is_u]
-
-    def settle(self) -> bool:
-        """True if every contact's offset is what it should be; else they have moved (`Contact.settle`)."""
-        return all([contact.settle(self.u) for contact in self.contacts])
-
-    @property
-    def offsets(self) -> np.ndarray:
-        """Offset (m) of every contact."""
-        return np.array([contact.offset.Get() for contact in self.contacts])
-
-    @offsets.setter
-    def offsets(self, values: np.ndarray) -> None:
-        for contact, value in zip(self.contacts, values, strict=True):
-            contact.offset.Set(float(value))
+        return self._apply(self.contact_form)[self.is_u]
 
     def contact_energy(self) -> float:
         """Energy (J) stored in the contact penalties at the current state."""
         return float(self.contact_form.Energy(self.gfu.vec))
 
-    def _set(self, x: np.ndarray) -> None:
-        self.gfu.vec.FV().NumPy()[:] = x
-
-    def _apply(self, form: ngs.BilinearForm, x: np.ndarray) -> np.ndarray:
-        self._set(x)
+    def _apply(self, form: ngs.BilinearForm) -> np.ndarray:
         form.Apply(self.gfu.vec, self._vec)
         return self._vec.FV().NumPy().copy()
+
+
+def bordered(
+    solve: Callable[[np.ndarray], np.ndarray], borders: Sequence[tuple[np.ndarray, np.ndarray, float]]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Solver with [[A, b], [cᵀ, d]] for columns b, rows c and numbers d that border A on a diagonal, from one with A."""
+    if not borders:
+        return solve
+    columns = [solve(b) for b, _, _ in borders]
+    rows = np.array([c for _, c, _ in borders])
+    schur = np.diag([d for _, _, d in borders]) - rows @ np.transpose(columns)
+
+    def whole(r: np.ndarray) -> np.ndarray:
+        n = len(r) - len(borders)
+        x = solve(r[:n])
+        a = np.linalg.solve(schur, r[n:] - rows @ x)
+        return np.concatenate([x - a @ columns, a])
+
+    return whole
 
 
 def check_patterns(mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str]) -> None:

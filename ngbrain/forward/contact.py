@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import ngsolve as ngs
+import numpy as np
 from ngsolve import CoefficientFunction
 
 SURFACE_ORDER = 8
@@ -13,8 +14,6 @@ SURFACE_ORDER = 8
 
 Where it does, another rule is another contact: energy, force, area and pressure must all see the same points.
 """
-SLACK = 0.04
-"""The offset may miss its share of the mean penetration by so much of it."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +26,14 @@ class Contact:
 
     The offset a ≥ 0 makes up for the penalty: the body stands that much further out, so that the wall goes where the
     body should have put it, but for the rest of a soft penalty's mean penetration. It is one number a body, a multiplier
-    too coarse to lock the wall's elements as one at every point does (see `settle`).
+    too coarse to lock the wall's elements as one at every point does (see `Offset`).
 
     wall       boundary name or pattern; it sees only this body
     distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside
     penalty    ε (Pa/m)
     softness   s (m)
     share      of the mean penetration that the offset makes up for, below 1 so that touching walls never show a gap
-    offset     a (m), a Parameter: part of the state
+    offset     a (m), a Parameter: an unknown like the displacements
     """
 
     wall: str
@@ -59,21 +58,56 @@ class Contact:
         d, s = self.offset - self.gap(u), self.softness
         return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, d - s / 2, d * d / (2 * s)), 0)
 
-    def settle(self, u: ngs.GridFunction) -> bool:
-        """True if the offset is its share of the mean penetration where there is any; else set it to that."""
-        if not self.share:
-            return True
-        d, pressure = self.offset - self.gap(u), self.pressure(u)
-        force, depth = (ngs.Integrate(value * self.measure(), u.space.mesh) for value in (pressure, pressure * d))
-        mean, now = depth / force if force else 0.0, self.offset.Get()
-        if abs(now - self.share * mean) <= SLACK * mean:
-            return True
-        self.offset.Set(self.share * mean)
-        return False
-
     def measure(self) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall."""
         return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
+
+
+class Offset:
+    """The equation of a contact's offset beside the residual of a body: g = a - share × mean penetration = 0.
+
+    The mean penetration is ∫ p d / ∫ p over the wall, with the contact pressure p. Derivatives are those of the two
+    integrals, taken by their variation.
+
+    u      displacement of a body, a component of `unknowns`
+    trial  its trial function in the space of `unknowns`
+    """
+
+    def __init__(self, contact: Contact, u: ngs.GridFunction, trial: CoefficientFunction, unknowns: ngs.GridFunction):
+        self.contact, self.unknowns = contact, unknowns
+        mesh, a = u.space.mesh, contact.offset
+        self._where = {"mesh": mesh, "definedon": mesh.Boundaries(contact.wall), "order": SURFACE_ORDER}
+
+        def moments(u: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
+            pressure = contact.pressure(u)
+            return pressure, pressure * (a - contact.gap(u))
+
+        force, depth = moments(u)
+        self._values = ngs.CF((force, depth, force.Diff(a), depth.Diff(a))).Compile()
+        self._forms = []
+        for moment in moments(trial):
+            form = ngs.BilinearForm(unknowns.space)
+            form += ngs.Variation(moment.Compile() * contact.measure())
+            self._forms.append(form)
+
+    def missing(self) -> float:
+        """g (m) at the current state; 0 where nothing touches and the offset is 0."""
+        force, depth, *_ = ngs.Integrate(self._values, **self._where)
+        return self.contact.offset.Get() - (self.contact.share * depth / force if force else 0.0)
+
+    def border(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """∂R/∂a, ∂g/∂(unknowns) and ∂g/∂a, with the residual R of the body; an energy's mixed derivative is the force's."""
+        force, depth, force_a, depth_a = ngs.Integrate(self._values, **self._where)
+        by_force, by_depth = (self._gradient(form) for form in self._forms)
+        if not force:
+            return by_force, 0 * by_depth, 1.0
+        mean, share = depth / force, self.contact.share
+        return by_force, -share * (by_depth - mean * by_force) / force, 1 - share * (depth_a - mean * force_a) / force
+
+    def _gradient(self, form: ngs.BilinearForm) -> np.ndarray:
+        vector = self.unknowns.vec.CreateVector()
+        form.Apply(self.unknowns.vec, vector)
+        return vector.FV().NumPy().copy()
 
 
 def surface_rule() -> ngs.IntegrationRule:

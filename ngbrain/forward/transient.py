@@ -13,11 +13,6 @@ from ngbrain.forward.body import Body
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
-SETTLINGS = 4
-"""Times that a step may set the contacts' offsets; what is still missing then is left to the next step."""
-ROUGH = 1e3
-"""Tolerances while it does, in those of the last solve."""
-
 
 class Motion(Protocol):
     """How the rigid bodies move."""
@@ -95,7 +90,7 @@ class Transient:
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.contact_dt * control.first)
-        self.follow, self.follow_offsets = np.zeros_like(body.weights), np.zeros_like(body.offsets)
+        self.follow = np.zeros_like(body.weights)
         self._now = 0.0
         self._factored: dict[str, Any] = {}
         self.motion.set(0.0)
@@ -110,7 +105,7 @@ class Transient:
     def step(self) -> NewtonRecord:
         """One accepted step, cut as often as needed."""
         at = self.progress
-        start, offsets = self.body.state.copy(), self.body.offsets
+        start = self.body.state
         dt = self._propose()
         at.cut = False
         while True:
@@ -118,11 +113,11 @@ class Transient:
             at.work += record.work
             at.newton += record.iterations
             if not problem:
-                self._accept(start, offsets, dt)
+                self._accept(start, dt)
                 return record
             at.rejected += 1
             at.cut = True
-            self.body.state[:], self.body.offsets = start, offsets
+            self.body.state = start
             self.motion.set(at.t)
             dt = dt / 3
             if dt < self.control.smallest * self.control.contact_dt:
@@ -162,12 +157,9 @@ class Transient:
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
-            if body.min_det(guess) > self.newton.min_det:
-                body.offsets = np.maximum(body.offsets + self.follow_offsets * travel, 0.0)
-            else:
+            if not body.min_det(guess) > self.newton.min_det:
                 guess = start
-        x, record = self.solve(guess)
-        body.state[:] = x
+        body.state, record = self.newton.solve(self, guess)
         if not record.converged:
             return record, record.reason
         depth = -body.min_gap()
@@ -175,28 +167,13 @@ class Transient:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
         return record, ""
 
-    def solve(self, x: np.ndarray) -> tuple[np.ndarray, NewtonRecord]:
-        """Equilibrium of the step begun, from x, with the contacts' offsets right: roughly while they move, then exactly."""
-        body, record = self.body, NewtonRecord()
-        for _ in range(SETTLINGS):
-            x, rough = self.newton.solve(self, x, ROUGH)
-            body.state[:] = x
-            record = rough.after(record)
-            if not record.converged or body.settle():
-                break
-        if not record.converged:
-            return x, record
-        x, exact = self.newton.solve(self, x)
-        return x, exact.after(record)
-
-    def _accept(self, start: np.ndarray, offsets: np.ndarray, dt: float) -> None:
+    def _accept(self, start: np.ndarray, dt: float) -> None:
         at = self.progress
         self.body.history.finish()
         touched = self.body.min_gap() < 0
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
-            self.follow_offsets = (self.body.offsets - offsets) / travel
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
         at.touching = touched
@@ -225,7 +202,7 @@ class Transient:
     def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """The body's factorisation; what it was made at is kept so that a restart makes the same one."""
         history = self.body.history
-        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt, "offsets": self.body.offsets}
+        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt}
         self._factored["pull"] = history.pull.vec.FV().NumPy().copy()
         return self.body.factorise(x)
 
@@ -235,10 +212,8 @@ class Transient:
         """Everything that decides the steps to come, as arrays and numbers."""
         return {
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
-            "x": self.body.state.copy(),
-            "offsets": self.body.offsets,
+            "x": self.body.state,
             "follow": self.follow,
-            "follow_offsets": self.follow_offsets,
             "largest": self.newton.largest,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
@@ -252,15 +227,15 @@ class Transient:
         if factor:
             history.begin(factor["dt"])
             history.pull.vec.FV().NumPy()[:] = factor["pull"]
-            self._now, body.offsets = factor["t"], factor["offsets"]
+            self._now = factor["t"]
             self.motion.set(self._now)
             self.newton.renew(self, factor["x"], NewtonRecord())
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.strain[:] = saved["strain"]
-        self.follow, self.follow_offsets = np.array(saved["follow"]), np.array(saved["follow_offsets"])
+        self.follow = np.array(saved["follow"])
         self.newton.largest = saved["largest"]
-        body.state[:], body.offsets = saved["x"], saved["offsets"]
+        body.state = saved["x"]
         self.motion.set(self.progress.t)
 
 

@@ -71,21 +71,18 @@ class Newton:
         self.made_at = x.copy()
         record.work.factorisations += 1
 
-    def solve(self, system: System, x: Array, loose: float = 1.0) -> tuple[Array, NewtonRecord]:
-        """Solve R(x) = 0 from x; returns the last accepted state and its record (look at `record.converged`).
-
-        `loose` multiplies both tolerances, for a solution that is not the last word.
-        """
+    def solve(self, system: System, x: Array) -> tuple[Array, NewtonRecord]:
+        """Solve R(x) = 0 from x; returns the last accepted state and its record (look at `record.converged`)."""
         record = NewtonRecord()
         try:
-            x = self._iterate(system, x, record, loose)
+            x = self._iterate(system, x, record)
         except FloatingPointError as error:
             record.reason = str(error)
         if record.reason:
             self.inverse = None
         return x, record
 
-    def _iterate(self, system: System, x: Array, record: NewtonRecord, loose: float) -> Array:
+    def _iterate(self, system: System, x: Array, record: NewtonRecord) -> Array:
         weights = system.weights
         record.min_det_F = system.min_det(x)
         if not record.min_det_F > self.min_det:
@@ -112,8 +109,8 @@ class Newton:
             x, r, reactions, v, damping = trial
             self.largest = max(self.largest, reactions)
             if (
-                np.linalg.norm(r) <= loose * self.rtol * max(reactions, UNLOADED * self.largest)
-                and _size(v, weights) <= loose * self.xtol
+                np.linalg.norm(r) <= self.rtol * max(reactions, UNLOADED * self.largest)
+                and _size(v, weights) <= self.xtol
             ):
                 record.converged = True
                 return x

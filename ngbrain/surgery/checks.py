@@ -85,13 +85,13 @@ def order_peaks(model: Model) -> tuple[float, float]:
     high.body.hold(coarse.cleft.distance_to_walls(_centres(coarse.mesh)) > REACH)
     high.body.history.begin(ramp)
     embedded = ngs.GridFunction(high.body.fes)
-    reached = (0.0, np.zeros(high.body.fes.ndof))
+    reached = (0.0, high.body.state)
 
     def follow(body: Body, at: Progress, record: NewtonRecord) -> None:
         nonlocal reached
         for target, source in zip(embedded.components, body.gfu.components, strict=True):
             target.Interpolate(source)
-        wanted = (at.t, embedded.vec.FV().NumPy().copy())
+        wanted = (at.t, np.concatenate([embedded.vec.FV().NumPy(), body.state[body.fes.ndof :]]))
         _go(high, reached, wanted, HALVINGS)
         reached = wanted
 
@@ -101,15 +101,14 @@ def order_peaks(model: Model) -> tuple[float, float]:
 
 def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
     """Take the solution along as another, of the same motion, goes from one point (t, all unknowns) to the next."""
-    state, offsets = run.body.state.copy(), run.body.offsets
+    state = run.body.state
     run.motion.set(end[0])
-    x, record = run.solve(state + end[1] - start[1])
-    run.body.state[:] = x
+    run.body.state, record = run.newton.solve(run, state + end[1] - start[1])
     if record.converged:
         return
     if not halvings:
         raise SolverError(f"order {run.body.order} at t = {end[0]:.2f} s: {record.reason}")
-    run.body.state[:], run.body.offsets = state, offsets
+    run.body.state = state
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     _go(run, start, middle, halvings - 1)
     _go(run, middle, end, halvings - 1)
