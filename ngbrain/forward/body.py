@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import ngsolve as ngs
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.history import History, Remembering
+from ngbrain.forward.tangent import Solve, Tangent, bordered
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.materials.base import Value
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
@@ -79,8 +81,10 @@ class Body:
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
-        self._tissue_terms: list[ngs.comp.BFI] = []
-        self.tissue_form, self.contact_form, self.form = self._forms()
+        self._tissue_terms, contact = self._terms()
+        self.tissue_form, self.contact_form, self.form = (
+            self._form(*terms) for terms in ([self._tissue_terms], [contact], [self._tissue_terms, contact])
+        )
         self._gaps = [
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
@@ -91,14 +95,13 @@ class Body:
         self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
-    def _forms(self) -> tuple[ngs.BilinearForm, ngs.BilinearForm, ngs.BilinearForm]:
+    def _terms(self) -> tuple[list[ngs.comp.BFI], list[ngs.comp.SumOfIntegrals]]:
+        """Energies of the tissues and of the contacts, each made once and compiled."""
         u, p = self.fes.TrialFunction()
         F = deformation_gradient(u)
         J = ngs.Det(F)
         C = isochoric(right_cauchy_green(F))
-        tissue = ngs.BilinearForm(self.fes, symmetric=True)
-        contact = ngs.BilinearForm(self.fes, symmetric=True)
-        both = ngs.BilinearForm(self.fes, symmetric=True)
+        tissue = []
         for pattern, material in self.materials.items():
             law = material.viscous
             energy = law.energy(C, self.history.shares[: len(law.branches)])
@@ -110,25 +113,37 @@ class Body:
             term = ngs.SymbolicEnergy(energy.Compile(), definedon=self.mesh.Materials(pattern))
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
-            self._tissue_terms.append(term)
-            tissue += term
-            both += term
-        for body in self.contacts:
-            term = body.energy(u).Compile() * body.measure()
-            contact += ngs.Variation(term)
-            both += ngs.Variation(term)
-        return tissue, contact, both
+            tissue.append(term)
+        return tissue, [ngs.Variation(body.energy(u).Compile() * body.measure()) for body in self.contacts]
+
+    def _form(self, *terms: list[ngs.comp.BFI] | list[ngs.comp.SumOfIntegrals]) -> ngs.BilinearForm:
+        form = ngs.BilinearForm(self.fes, symmetric=True)
+        for term in chain(*terms):
+            form += term
+        return form
 
     def hold(self, elements: np.ndarray) -> None:
         """Hold all unknowns of some elements (a mask) where they are from now on; nothing is integrated over them."""
-        free, moving = self._free_dofs, ngs.BitArray(~elements)
         for term in self._tissue_terms:  # `dx(definedonelements=…)` is not heard by an energy; its integrator is
-            term.SetDefinedOnElements(moving)
+            term.SetDefinedOnElements(ngs.BitArray(~elements))
+        self._release(self._without(elements))
+
+    def focus(self, elements: np.ndarray) -> None:
+        """Elements (a mask) where the tangent changes most, for `factorise`; contacts always belong to them."""
+        tissue, contact = self._terms()
+        for term in tissue:
+            term.SetDefinedOnElements(ngs.BitArray(elements))
+        part, inside = self._form(tissue, contact), self._without(~elements)
+        self._tangent = Tangent(self.form, self._free_dofs, self.weights[: self.fes.ndof], part, inside)
+
+    def _without(self, elements: np.ndarray) -> ngs.BitArray:
+        """Free unknowns that none of some elements (a mask) has."""
+        free = ngs.BitArray(self._free_dofs)
         for element in self.mesh.Elements():
             if elements[element.nr]:
                 for dof in self.fes.GetDofNrs(element):
                     free.Clear(dof)
-        self._release(free)
+        return free
 
     def _release(self, free: ngs.BitArray) -> None:
         self._free_dofs = free
@@ -136,6 +151,7 @@ class Body:
         scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
         offsets = np.full(len(self.contacts), LENGTH_SCALE**-2)
         self.weights = np.concatenate([self._free / scale**2, offsets]) / self.fes.ndof
+        self._tangent = Tangent(self.form, free, self.weights[: self.fes.ndof])
 
     # What Newton's method asks (solvers.newton.System).
 
@@ -146,22 +162,19 @@ class Body:
         missing = [offset.missing() for offset in self._offsets]
         return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
 
-    def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Tangent at x, factorised; symmetric and quasi-definite, so no pivoting is needed. Offsets border it."""
+    def factorise(self, x: np.ndarray) -> Solve:
+        """Solver with the tangent at x, bordered by the offsets' equations."""
         self.state = x
-        self.form.AssembleLinearization(self.gfu.vec)
-        try:
-            inverse = self.form.mat.Inverse(self._free_dofs, inverse="sparsecholesky")
-        except Exception as error:  # NGSolve raises bare exceptions of several kinds here
-            raise FloatingPointError(f"the tangent cannot be factorised: {error}") from error
-        out = self._vec.CreateVector()
+        return bordered(self._tangent.renew(self.gfu.vec), [offset.border() for offset in self._offsets])
 
-        def solve(r: np.ndarray) -> np.ndarray:
-            self._vec.FV().NumPy()[:] = r
-            out.data = inverse * self._vec
-            return out.FV().NumPy() * self._free
+    def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
+        """The same with the tangent renewed where `focus` says, and elsewhere as it was when factorised.
 
-        return bordered(solve, [offset.border() for offset in self._offsets])
+        None without a focus or a tangent, and if what it gives for a residual r is too rough.
+        """
+        self.state = x
+        solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
+        return solve and bordered(solve, [offset.border() for offset in self._offsets])
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""
@@ -201,25 +214,6 @@ class Body:
     def _apply(self, form: ngs.BilinearForm) -> np.ndarray:
         form.Apply(self.gfu.vec, self._vec)
         return self._vec.FV().NumPy().copy()
-
-
-def bordered(
-    solve: Callable[[np.ndarray], np.ndarray], borders: Sequence[tuple[np.ndarray, np.ndarray, float]]
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Solver with [[A, b], [cᵀ, d]] for columns b, rows c and numbers d that border A on a diagonal, from one with A."""
-    if not borders:
-        return solve
-    columns = [solve(b) for b, _, _ in borders]
-    rows = np.array([c for _, c, _ in borders])
-    schur = np.diag([d for _, _, d in borders]) - rows @ np.transpose(columns)
-
-    def whole(r: np.ndarray) -> np.ndarray:
-        n = len(r) - len(borders)
-        x = solve(r[:n])
-        a = np.linalg.solve(schur, r[n:] - rows @ x)
-        return np.concatenate([x - a @ columns, a])
-
-    return whole
 
 
 def check_patterns(mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.body import Body
+from ngbrain.forward.tangent import Solve
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
@@ -92,7 +93,7 @@ class Transient:
         self.progress = Progress(dt=control.contact_dt * control.first)
         self.follow = np.zeros_like(body.weights)
         self._now = 0.0
-        self._factored: dict[str, Any] = {}
+        self._factored: list[dict[str, Any]] = []
         self.motion.set(0.0)
 
     def run(self, observe: Watch, until: float = float("inf")) -> None:
@@ -199,12 +200,17 @@ class Transient:
         """The body's smallest det F."""
         return self.body.min_det(x)
 
-    def factorise(self, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """The body's factorisation; what it was made at is kept so that a restart makes the same one."""
-        history = self.body.history
-        self._factored = {"x": x.copy(), "t": self._now, "dt": history.dt}
-        self._factored["pull"] = history.pull.vec.FV().NumPy().copy()
+    def factorise(self, x: np.ndarray, r: np.ndarray) -> Solve:
+        """The body's factorisation, of a part if that will do; where it was made is kept so that a restart makes it again."""
+        if (solve := self.body.refactorise(x, r)) is not None:
+            self._factored[1:] = [self._here(x)]
+            return solve
+        self._factored = [self._here(x)]
         return self.body.factorise(x)
+
+    def _here(self, x: np.ndarray) -> dict[str, Any]:
+        history = self.body.history
+        return {"x": x.copy(), "t": self._now, "dt": history.dt, "pull": history.pull.vec.FV().NumPy().copy()}
 
     # Restart.
 
@@ -218,18 +224,18 @@ class Transient:
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
             "strain": self.body.history.strain,
-            "factor": self._factored if self.newton.inverse is not None else {},
+            "factors": self._factored if self.newton.inverse is not None else [],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go on from a checkpoint, to the same bits on one thread."""
-        body, history, factor = self.body, self.body.history, saved["factor"]
-        if factor:
+        body, history = self.body, self.body.history
+        for make, factor in zip((body.factorise, body.refactorise), saved["factors"], strict=False):
             history.begin(factor["dt"])
             history.pull.vec.FV().NumPy()[:] = factor["pull"]
             self._now = factor["t"]
             self.motion.set(self._now)
-            self.newton.renew(self, factor["x"], NewtonRecord())
+            self.newton.inverse = make(factor["x"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.strain[:] = saved["strain"]

@@ -35,8 +35,11 @@ class System(Protocol):
     def residual(self, x: Array) -> tuple[Array, float]:
         """Residual at x on the free unknowns, and the size of the reactions that it is judged against."""
 
-    def factorise(self, x: Array) -> Callable[[Array], Array]:
-        """Solver r ↦ M⁻¹r with the tangent M at x; raises FloatingPointError when it cannot be factorised."""
+    def factorise(self, x: Array, r: Array) -> Callable[[Array], Array]:
+        """Solver r ↦ M⁻¹r with the tangent M at x, where the residual is r; FloatingPointError if there is none.
+
+        It need not be exact if it is nearly so for r.
+        """
 
     def min_det(self, x: Array) -> float:
         """Smallest det F over all quadrature points; NaN counts as inverted."""
@@ -62,14 +65,7 @@ class Newton:
     keep: float = 0.7
     min_damping: float = 0.1
     inverse: Callable[[Array], Array] | None = None
-    made_at: Array | None = None
     largest: float = 0.0
-
-    def renew(self, system: System, x: Array, record: NewtonRecord) -> None:
-        """Factorise at x and remember where, so that a restart can make the same factor again."""
-        self.inverse = system.factorise(x)
-        self.made_at = x.copy()
-        record.work.factorisations += 1
 
     def solve(self, system: System, x: Array) -> tuple[Array, NewtonRecord]:
         """Solve R(x) = 0 from x; returns the last accepted state and its record (look at `record.converged`)."""
@@ -94,7 +90,8 @@ class Newton:
             if self.inverse is None:
                 if record.work.factorisations == self.max_factorisations:
                     raise FloatingPointError(f"no convergence with {self.max_factorisations} factorisations")
-                self.renew(system, x, record)
+                self.inverse = system.factorise(x, r)
+                record.work.factorisations += 1
                 chain, fresh = [], True
             if not chain:
                 step = -self._backsolve(r, record)

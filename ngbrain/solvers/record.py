@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 
 @dataclass
@@ -35,15 +35,3 @@ class NewtonRecord:
     corrections: list[float] = field(default_factory=list)
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
-
-    def after(self, earlier: NewtonRecord) -> NewtonRecord:
-        """This record with the work and the iterates of an earlier solve of the same step before its own."""
-        work = Work(**earlier.work.__dict__)
-        work += self.work
-        return replace(
-            self,
-            iterations=earlier.iterations + self.iterations,
-            residuals=earlier.residuals + self.residuals,
-            corrections=earlier.corrections + self.corrections,
-            work=work,
-        )

@@ -15,7 +15,7 @@ from ngbrain.forward.transient import Progress, StepControl, Transient
 from ngbrain.io import write_json
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
-from ngbrain.surgery.model import WALL, Model
+from ngbrain.surgery.model import WALL, Model, centres
 from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.runs import ProtocolRun
@@ -82,7 +82,7 @@ def order_peaks(model: Model) -> tuple[float, float]:
     low, high = (coarse.run(protocol, control, coarse.elastic(ramp, k), k) for k in (order, order + 1))
     for run in (low, high):
         run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
-    high.body.hold(coarse.cleft.distance_to_walls(_centres(coarse.mesh)) > REACH)
+    high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
     high.body.history.begin(ramp)
     embedded = ngs.GridFunction(high.body.fes)
     reached = (0.0, high.body.state)
@@ -112,10 +112,6 @@ def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     _go(run, start, middle, halvings - 1)
     _go(run, middle, end, halvings - 1)
-
-
-def _centres(mesh: ngs.Mesh) -> np.ndarray:
-    return np.array([np.mean([mesh[v].point for v in element.vertices], axis=0) for element in mesh.Elements()])
 
 
 def _pressure(model: Model, transient: Transient) -> float:

@@ -1,0 +1,114 @@
+"""The tangent of a body's equilibrium, factorised: as a whole, or again only where it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import ngsolve as ngs
+import numpy as np
+
+Solve = Callable[[np.ndarray], np.ndarray]
+"""r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
+
+ROUGH = 0.3
+"""Error of a solution, as a part of it, with which a factorised part is not used."""
+
+
+def factor(form: ngs.BilinearForm, free: ngs.BitArray) -> Solve:
+    """Factorisation of an assembled symmetric, quasi-definite matrix, which needs no pivoting."""
+    try:
+        inverse = form.mat.Inverse(free, inverse="sparsecholesky")
+    except Exception as error:  # NGSolve raises bare exceptions of several kinds here
+        raise FloatingPointError(f"the tangent cannot be factorised: {error}") from error
+    right, left = form.mat.CreateColVector(), form.mat.CreateColVector()
+    where = np.fromiter(free, bool, right.size)
+
+    def solve(r: np.ndarray) -> np.ndarray:
+        right.FV().NumPy()[:] = r
+        left.data = inverse * right
+        return left.FV().NumPy() * where
+
+    return solve
+
+
+class Tangent:
+    """The factorised tangent K of a form, made new as a whole or only in the part where it changes most.
+
+    Elements far from a retractor are most of a head, and their tangent hardly changes. With the kept factor M₀ of the
+    whole and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₀⁻¹r, x += M₁⁻¹(r - K x): a
+    Schwarz method whose error is what changes inside the part do to the rest.
+
+    whole   form that is factorised; free: its free unknowns
+    part    form over the same space that integrates what changes, or None
+    inside  free unknowns that only the part's elements have
+    weights diagonal of the inner product that measures solutions
+    """
+
+    def __init__(
+        self,
+        whole: ngs.BilinearForm,
+        free: ngs.BitArray,
+        weights: np.ndarray,
+        part: ngs.BilinearForm | None = None,
+        inside: ngs.BitArray | None = None,
+    ) -> None:
+        self.whole, self.free, self.weights, self.part, self.inside = whole, free, weights, part, inside
+        self._kept: Solve | None = None
+
+    def renew(self, at: ngs.BaseVector) -> Solve:
+        """Factorise the whole."""
+        self._kept = None  # the old one's memory first
+        self.whole.AssembleLinearization(at)
+        if self.part is not None:
+            self.part.AssembleLinearization(at)
+            values = self.part.mat.AsVector()
+            self._before = values.CreateVector()
+            self._before.data = values
+        self._kept = factor(self.whole, self.free)
+        return self._kept
+
+    def refresh(self, at: ngs.BaseVector, r: np.ndarray | None = None) -> Solve | None:
+        """Factorise the part beside the whole as it was; None if there is no whole or what they give for r is too rough."""
+        if self.part is None or self._kept is None:
+            return None
+        self.part.AssembleLinearization(at)
+        change = self.part.mat.CreateMatrix()
+        change.AsVector().data = self.part.mat.AsVector() - self._before
+        local, kept, free = factor(self.part, self.inside), self._kept, np.fromiter(self.free, bool, at.size)
+        x, product = at.CreateVector(), at.CreateVector()
+
+        def left(r: np.ndarray, solution: np.ndarray) -> np.ndarray:
+            x.FV().NumPy()[:] = solution
+            product.data = self.whole.mat * x
+            product.data += change * x
+            return (r - product.FV().NumPy()) * free
+
+        def solve(r: np.ndarray) -> np.ndarray:
+            first = kept(r)
+            return first + local(left(r, first))
+
+        if r is not None:
+            solution = solve(r)
+            if not self._size(solve(left(r, solution))) < ROUGH * self._size(solution):
+                return None
+        return solve
+
+    def _size(self, x: np.ndarray) -> float:
+        return float(np.sqrt(self.weights @ (x * x)))
+
+
+def bordered(solve: Solve, borders: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Solve:
+    """Solver with [[A, b], [cᵀ, d]] for columns b, rows c and numbers d that border A on a diagonal, from one with A."""
+    if not borders:
+        return solve
+    columns = [solve(b) for b, _, _ in borders]
+    rows = np.array([c for _, c, _ in borders])
+    schur = np.diag([d for _, _, d in borders]) - rows @ np.transpose(columns)
+
+    def both(r: np.ndarray) -> np.ndarray:
+        n = len(r) - len(borders)
+        x = solve(r[:n])
+        a = np.linalg.solve(schur, r[n:] - rows @ x)
+        return np.concatenate([x - a @ columns, a])
+
+    return both
