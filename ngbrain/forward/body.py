@@ -54,7 +54,7 @@ class Body:
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
-    Unknowns are those of `fes`, then the contacts' offsets, which are in equilibrium too (`contact.Offset`).
+    Unknowns are those of `fes`, then the offsets of the contacts that have one (`contact.Offset`).
 
     Attributes: `fes`, `gfu` (compound), `u`, `p` (its components), `history`. Raises `InputError` for a pattern that
     matches no region or boundary.
@@ -90,7 +90,7 @@ class Body:
             for contact in self.contacts
         ]
         trial = self.fes.TrialFunction()[0]
-        self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in self.contacts]
+        self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in contacts if contact.share]
         self._vec = self.gfu.vec.CreateVector()
         self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
         self._release(ngs.BitArray(self.fes.FreeDofs()))
@@ -149,7 +149,7 @@ class Body:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
         scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
-        offsets = np.full(len(self.contacts), LENGTH_SCALE**-2)
+        offsets = np.full(len(self._offsets), LENGTH_SCALE**-2)
         self.weights = np.concatenate([self._free / scale**2, offsets]) / self.fes.ndof
         self._tangent = Tangent(self.form, free, self.weights[: self.fes.ndof])
 
@@ -162,19 +162,27 @@ class Body:
         missing = [offset.missing() for offset in self._offsets]
         return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
 
-    def factorise(self, x: np.ndarray) -> Solve:
-        """Solver with the tangent at x, bordered by the offsets' equations."""
+    def factorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve:
+        """Solver with the tangent at x, bordered by the offsets' equations.
+
+        With a residual r it is that of `refactorise` if what that gives for r will do; `partial` says so.
+        """
+        solve = None if r is None else self.refactorise(x, r)
+        self.partial = solve is not None
         self.state = x
-        return bordered(self._tangent.renew(self.gfu.vec), [offset.border() for offset in self._offsets])
+        return solve or self._bordered(self._tangent.renew(self.gfu.vec))
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
         """The same with the tangent renewed where `focus` says, and elsewhere as it was when factorised.
 
-        None without a focus or a tangent, and if what it gives for a residual r is too rough.
+        None without a focus or a factorisation, and if what it gives for r is too rough.
         """
         self.state = x
         solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
-        return solve and bordered(solve, [offset.border() for offset in self._offsets])
+        return solve and self._bordered(solve)
+
+    def _bordered(self, solve: Solve) -> Solve:
+        return bordered(solve, [offset.border() for offset in self._offsets])
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""
@@ -190,14 +198,14 @@ class Body:
     @property
     def state(self) -> np.ndarray:
         """All unknowns as one array, a copy."""
-        return np.concatenate([self.gfu.vec.FV().NumPy(), [contact.offset.Get() for contact in self.contacts]])
+        return np.concatenate([self.gfu.vec.FV().NumPy(), [offset.value for offset in self._offsets]])
 
     @state.setter
     def state(self, x: np.ndarray) -> None:
         n = self.fes.ndof
         self.gfu.vec.FV().NumPy()[:] = x[:n]
-        for contact, offset in zip(self.contacts, x[n:], strict=True):
-            contact.offset.Set(float(offset))
+        for offset, value in zip(self._offsets, x[n:], strict=True):
+            offset.value = value
 
     def tissue_forces(self) -> np.ndarray:
         """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""

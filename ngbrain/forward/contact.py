@@ -90,10 +90,19 @@ class Offset:
             form += ngs.Variation(moment.Compile() * contact.measure())
             self._forms.append(form)
 
+    @property
+    def value(self) -> float:
+        """a (m)."""
+        return float(self.contact.offset.Get())
+
+    @value.setter
+    def value(self, offset: float) -> None:
+        self.contact.offset.Set(float(offset))
+
     def missing(self) -> float:
         """g (m) at the current state; 0 where nothing touches and the offset is 0."""
         force, depth, *_ = ngs.Integrate(self._values, **self._where)
-        return self.contact.offset.Get() - (self.contact.share * depth / force if force else 0.0)
+        return self.value - (self.contact.share * depth / force if force else 0.0)
 
     def border(self) -> tuple[np.ndarray, np.ndarray, float]:
         """∂R/∂a, ∂g/∂(unknowns) and ∂g/∂a, with the residual R of the body; an energy's mixed derivative is the force's."""

@@ -201,12 +201,10 @@ class Transient:
         return self.body.min_det(x)
 
     def factorise(self, x: np.ndarray, r: np.ndarray) -> Solve:
-        """The body's factorisation, of a part if that will do; where it was made is kept so that a restart makes it again."""
-        if (solve := self.body.refactorise(x, r)) is not None:
-            self._factored[1:] = [self._here(x)]
-            return solve
-        self._factored = [self._here(x)]
-        return self.body.factorise(x)
+        """The body's factorisation; where it was made is kept so that a restart makes the same one."""
+        solve = self.body.factorise(x, r)
+        self._factored = [*(self._factored[:1] if self.body.partial else []), self._here(x)]
+        return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
         history = self.body.history
@@ -230,7 +228,8 @@ class Transient:
     def restore(self, saved: dict[str, Any]) -> None:
         """Go on from a checkpoint, to the same bits on one thread."""
         body, history = self.body, self.body.history
-        for make, factor in zip((body.factorise, body.refactorise), saved["factors"], strict=False):
+        makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (body.factorise, body.refactorise)
+        for make, factor in zip(makes, saved["factors"], strict=False):
             history.begin(factor["dt"])
             history.pull.vec.FV().NumPy()[:] = factor["pull"]
             self._now = factor["t"]

@@ -117,8 +117,11 @@ class Model:
         materials = materials or self.materials(order)
         body = Body(self.mesh, materials, scene.support.fixed, [contact], order, stiffest)
         body.focus(self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS)
-        control = control or StepControl(scene.steps.contact, dt_max=scene.steps.longest)
-        return Transient(body, drive, control, penetration_limit=scene.body.site / 2)
+        return Transient(body, drive, control or self.control(), penetration_limit=scene.body.site / 2)
+
+    def control(self) -> StepControl:
+        """The scene's time steps."""
+        return StepControl(self.scene.steps.contact, dt_max=self.scene.steps.longest)
 
     @staticmethod
     def program(scene: Scene, asked: SceneProtocol) -> Protocol:
