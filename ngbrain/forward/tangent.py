@@ -84,8 +84,9 @@ class Tangent:
             return (r - product.FV().NumPy()) * free
 
         def solve(r: np.ndarray) -> np.ndarray:
-            first = kept(r)
-            return first + local(left(r, first))
+            y = local(r)
+            y = y + kept(left(r, y))
+            return y + local(left(r, y))
 
         if r is not None:
             solution = solve(r)
