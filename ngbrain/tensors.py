@@ -26,9 +26,17 @@ def right_cauchy_green(F: CoefficientFunction) -> CoefficientFunction:
     return F.trans * F
 
 
+def volume_free(C: CoefficientFunction) -> CoefficientFunction:
+    """(det C)^(-1/3), the factor that makes C isochoric.
+
+    By exp and log: NGSolve derives powers with a broken exponent entry by entry, which takes ten times as long.
+    """
+    return ngs.exp(-ngs.log(ngs.Det(C)) / 3)
+
+
 def isochoric(C: CoefficientFunction) -> CoefficientFunction:
     """C̄ = (det C)^(-1/3) C, which has determinant one."""
-    return ngs.Det(C) ** (-1 / 3) * C
+    return volume_free(C) * C
 
 
 def six(A: CoefficientFunction) -> CoefficientFunction:
@@ -36,10 +44,10 @@ def six(A: CoefficientFunction) -> CoefficientFunction:
     return ngs.CF((A[0, 0], A[1, 1], A[2, 2], A[1, 2], A[0, 2], A[0, 1]))
 
 
-def double_contraction(six_of_A: CoefficientFunction, B: CoefficientFunction) -> CoefficientFunction:
-    """A : B of symmetric tensors, of A the `six` entries."""
-    twice = ngs.CF((B[0, 0], B[1, 1], B[2, 2], 2 * B[1, 2], 2 * B[0, 2], 2 * B[0, 1]))
-    return ngs.InnerProduct(six_of_A, twice)
+def of_six(entries: CoefficientFunction) -> CoefficientFunction:
+    """The symmetric tensor with these `six` entries."""
+    xx, yy, zz, yz, xz, xy = (entries[i] for i in range(6))
+    return ngs.CF((xx, xy, xz, xy, yy, yz, xz, yz, zz), dims=(3, 3))
 
 
 def green_lagrange(F: CoefficientFunction) -> CoefficientFunction:

@@ -8,9 +8,11 @@ from itertools import chain
 
 import ngsolve as ngs
 import numpy as np
+from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, Offset, surface_rule
+from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History, Remembering
 from ngbrain.forward.tangent import Solve, Tangent, bordered
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
@@ -82,9 +84,9 @@ class Body:
         self._det = ngs.Det(F).Compile()
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
         self._tissue_terms, contact = self._terms()
-        self.tissue_form, self.contact_form, self.form = (
-            self._form(*terms) for terms in ([self._tissue_terms], [contact], [self._tissue_terms, contact])
-        )
+        self.contact_form, self.form = self._form(contact), self._form(self._tissue_terms, contact)
+        densities = {pattern: self._density(pattern, material) for pattern, material in materials.items()}
+        self._tissue_forces = Forces(self.gfu, densities, self.history.space)
         self._gaps = [
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
@@ -99,22 +101,26 @@ class Body:
         """Energies of the tissues and of the contacts, each made once and compiled."""
         u, p = self.fes.TrialFunction()
         F = deformation_gradient(u)
-        J = ngs.Det(F)
         C = isochoric(right_cauchy_green(F))
         tissue = []
         for pattern, material in self.materials.items():
-            law = material.viscous
-            energy = law.energy(C, self.history.shares[: len(law.branches)])
-            energy += self.history.energy(self.history.regions[pattern], C)
-            energy += perturbed_lagrangian(J, p, material.bulk)
-            if material.pointwise:
-                energy += barrier(J, material.pointwise)
             # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
-            term = ngs.SymbolicEnergy(energy.Compile(), definedon=self.mesh.Materials(pattern))
+            energy = self._density(pattern, material)(C, ngs.Det(F), p).Compile()
+            term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
             tissue.append(term)
         return tissue, [ngs.Variation(body.energy(u).Compile() * body.measure()) for body in self.contacts]
+
+    def _density(self, pattern: str, material: Material) -> Density:
+        law, history = material.viscous, self.history
+
+        def density(C: CoefficientFunction, J: CoefficientFunction, p: CoefficientFunction) -> CoefficientFunction:
+            energy = law.energy(C, history.shares[: len(law.branches)]) + history.energy(history.regions[pattern], C)
+            energy += perturbed_lagrangian(J, p, material.bulk)
+            return energy + barrier(J, material.pointwise) if material.pointwise else energy
+
+        return density
 
     def _form(self, *terms: list[ngs.comp.BFI] | list[ngs.comp.SumOfIntegrals]) -> ngs.BilinearForm:
         form = ngs.BilinearForm(self.fes, symmetric=True)
@@ -126,6 +132,7 @@ class Body:
         """Hold all unknowns of some elements (a mask) where they are from now on; nothing is integrated over them."""
         for term in self._tissue_terms:  # `dx(definedonelements=…)` is not heard by an energy; its integrator is
             term.SetDefinedOnElements(ngs.BitArray(~elements))
+        self._tissue_forces.leave_out(elements)
         self._release(self._without(elements))
 
     def focus(self, elements: np.ndarray) -> None:
@@ -158,7 +165,7 @@ class Body:
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
         """Residual on the free unknowns and of the offsets, and the norm of all nodal forces of the displacement rows."""
         self.state = x
-        r = self._apply(self.form)
+        r = self._tissue_forces() + self._contact_forces()
         missing = [offset.missing() for offset in self._offsets]
         return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
 
@@ -209,18 +216,18 @@ class Body:
 
     def tissue_forces(self) -> np.ndarray:
         """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""
-        return self._apply(self.tissue_form)[self.is_u]
+        return self._tissue_forces()[self.is_u]
 
     def contact_forces(self) -> np.ndarray:
         """Nodal forces (N) of the contact energies at the current state."""
-        return self._apply(self.contact_form)[self.is_u]
+        return self._contact_forces()[self.is_u]
 
     def contact_energy(self) -> float:
         """Energy (J) stored in the contact penalties at the current state."""
         return float(self.contact_form.Energy(self.gfu.vec))
 
-    def _apply(self, form: ngs.BilinearForm) -> np.ndarray:
-        form.Apply(self.gfu.vec, self._vec)
+    def _contact_forces(self) -> np.ndarray:
+        self.contact_form.Apply(self.gfu.vec, self._vec)
         return self._vec.FV().NumPy().copy()
 
 

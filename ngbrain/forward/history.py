@@ -11,7 +11,7 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.materials import Viscous, step_factors
 from ngbrain.materials.base import Value
-from ngbrain.tensors import double_contraction, six
+from ngbrain.tensors import of_six, six
 
 REST = 1e30
 """Relaxation time (s) that stands for 'does not relax', where a region has fewer branches than another."""
@@ -67,7 +67,7 @@ class History:
         """½ Σ (e_k H_k - β_k S̄_k) : C̄ + η/8Δt |C̄ - C̄_n|², but for a constant; one `pull` holds all that is linear in C̄."""
         energy = ngs.CF(0.0)
         if region.law.branches or region.viscosity:
-            energy += 0.5 * double_contraction(self.pull, C)
+            energy += 0.5 * ngs.InnerProduct(of_six(self.pull), C)
         if region.viscosity:
             energy += region.viscosity / 8 * self.per_dt * ngs.InnerProduct(C, C)
         return energy

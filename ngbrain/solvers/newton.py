@@ -57,8 +57,8 @@ class Newton:
     keep        renew the factorisation when a correction shrinks by less than this factor; 0 renews it every time
     """
 
-    rtol: float = 1e-7
-    xtol: float = 1e-8
+    rtol: float = 1e-6
+    xtol: float = 1e-6
     max_iter: int = 40
     max_factorisations: int = 6
     min_det: float = 0.02

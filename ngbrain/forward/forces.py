@@ -1,0 +1,71 @@
+"""A body's nodal forces from its energy: stresses derived symbolically, evaluated once a point, then integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpace
+
+from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green, volume_free
+
+Density = Callable[[CoefficientFunction, CoefficientFunction, CoefficientFunction], CoefficientFunction]
+"""Energy density (Pa) of the isochoric C̄, J and the pressure p."""
+
+
+def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -> CoefficientFunction:
+    """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p.
+
+    Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
+    entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F ∂W/∂C. Of C̄ = s(C) C only the scalar
+    ∂W/∂C̄ : C̄ is derived, with its first factor held.
+    """
+
+    def F() -> CoefficientFunction:  # a new one each time: a variable is one wherever it is used
+        return deformation_gradient(u)
+
+    shape, C = isochoric(right_cauchy_green(F())).MakeVariable(), right_cauchy_green(F()).MakeVariable()
+    moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p.MakeVariable()
+    energy = density(shape, J, pressure)
+    by_C = (volume_free(C) * ngs.InnerProduct(energy.Diff(shape), C)).Diff(C)
+    P = 2 * F() * by_C + energy.Diff(J) * ngs.Det(moving).Diff(moving)
+    return ngs.CF((P.Reshape((9,)), energy.Diff(pressure))).Compile()
+
+
+class Forces:
+    """∫ ∂W/∂F : ∇v + ∂W/∂p q over the elements, for every test function.
+
+    A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
+
+    gfu        compound of u and p
+    densities  region pattern → `Density`
+    space      quadrature points, with their rules
+    """
+
+    def __init__(self, gfu: ngs.GridFunction, densities: dict[str, Density], space: IntegrationRuleSpace) -> None:
+        fes = gfu.space
+        self.mesh = fes.mesh
+        self._stress = ngs.GridFunction(ngs.VectorValued(space, 10))
+        self._values = np.zeros((10, space.ndof))
+        parts = {pattern: stresses(density, *gfu.components) for pattern, density in densities.items()}
+        self._derived = self.mesh.MaterialCF(parts)
+        self._points = self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL)
+        self._moving = np.ones(space.ndof, bool)
+        v, q = fes.TestFunction()
+        P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
+        self._form = ngs.LinearForm(fes)
+        self._form += (ngs.InnerProduct(P, ngs.Grad(v)) + self._stress[9] * q) * ngs.dx(intrules=space.GetIntegrationRules())
+
+    def leave_out(self, elements: np.ndarray) -> None:
+        """Do not evaluate some elements (a mask) from now on; what they would add is 0."""
+        self._moving = np.repeat(~elements, self._moving.size // elements.size)
+        self._values[:] = 0
+
+    def __call__(self) -> np.ndarray:
+        """At the current state, one number for each unknown."""
+        self._values[:, self._moving] = self._derived(self._points[self._moving]).T
+        self._stress.vec.FV().NumPy()[:] = self._values.ravel()
+        self._form.Assemble()
+        return self._form.vec.FV().NumPy().copy()
