@@ -106,11 +106,12 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
     peak = firsts[0] if firsts else float("nan")
     halves, orders = results[HALF], results[ORDER]
+    whole = halves and (halves[0] or (firsts[0] if firsts else None))
     return {
         "reaction_balance": max(_imbalance(run) for run in runs.values()),
         "volume_balance": float(max(volume)),
         "energy_balance": float(max(energy)),
-        "dt_halving": abs(halves[1] / halves[0] - 1) if halves else None,
+        "dt_halving": abs(halves[1] / whole - 1) if whole else None,
         "order_plus_one": abs(orders[1] / orders[0] - 1) if orders else None,
         "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
         "force_while_off_N": max(off_force),
