@@ -56,7 +56,9 @@ class Forces:
         v, q = fes.TestFunction()
         P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
         self._form = ngs.LinearForm(fes)
-        self._form += (ngs.InnerProduct(P, ngs.Grad(v)) + self._stress[9] * q) * ngs.dx(intrules=space.GetIntegrationRules())
+        self._form += (ngs.InnerProduct(P, ngs.Grad(v)) + self._stress[9] * q) * ngs.dx(
+            intrules=space.GetIntegrationRules()
+        )
 
     def leave_out(self, elements: np.ndarray) -> None:
         """Do not evaluate some elements (a mask) from now on; what they would add is 0."""

@@ -90,7 +90,7 @@ class Tangent:
 
         if r is not None:
             solution = solve(r)
-            if not self._size(solve(left(r, solution))) < ROUGH * self._size(solution):
+            if not self._size(kept(left(r, solution))) < ROUGH * self._size(solution):
                 return None
         return solve
 

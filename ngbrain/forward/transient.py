@@ -91,7 +91,7 @@ class Transient:
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.contact_dt * control.first)
-        self.follow = np.zeros_like(body.weights)
+        self.follow, self.drift = np.zeros_like(body.weights), np.zeros_like(body.weights)
         self._now = 0.0
         self._factored: list[dict[str, Any]] = []
         self.motion.set(0.0)
@@ -153,13 +153,14 @@ class Transient:
         body.history.begin(dt)
         self._now = at.t + dt
         self.motion.set(self._now)
-        guess = start
         travel = self.motion.travel(at.t, self._now)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
-            if not body.min_det(guess) > self.newton.min_det:
-                guess = start
+        else:
+            guess = start + self.drift
+        if not body.min_det(guess) > self.newton.min_det:
+            guess = start
         body.state, record = self.newton.solve(self, guess)
         if not record.converged:
             return record, record.reason
@@ -175,6 +176,8 @@ class Transient:
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
+        pushed = (touched or at.touching) and travel
+        self.drift = np.zeros_like(start) if pushed else self.body.state - start
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
         at.touching = touched
@@ -183,6 +186,7 @@ class Transient:
         at.rested = abs(at.t + dt - event) < 1e-9 * max(event, 1.0)
         at.t = event if at.rested else at.t + dt
         if at.rested:
+            self.drift[:] = 0
             at.event = min(at.event + 1, len(self.motion.events) - 1)
 
     # What Newton's method asks (solvers.newton.System): the body's answers, with a note of where a factor was made.
@@ -218,6 +222,7 @@ class Transient:
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "x": self.body.state,
             "follow": self.follow,
+            "drift": self.drift,
             "largest": self.newton.largest,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
@@ -238,7 +243,7 @@ class Transient:
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.strain[:] = saved["strain"]
-        self.follow = np.array(saved["follow"])
+        self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
         body.state = saved["x"]
         self.motion.set(self.progress.t)

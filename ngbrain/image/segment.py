@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.ventricles import find_ventricles
+from ngbrain.image.ventricles import at_half_height, find_ventricles
 from ngbrain.image.volume import Volume
 
 OUTSIDE, CSF, GREY, WHITE, VENTRICLE = range(5)
@@ -68,10 +68,13 @@ def segment(t1: Volume, brain: np.ndarray) -> Labels:
     _drown_islands(labels)
     _check_contrast(labels)
     ventricles = find_ventricles(inside, labels == CSF, labels == WHITE)
+    if ventricles.any():
+        ventricles = at_half_height(ventricles, grey, (labels == GREY) | (labels == WHITE))
     size = ventricles.sum() * t1.voxel_volume * 1e6
     if size < _LEAST_VENTRICLES:
         raise InputError("image", f"a brain with ventricles of {size:.1f} ml", f"at least {_LEAST_VENTRICLES:g} ml")
     labels[ventricles] = VENTRICLE
+    _drown_islands(labels)  # what the edge of the ventricles has cut off
 
     core = (slice(1, -1),) * 3
     whole, white = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.float32)

@@ -11,6 +11,10 @@ _WALL = (3.0, 5.0)  # mm from the seed: beyond the fluid and the voxels that it 
 _WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and less around cisterns
 _REACH = 5  # mm of fluid around a seed that go with it
 
+_BAND = 2.0  # mm to both sides of the first edge that the edge is looked for in
+_BESIDE = (2.5, 5.5)  # mm out: what the wall is made of, past the voxels that it shares with the fluid
+_SMOOTH = 2.0  # mm, over which grey values of the wall are averaged
+
 _FACES, _EDGES = (ndimage.generate_binary_structure(3, rank) for rank in (1, 2))
 
 
@@ -52,4 +56,45 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> 
         return found
     grown = ndimage.binary_dilation(grown, _FACES, _REACH, mask=deep)
     found[box] = ndimage.binary_fill_holes(grown)  # the choroid plexus
+    return found
+
+
+def at_half_height(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarray) -> np.ndarray:
+    """The same ventricles with their edge where the grey value is half way from fluid to the tissue behind the wall.
+
+    A voxel of half fluid, half white matter is as bright as grey matter and gets its label, so that labels alone make
+    ventricles the smaller the thicker the slices of a scan are; the place of half the step stays.
+
+    Args:
+        ventricles: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
+        picture: grey values.
+        tissue: mask of grey and white matter.
+
+    >>> x = np.abs(np.indices((40, 40, 40)) - 19.5).max(axis=0)
+    >>> picture, small = np.clip((x - 9) / 4, 0, 1), x < 10
+    >>> bool((at_half_height(small, picture, ~small & (x < 19)) == (x < 11)).all())
+    True
+    """
+    box = tuple(
+        slice(max(axis.start - 9, 0), axis.stop + 9) for axis in ndimage.find_objects(ventricles.astype(np.uint8))[0]
+    )
+    inside, picture, tissue = ventricles[box], picture[box], tissue[box]
+    out, deep = ndimage.distance_transform_edt(~inside), ndimage.distance_transform_edt(inside)
+    core = deep > 1.5
+    wall = tissue & (out > _BESIDE[0]) & (out <= _BESIDE[1])
+    behind, near = (
+        ndimage.gaussian_filter(part, _SMOOTH) for part in (np.where(wall, picture, 0.0), wall.astype(float))
+    )
+    half = (np.median(picture[core]) + behind / np.maximum(near, 1e-9)) / 2
+    band = (out <= _BAND) & (deep <= _BAND) & (near > 1e-3)
+    fluid = np.where(band & (inside | tissue), picture < half, inside)
+    pieces, _ = ndimage.label(inside)
+    nearest = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    whose = pieces[tuple(nearest)]
+    touching = ndimage.maximum_filter(np.where(fluid, whose, 0), 3) != whose
+    touching |= ndimage.minimum_filter(np.where(fluid, whose, whose.max() + 1), 3) != whose
+    fluid &= inside | ~touching  # the septum between two ventricles is thinner than a voxel and stays
+    pieces, _ = ndimage.label(fluid)
+    found = np.zeros_like(ventricles)
+    found[box] = ndimage.binary_fill_holes(np.isin(pieces, np.unique(pieces[core & fluid])))
     return found

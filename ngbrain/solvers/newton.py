@@ -60,7 +60,7 @@ class Newton:
     rtol: float = 1e-6
     xtol: float = 1e-6
     max_iter: int = 40
-    max_factorisations: int = 6
+    max_factorisations: int = 10
     min_det: float = 0.02
     keep: float = 0.7
     min_damping: float = 0.1

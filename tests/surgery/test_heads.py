@@ -6,6 +6,7 @@ import ngsolve as ngs
 import nibabel
 import numpy as np
 import pytest
+from regridded import slanted, thick
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
@@ -88,6 +89,38 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
     assert np.allclose(cleft.slot(copy).target, target, atol=1e-9)
     moved = likewise(model.scene, file)
     assert np.allclose(moved.cleft.target, target, atol=1e-9) and "turned.nii.gz" in moved.title
+
+
+@pytest.mark.parametrize("regrid", [slanted, thick])
+def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
+    file = written(tmp_path / "copy.nii.gz", regrid(model.head.scan.volume))
+    copy = Model.of(replace(model.scene, body=replace(model.scene.body, head="scan", image=file)))
+    one, other = model.head.describe(model.mesh), copy.head.describe(copy.mesh)
+    print(one, other)
+    assert other["label_brain_ml"] == pytest.approx(one["label_brain_ml"], rel=5e-3)
+    for name, part in (("grey", 0.05), ("white", 0.05), ("ventricle", 0.1)):
+        assert other["label_volumes_ml"][name] == pytest.approx(one["label_volumes_ml"][name], rel=part), name
+    assert np.allclose(copy.cleft.target, model.cleft.target, atol=1e-9)
+    assert copy.cleft.depth == pytest.approx(model.cleft.depth, abs=0.5e-3)
+    assert copy.cleft.out @ model.cleft.out > np.cos(np.radians(3))
+    # The skull of one lies on that of the other, and at most places they agree on what is there.
+    skull = np.array([copy.mesh[v].point for v in _vertices(copy.mesh, "skull")])
+    off = np.abs(model.head.brain(skull) - copy.head.brain(skull))
+    print(f"skull off by {1e3 * off.mean():.2f} mm, at most {1e3 * off.max():.2f}")
+    assert off.mean() < 0.2e-3 and off.max() < 1.5e-3
+    centres = np.array([np.mean([model.mesh[v].point for v in e.vertices], axis=0) for e in model.mesh.Elements()])
+    same = np.mean(_label(model.head, centres) == _label(copy.head, centres))
+    print(f"the same tissue at {same:.3f} of the places")
+    assert same > 0.9
+
+
+def _vertices(mesh, boundary):
+    return sorted({v for e in mesh.Boundaries(boundary).Elements() for v in e.vertices}, key=lambda v: v.nr)
+
+
+def _label(head, points):
+    at = np.round(head.labels.to_voxels(points)).astype(int)
+    return head.labels.data[tuple(at.T)]
 
 
 @pytest.mark.parametrize(
