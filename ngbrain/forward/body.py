@@ -140,6 +140,7 @@ class Body:
         tissue, contact = self._terms()
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
+        self.focused = True
         part, inside = self._form(tissue, contact), self._without(~elements)
         self._tangent = Tangent(self.form, self._free_dofs, self.weights[: self.fes.ndof], part, inside)
 
@@ -158,6 +159,7 @@ class Body:
         scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
         offsets = np.full(len(self._offsets), LENGTH_SCALE**-2)
         self.weights = np.concatenate([self._free / scale**2, offsets]) / self.fes.ndof
+        self.focused = False
         self._tangent = Tangent(self.form, free, self.weights[: self.fes.ndof])
 
     # What Newton's method asks (solvers.newton.System).

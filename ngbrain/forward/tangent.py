@@ -10,7 +10,7 @@ import numpy as np
 Solve = Callable[[np.ndarray], np.ndarray]
 """r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
 
-ROUGH = 0.3
+ROUGH = 0.4
 """Error of a solution, as a part of it, with which a factorised part is not used."""
 
 

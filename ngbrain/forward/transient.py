@@ -15,6 +15,10 @@ from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
 
+WHOLES = 1
+"""Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
+
+
 class Motion(Protocol):
     """How the rigid bodies move."""
 
@@ -91,8 +95,8 @@ class Transient:
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.contact_dt * control.first)
-        self.follow, self.drift = np.zeros_like(body.weights), np.zeros_like(body.weights)
-        self._now = 0.0
+        self.follow = np.zeros_like(body.weights)
+        self._now, self._wholes = 0.0, 0
         self._factored: list[dict[str, Any]] = []
         self.motion.set(0.0)
 
@@ -151,16 +155,15 @@ class Transient:
     def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
         body.history.begin(dt)
-        self._now = at.t + dt
+        self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
+        guess = start
         travel = self.motion.travel(at.t, self._now)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
-        else:
-            guess = start + self.drift
-        if not body.min_det(guess) > self.newton.min_det:
-            guess = start
+            if not body.min_det(guess) > self.newton.min_det:
+                guess = start
         body.state, record = self.newton.solve(self, guess)
         if not record.converged:
             return record, record.reason
@@ -176,8 +179,6 @@ class Transient:
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
-        pushed = (touched or at.touching) and travel
-        self.drift = np.zeros_like(start) if pushed else self.body.state - start
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
         at.touching = touched
@@ -186,7 +187,6 @@ class Transient:
         at.rested = abs(at.t + dt - event) < 1e-9 * max(event, 1.0)
         at.t = event if at.rested else at.t + dt
         if at.rested:
-            self.drift[:] = 0
             at.event = min(at.event + 1, len(self.motion.events) - 1)
 
     # What Newton's method asks (solvers.newton.System): the body's answers, with a note of where a factor was made.
@@ -208,6 +208,9 @@ class Transient:
         """The body's factorisation; where it was made is kept so that a restart makes the same one."""
         solve = self.body.factorise(x, r)
         self._factored = [*(self._factored[:1] if self.body.partial else []), self._here(x)]
+        self._wholes += not self.body.partial
+        if self.body.focused and self._wholes > WHOLES:
+            raise FloatingPointError(f"the tangent changes all over the body {self._wholes} times")
         return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
@@ -222,7 +225,6 @@ class Transient:
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "x": self.body.state,
             "follow": self.follow,
-            "drift": self.drift,
             "largest": self.newton.largest,
             "stress": self.body.history.stress,
             "overstress": self.body.history.overstress,
@@ -243,7 +245,7 @@ class Transient:
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
         history.strain[:] = saved["strain"]
-        self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
+        self.follow = np.array(saved["follow"])
         self.newton.largest = saved["largest"]
         body.state = saved["x"]
         self.motion.set(self.progress.t)

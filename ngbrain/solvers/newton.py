@@ -24,6 +24,9 @@ Array = np.ndarray
 UNLOADED = 1e-3
 """Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
 
+WORTH = 6
+"""A factorisation is kept, however slow, if this many more iterations at its pace would do."""
+
 
 class System(Protocol):
     """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
@@ -117,7 +120,7 @@ class Newton:
                 continue
             v, contraction = _broyden(chain, v, weights)
             chain.append((v, _size(v, weights)))
-            if contraction > self.keep:
+            if contraction > self.keep and chain[-1][1] * contraction**WORTH > self.xtol:
                 self.inverse = None
         record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
         return x

@@ -41,7 +41,7 @@ Without it J falls to 0.45 at corners of the cleft and the pressure is 12 % too 
 head, second order: 157 mmHg with 4 mm elements, 163 with 3 mm, 160 with 2.5 mm; third order within 25 and 40 mm of the
 cleft, 4 mm: 154. Neo-Hooke, 1 mm opening, 4 mm elements: 3.9 mmHg against 3.8 of third order (3.8 without barrier).
 """
-FOCUS = 35e-3
+FOCUS = 28e-3
 """Within this distance (m) of the cleft's walls the tangent is renewed more often than elsewhere."""
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
