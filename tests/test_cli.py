@@ -137,12 +137,22 @@ rest_s = 7.0
 """
 
 
+REAL = SMALL
+for idealised, real in (
+    ("near_mm = 14.0\nfar_mm = 36.0", "near_mm = 10.0\nfar_mm = 22.0\nhead = 'mni152'"),
+    ("cortex|white", "grey|white"),
+    ("[17.0, 5.9, 26.2]", "[24.0, -8.0, 40.0]"),
+):
+    assert idealised in REAL
+    REAL = REAL.replace(idealised, real)
+
+
 def command(scene, out, *options):
     return [sys.executable, "-m", "ngbrain", "retract", str(scene), "-o", str(out), "-q", *options]
 
 
 def retract(*arguments):
-    subprocess.run(command(*arguments), check=True, timeout=300)
+    subprocess.run(command(*arguments), check=True, timeout=600)
 
 
 def numbers(out):
@@ -174,6 +184,25 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
         series = answer["series"]
         assert len({len(values) for values in series.values()}) == 1
         assert answer["peak_force_N"] > 0 and answer["s_above_20_mmHg"] == 0
+
+
+@pytest.mark.slow
+def test_a_real_head_gives_the_same_bits_twice_and_segments_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "cache"))
+    scene = tmp_path / "real.toml"
+    scene.write_text(REAL)
+    retract(scene, tmp_path / "one", "--threads", "1")
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
+    scene.write_text(REAL.replace("hold_s = 0.5", "hold_s = 0.6"))
+    assert kept and "hold_s = 0.6" in scene.read_text()
+    retract(scene, tmp_path / "other", "--threads", "2")
+    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
+    scene.write_text(REAL)
+    monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "another"))
+    retract(scene, tmp_path / "two", "--threads", "2")
+    assert numbers(tmp_path / "one") == numbers(tmp_path / "two")
+    result = json.loads((tmp_path / "one" / "result.json").read_text())
+    assert result["checks"]["reaction_balance"] < 1e-6 and result["head"]["label_volumes_ml"]["ventricle"] > 10
 
 
 @pytest.mark.slow

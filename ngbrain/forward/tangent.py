@@ -35,13 +35,14 @@ class Tangent:
     """The factorised tangent K of a form, made new as a whole or only in the part where it changes most.
 
     Elements far from a retractor are most of a head, and their tangent hardly changes. With the kept factor M₀ of the
-    whole and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₀⁻¹r, x += M₁⁻¹(r - K x): a
-    Schwarz method whose error is what changes inside the part do to the rest.
+    whole and the factor M₁ of the current K on the unknowns inside the part, a solve is x = M₁⁻¹r, x += M₀⁻¹(r - K x),
+    x += M₁⁻¹(r - K x): a symmetric Schwarz method, exact where nothing outside the part has changed since and the whole
+    sees the part as it was; `refresh` measures what is left.
 
     whole   form that is factorised; free: its free unknowns
     part    form over the same space that integrates what changes, or None
     inside  free unknowns that only the part's elements have
-    weights diagonal of the inner product that measures solutions
+    weights  diagonal of the inner product that measures solutions
     """
 
     def __init__(

@@ -16,6 +16,7 @@ from ngbrain.image.segment import WHITE
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned, head_of, likewise
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.runs import ProtocolRun
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +68,14 @@ def test_one_tissue_twice_is_that_tissue(model):
         forces.append(body.tissue_forces())
     assert np.abs(forces[0]).max() > 0
     assert np.abs(forces[0] - forces[1]).max() < 1e-10 * np.abs(forces[1]).max()
+
+
+def test_the_first_push_of_the_blade(model):
+    run = ProtocolRun(model, model.ramp("push"), None).go(until=0.2)
+    row, body = run.rows[-1], run.transient.body
+    assert 0.2 <= row.t < 1 and row.force > 0 and row.net_reaction > 0 and row.gap < 0 < row.area
+    assert row.balance < 1e-6 and row.min_det_F > 0.8
+    assert 0 < row.opening < 2 * row.advance and np.abs(body.u.vec.FV().NumPy()).max() < 1e-3
 
 
 def written(path, volume: Volume, turn=None):
