@@ -58,7 +58,7 @@ def ours(dt: float, order: int, maxh: float, keep: float) -> tuple[float, int, i
     drive = Drive(PROTOCOL)
     body = Body(block(SIZE, maxh), {"tissue": Material(LAW, BULK)}, "bottom", [contact(drive.parameter)], order)
     up = up_forces(body.fes.components[0])
-    newton = Newton(keep=keep, max_factorisations=60)
+    newton = Newton(keep=keep, worth=round(9 * keep), max_factorisations=60)
     transient = Transient(body, drive, StepControl(dt, dt_max=8 * dt), 1e-3, newton)
     t, f = [0.0], [0.0]
 

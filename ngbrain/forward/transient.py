@@ -14,7 +14,6 @@ from ngbrain.forward.tangent import Solve
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
-
 WHOLES = 1
 """Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
 

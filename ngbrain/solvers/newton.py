@@ -24,9 +24,6 @@ Array = np.ndarray
 UNLOADED = 1e-3
 """Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
 
-WORTH = 6
-"""A factorisation is kept, however slow, if this many more iterations at its pace would do."""
-
 
 class System(Protocol):
     """What the solver needs to know of a problem; vectors are numpy arrays over all unknowns, zero where fixed."""
@@ -56,16 +53,18 @@ class Newton:
     xtol        largest weighted correction at convergence (weights make it dimensionless)
     max_iter, max_factorisations   what a solve may spend before it gives up
     min_det     states below are not accepted
+    worth       ... unless this many more iterations at such a pace would do
     min_damping smallest fraction of a step from a fresh factorisation that is tried
-    keep        renew the factorisation when a correction shrinks by less than this factor; 0 renews it every time
+    keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
     """
 
     rtol: float = 1e-6
-    xtol: float = 1e-6
+    xtol: float = 1e-5
     max_iter: int = 40
     max_factorisations: int = 10
     min_det: float = 0.02
     keep: float = 0.7
+    worth: int = 6
     min_damping: float = 0.1
     inverse: Callable[[Array], Array] | None = None
     largest: float = 0.0
@@ -120,7 +119,7 @@ class Newton:
                 continue
             v, contraction = _broyden(chain, v, weights)
             chain.append((v, _size(v, weights)))
-            if contraction > self.keep and chain[-1][1] * contraction**WORTH > self.xtol:
+            if contraction > self.keep and chain[-1][1] * contraction**self.worth > self.xtol:
                 self.inverse = None
         record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
         return x

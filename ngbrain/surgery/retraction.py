@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import pickle
 import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ from ngbrain.surgery import answers, checks, pool
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.protocols import Protocol
-from ngbrain.surgery.runs import Peak, ProtocolRun, Snapshot, table
+from ngbrain.surgery.runs import Peak, ProtocolRun, table
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
     checks.ORDER: checks.one_order_more,
@@ -32,6 +34,8 @@ CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
 PICTURES = "head.npz"
 """The scan and its labels, for the report."""
+POLL = 0.2
+"""Seconds between looks for a beginning that another process computes."""
 _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
 
@@ -86,9 +90,9 @@ def solve(
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
-    results = pool.run(_tasks(model, where, resume), threads, tell)
-    outcomes = {name: run for task in results if not task.startswith(_CHECK) for name, run in results[task].items()}
-    runs = {p.name: outcomes[p.name] for p in scene.protocols}
+    with TemporaryDirectory() as shared:
+        results = pool.run(_tasks(model, where, resume, Path(shared)), threads, tell)
+    runs = {p.name: results[p.name] for p in scene.protocols}
     checked = {name: results[_CHECK + name] for name in _CHECKS}
     result = {
         "verb": "retract",
@@ -112,36 +116,50 @@ def solve(
     return result
 
 
-def _tasks(model: Model, folder: Path | None, resume: bool) -> list[pool.Task]:
-    """The longest first, so that the processes end together; protocols that begin alike are one task."""
+def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path) -> list[pool.Task]:
+    """The longest first, so that the processes end together; last those that begin like another and go on from there."""
     scene = model.scene
     groups: dict[Any, list[Protocol]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
         groups.setdefault((program.times[:2], program.advance[:2]), []).append(program)
-    longest = sorted(groups.values(), key=lambda programs: -sum(len(p.times) for p in programs))
-    protocols: list[pool.Task] = [
-        (", ".join(p.name for p in programs), _protocols, (model, programs, folder, resume)) for programs in longest
-    ]
+    leading: list[pool.Task] = []
+    following: list[pool.Task] = []
+    for number, programs in enumerate(groups.values()):
+        first, *others = sorted(programs, key=lambda p: -len(p.times))
+        begun = shared / f"{number}.pickle"
+        leading.append((first.name, _lead, (model, first, folder, resume, begun if others else None)))
+        following += [(other.name, _follow, (model, other, folder, resume, begun)) for other in others]
+    leading.sort(key=lambda task: -len(task[2][1].times))
     extra: list[pool.Task] = [(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS]
-    return [*protocols, *extra]
+    return [*leading, *extra, *following]
 
 
-def _protocols(
-    model: Model, programs: list[Protocol], folder: Path | None, resume: bool, tell: Tell
-) -> dict[str, Outcome]:
-    """Programs whose first piece is the same, which is then computed once."""
-    shared: Snapshot | None = None
-    outcomes = {}
-    for program in sorted(programs, key=lambda p: -len(p.times)):
-        run = ProtocolRun(model, program, folder, resume, shared)
-        if shared is None and run.transient.progress.t <= program.times[1]:
-            shared = run.go(tell, program.times[1]).snapshot()
-        at = run.go(tell).transient.progress
-        assert run.peak is not None
-        outcomes[program.name] = Outcome(
-            table(run.rows), run.peak, program.working_s, at.steps, at.rejected, at.newton, at.work.factorisations
-        )
-    return outcomes
+def _lead(
+    model: Model, program: Protocol, folder: Path | None, resume: bool, begun: Path | None, tell: Tell
+) -> Outcome:
+    """A run; it leaves in a file how it stands after its first piece (None if it is past that), for those that follow."""
+    run = ProtocolRun(model, program, folder, resume)
+    if begun is not None:
+        within = run.transient.progress.t <= program.times[1]
+        snapshot = run.go(tell, program.times[1]).snapshot() if within else None
+        part = begun.with_suffix(".part")
+        part.write_bytes(pickle.dumps(snapshot))
+        os.replace(part, begun)
+    return _outcome(run.go(tell))
+
+
+def _follow(model: Model, program: Protocol, folder: Path | None, resume: bool, begun: Path, tell: Tell) -> Outcome:
+    """A run that goes on from where another, which was started before, stood after the piece that they share."""
+    while not begun.exists():
+        time.sleep(POLL)
+    return _outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(tell))
+
+
+def _outcome(run: ProtocolRun) -> Outcome:
+    assert run.peak is not None
+    at = run.transient.progress
+    work = (at.steps, at.rejected, at.newton, at.work.factorisations)
+    return Outcome(table(run.rows), run.peak, run.protocol.working_s, *work)
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:

@@ -1,6 +1,7 @@
 """A scene's tasks: what is computed beside the protocols has names that no protocol can have."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,17 +20,20 @@ def test_protocols_named_like_checks_keep_their_results():
     kinds = ({"kind": "continuous"}, {"kind": "staged", "stages": 2, "rest": 20.0})
     protocols = tuple(Protocol(name=name, **kind) for name, kind in zip(names, kinds, strict=True))
     scene = replace(scene, protocols=protocols)
-    tasks = [name for name, _, _ in retraction._tasks(Model(scene, None, None, None, None), None, False)]
+    tasks = [name for name, _, _ in retraction._tasks(Model(scene, None, None, None, None), None, False, Path())]
     assert len(set(tasks)) == len(tasks) == len(names) + retraction.CHECKS and set(names) < set(tasks)
     for task in set(tasks) - set(names):
         with pytest.raises(InputError, match=r"protocol\.name"):
             Protocol(kind="continuous", name=task)
 
 
-def test_protocols_that_begin_alike_are_computed_together():
-    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False)
-    names = [name for name, _, _ in tasks]
-    assert "continuous, intermittent" in names and "staged" in names
+def test_protocols_that_begin_alike_share_the_beginning():
+    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False, Path("x"))
+    (lead, follow), (staged,) = (
+        [task for task in tasks if task[0] in names] for names in (("continuous", "intermittent"), ("staged",))
+    )
+    assert lead[0] == "intermittent" and follow[0] == "continuous" and tasks.index(lead) < tasks.index(follow)
+    assert lead[2][-1] == follow[2][-1] is not None and staged[2][-1] is None
 
 
 @pytest.mark.slow
@@ -43,9 +47,14 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         protocols=(continuous, replace(intermittent, hold=6.0, rest=14.0)),
     )
     model = Model.of(scene)
-    programs = [model.program(scene, asked) for asked in scene.protocols]
-    together = retraction._protocols(model, programs, tmp_path, False, lambda *_: None)
-    for program in programs:
+    begun = tmp_path / "begun.pickle"
+    first, second = (model.program(scene, asked) for asked in scene.protocols)
+    quiet = {"tell": lambda *_: None}
+    together = {
+        second.name: retraction._lead(model, second, tmp_path, False, begun, **quiet),
+        first.name: retraction._follow(model, first, tmp_path, False, begun, **quiet),
+    }
+    for program in (first, second):
         alone = ProtocolRun(model, program, None).go()
         rows = table(alone.rows)
         assert len(rows["t"]) > 10 and alone.peak == together[program.name].peak
