@@ -130,8 +130,14 @@ def chart(records: list[dict], path: str) -> None:
         ylabel="surface to outline, r.m.s. (mm)",
         title="Meshing the MNI152 brain (smallest angle between faces)",
     )
+    ticks = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200]
+    for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        chosen = [tick for tick in ticks if limits[0] <= tick <= limits[1]]
+        axis.set_ticks(chosen, [f"{tick:g}" for tick in chosen])
+        axis.set_ticks([], minor=True)
+    axes.margins(0.18)
     axes.legend(fontsize=8)
-    axes.grid(alpha=0.3, which="both")
+    axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
 
 
