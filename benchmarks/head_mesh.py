@@ -11,13 +11,11 @@ without a cleft, ours cuts the demo's cleft and is finer there.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
+from _command import main
 
 from ngbrain.errors import require
 from ngbrain.image import mni152
@@ -27,7 +25,6 @@ from ngbrain.mesh.from_labels import REGIONS, head
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned
-from ngbrain.threads import set_threads
 
 OURS, PEER = "ngbrain", "marching cubes and Netgen"
 
@@ -141,20 +138,11 @@ def chart(records: list[dict], path: str) -> None:
     figure.savefig(path, dpi=150)
 
 
+def line(r: dict) -> str:
+    """A record to read."""
+    error = f"{r['error_mm']:.2f} mm" if r["converged"] else f"failed: {r.get('reason', 'inverted elements')}"
+    return f"{r['method']:<26} {r['size']:<14} {r.get('n_tets', ''):>7}  {r['cpu_s']:6.1f} s  {error}"
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--chart", metavar="PNG")
-    arguments = parser.parse_args()
-    if arguments.chart:
-        chart(json.loads(sys.stdin.read().strip().splitlines()[-1]), arguments.chart)
-        sys.exit()
-    set_threads(1)
-    found = measure(arguments.quick)
-    if arguments.json:
-        print(json.dumps(found))
-    else:
-        for r in found:
-            error = f"{r['error_mm']:.2f} mm" if r["converged"] else f"failed: {r.get('reason', 'inverted elements')}"
-            print(f"{r['method']:<26} {r['size']:<14} {r.get('n_tets', ''):>7}  {r['cpu_s']:6.1f} s  {error}")
+    main(__doc__, measure, chart, line)

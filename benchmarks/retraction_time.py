@@ -11,13 +11,11 @@ with a new factorisation every iteration, the plate as a penalty, even steps.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
 
 import ngsolve as ngs
 import numpy as np
+from _command import main
 from ngsolve.solvers import Newton as NgsolveNewton
 
 from ngbrain.errors import SolverError, require
@@ -29,7 +27,6 @@ from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.protocols import Drive, continuous
 from ngbrain.tensors import isochoric
-from ngbrain.threads import set_threads
 
 SIZE, BULK, PENALTY = (0.02, 0.02, 0.02), 1.5e6, 3e8
 LAW = Viscous(Ogden(300.0, -12.0), (Branch(Ogden(700.0, -15.0), 2.3), Branch(NeoHooke(500.0), 500.0)))
@@ -165,23 +162,11 @@ def chart(records: list[dict], path: str) -> None:
     figure.savefig(path, dpi=150)
 
 
+def line(r: dict) -> str:
+    """A record to read."""
+    error = f"{r['error']:.1e}" if r["converged"] else "failed"
+    return f"{r['method']:<36} P{r['order']} {1e3 * r['maxh']:3.0f} mm  dt {r['dt']:<5} {error:>8}  {r['cpu_s']:6.1f} s"
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--chart", metavar="PNG")
-    arguments = parser.parse_args()
-    if arguments.chart:
-        chart(json.loads(sys.stdin.read().strip().splitlines()[-1]), arguments.chart)
-        sys.exit()
-    set_threads(1)
-    ngs.ngsglobals.msg_level = 0
-    found = measure(arguments.quick)
-    if arguments.json:
-        print(json.dumps(found))
-    else:
-        for r in found:
-            error = f"{r['error']:.1e}" if r["converged"] else "failed"
-            print(
-                f"{r['method']:<36} P{r['order']} {1e3 * r['maxh']:3.0f} mm  dt {r['dt']:<5} {error:>8}  {r['cpu_s']:6.1f} s"
-            )
+    main(__doc__, measure, chart, line)
