@@ -58,7 +58,7 @@ class Newton:
     keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
     """
 
-    rtol: float = 1e-6
+    rtol: float = 2e-7
     xtol: float = 1e-5
     max_iter: int = 40
     max_factorisations: int = 10
