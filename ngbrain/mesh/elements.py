@@ -103,6 +103,11 @@ class Elements:
         return ngs.Mesh(mesh)
 
 
+def centres(mesh: ngs.Mesh) -> np.ndarray:
+    """Centres (m) of the elements of a mesh (element, 3)."""
+    return np.array([np.mean([mesh[v].point for v in element.vertices], axis=0) for element in mesh.Elements()])
+
+
 def smallest_angles(x: np.ndarray) -> np.ndarray:
     """Smallest angle (degrees) between two faces of every tetrahedron (n, 4, 3)."""
     smallest = np.full(len(x), np.inf)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
-import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body, Material
@@ -16,6 +15,7 @@ from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Branch, Law, Ogden, OgdenBranches, Viscous, after
 from ngbrain.materials.base import Value
 from ngbrain.mesh import Cleft, Sizes
+from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.blades import Spatula
@@ -139,11 +139,6 @@ class Model:
         """The first opening alone."""
         r = self.scene.retraction
         return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
-
-
-def centres(mesh: ngs.Mesh) -> np.ndarray:
-    """Centres of the elements (element, 3)."""
-    return np.array([np.mean([mesh[v].point for v in element.vertices], axis=0) for element in mesh.Elements()])
 
 
 def _mixed(shares: list[tuple[Tissue, Value]]) -> Material:

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from ngbrain.adjoint.check import taylor
+from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.tangent import bordered
 from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.materials import Ogden
+from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 
 
@@ -70,12 +73,8 @@ def test_a_part_renewed_where_nothing_changed_is_the_whole(pressed, rng):
     assert same == pytest.approx(exact, rel=1e-8, abs=1e-9 * np.abs(exact).max())
 
 
-def test_a_part_renewed_follows_a_change_inside_it(pressed):
+def test_a_part_renewed_follows_a_change_inside_it():
     # A dent in the top of a block that is held all around, as a brain is.
-    from ngbrain.forward.body import Body, Material
-    from ngbrain.materials import Ogden
-    from ngbrain.mesh import block
-
     body = Body(block((0.06,) * 3, 0.012), {"tissue": Material(Ogden(1e3, -15.0), 1.5e6)}, "^(?!top).*")
     body.history.begin(0.5)
     body.focus(near(body))
