@@ -56,7 +56,7 @@ class History:
         self._viscosity = self._values({name: r.viscosity for name, r in regions.items()}, 0.0)
         self._stress_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
-        self.dt = 0.0
+        self.dt, self.thicker = 0.0, 1.0
 
     def _values(self, by_region: dict[str, Value], default: float) -> np.ndarray:
         field = ngs.GridFunction(self.space)
@@ -83,11 +83,11 @@ class History:
             }
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
-    def begin(self, dt: float) -> None:
-        """Set β_k and the pull for a step of `dt` seconds."""
-        self.dt = dt
-        self.per_dt.Set(1 / dt)
-        pull = -self._viscosity / (2 * dt) * self.strain
+    def begin(self, dt: float, thicker: float = 1.0) -> None:
+        """Set β_k and the pull for a step of `dt` seconds with `thicker` times the viscosity."""
+        self.dt, self.thicker = dt, thicker
+        self.per_dt.Set(thicker / dt)
+        pull = -thicker * self._viscosity / (2 * dt) * self.strain
         for k in range(self.n_branches):
             e, beta = step_factors(dt, self._tau[k])
             self.shares[k].vec.FV().NumPy()[:] = beta

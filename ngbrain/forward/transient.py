@@ -42,6 +42,7 @@ class StepControl:
     release_growth   the same while a body in touch withdraws
     growth       factor from step to step while nothing is pushed (holds, rests)
     dt_max       longest step (s) there
+    unpushed     factor on the stabilising viscosity while nothing is pushed
     smallest     fraction of contact_dt below which the run gives up
     """
 
@@ -52,6 +53,7 @@ class StepControl:
     release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
+    unpushed: float = 1.0
     smallest: float = 1e-3
 
     def halved(self) -> StepControl:
@@ -153,11 +155,11 @@ class Transient:
 
     def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
-        body.history.begin(dt)
+        travel = self.motion.travel(at.t, at.t + dt)
+        body.history.begin(dt, 1.0 if travel > 0 else self.control.unpushed)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
         guess = start
-        travel = self.motion.travel(at.t, self._now)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
@@ -214,7 +216,8 @@ class Transient:
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
         history = self.body.history
-        return {"x": x.copy(), "t": self._now, "dt": history.dt, "pull": history.pull.vec.FV().NumPy().copy()}
+        step = {"t": self._now, "dt": history.dt, "thicker": history.thicker}
+        return {**step, "x": x.copy(), "pull": history.pull.vec.FV().NumPy().copy()}
 
     # Restart.
 
@@ -236,7 +239,7 @@ class Transient:
         body, history = self.body, self.body.history
         makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (body.factorise, body.refactorise)
         for make, factor in zip(makes, saved["factors"], strict=False):
-            history.begin(factor["dt"])
+            history.begin(factor["dt"], factor["thicker"])
             history.pull.vec.FV().NumPy()[:] = factor["pull"]
             self._now = factor["t"]
             self.motion.set(self._now)

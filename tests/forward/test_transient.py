@@ -52,16 +52,30 @@ def test_a_step_is_second_order_in_time(make_body, plate):
     assert errors[0] < 0.02 and np.all(rates > 1.7), (errors, rates)
 
 
+def test_viscosity_is_thicker_only_while_nothing_is_pushed(make_body, plate):
+    rows = []
+    for viscosity, unpushed in ((30.0, 1.0), (30.0, 10.0), (300.0, 1.0)):
+        drive = plate(*PRESS)
+        body = make_body(contacts=[drive.contact()], viscosity=viscosity)
+        rows.append(run(body, drive, StepControl(1.0, dt_max=10, unpushed=unpushed))[1])
+    thin, thicker, thick = rows
+    pushed = thin[:, 0] <= 4
+    assert np.array_equal(thin[pushed], thicker[pushed])
+    assert thick[pushed][-1, 1] > 1.01 * thin[pushed][-1, 1]
+    released = np.flatnonzero(thin[:, 0] > 40)[0]
+    assert thicker[released, 1] < 0.99 * thin[released, 1]
+
+
 def test_restart_goes_on_with_the_same_bits(make_body, plate):
-    control = StepControl(1.0, dt_max=10)
+    control = StepControl(1.0, dt_max=10, unpushed=10.0)
     drive = plate(*PRESS)
-    whole, _ = run(make_body(contacts=[drive.contact()]), drive, control)
+    whole, _ = run(make_body(contacts=[drive.contact()], viscosity=300.0), drive, control)
     half_drive = plate(*PRESS)
-    half = Transient(make_body(contacts=[half_drive.contact()]), half_drive, control, 1e-3)
+    half = Transient(make_body(contacts=[half_drive.contact()], viscosity=300.0), half_drive, control, 1e-3)
     half.run(lambda *_: None, until=10.0)
     saved = half.checkpoint()
     other_drive = plate(*PRESS)
-    other = Transient(make_body(contacts=[other_drive.contact()]), other_drive, control, 1e-3)
+    other = Transient(make_body(contacts=[other_drive.contact()], viscosity=300.0), other_drive, control, 1e-3)
     other.restore(saved)
     other.run(lambda *_: None)
     assert np.array_equal(other.body.state, whole.body.state)
