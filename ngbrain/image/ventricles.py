@@ -9,7 +9,7 @@ _DEPTH = 15.0  # mm below the surface of the brain; sulci and most cisterns are 
 _SEED = 300  # mm³ that must be left of a piece when thin sheets are cut
 _WALL = (3.0, 5.0)  # mm from the seed: beyond the fluid and the voxels that it shares with its wall
 _WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and less around cisterns
-_REACH = 5  # mm of fluid around a seed that go with it
+_REACH = 5  # mm of fluid around a seed that go with it, whatever their wall
 
 _BAND = 2.0  # mm to both sides of the first edge that the edge is looked for in
 _BESIDE = (2.5, 5.5)  # mm out: what the wall is made of, past the voxels that it shares with the fluid
@@ -23,7 +23,7 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> 
 
     Eroding deep fluid leaves seeds without thin sheets. Those whose wall is mostly white matter are kept: around the
     ventricles lie corpus callosum and radiations, around the equally deep cistern of the great vein grey matter. They
-    grow back into the horns and out to the walls.
+    grow back out to the walls, and take in what then touches them and has such a wall itself: tips of horns.
 
     Args:
         brain: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
@@ -46,17 +46,30 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> 
     large[0] = False
     if not large.any():
         return found
-    away, nearest = ndimage.distance_transform_edt(~large[pieces], return_indices=True)
-    wall = (away > _WALL[0]) & (away <= _WALL[1])
-    whose = pieces[tuple(axis[wall] for axis in nearest)]
-    seen = np.bincount(whose, minlength=count + 1)
-    share = np.bincount(whose, white[wall], minlength=count + 1) / np.maximum(seen, 1)
-    grown = (large & (share >= _WHITE))[pieces]
+    seeds = np.where(large[pieces], pieces, 0)
+    grown = _in_white(seeds, white, np.zeros_like(deep))
     if not grown.any():
         return found
     grown = ndimage.binary_dilation(grown, _FACES, _REACH, mask=deep)
+    # Horns may hang on thinly, and then how far a seed reaches into them is a matter of voxels.
+    pieces, _ = ndimage.label(deep & ~grown)
+    near = ndimage.binary_dilation(grown, _FACES)
+    horns = np.isin(pieces, np.setdiff1d(pieces[near], [0]))
+    grown |= _in_white(np.where(horns, pieces, 0), white, ndimage.binary_dilation(grown, _FACES, int(_WALL[0])))
     found[box] = ndimage.binary_fill_holes(grown)  # the choroid plexus
     return found
+
+
+def _in_white(pieces: np.ndarray, white: np.ndarray, elsewhere: np.ndarray) -> np.ndarray:
+    """Mask of the pieces (numbered from 1, 0 is none) whose wall is mostly white; voxels `elsewhere` are not looked at."""
+    if not pieces.any():
+        return pieces > 0
+    away, nearest = ndimage.distance_transform_edt(pieces == 0, return_indices=True)
+    wall = (away > _WALL[0]) & (away <= _WALL[1]) & ~elsewhere
+    whose = pieces[tuple(axis[wall] for axis in nearest)]
+    most = int(pieces.max()) + 1
+    share = np.bincount(whose, white[wall], most) / np.maximum(np.bincount(whose, minlength=most), 1)
+    return (pieces > 0) & (share >= _WHITE)[pieces]
 
 
 def at_half_height(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, check_extracted, mni152
 from ngbrain.image.segment import CSF, GREY, OUTSIDE, VENTRICLE, WHITE, segment
+from ngbrain.image.ventricles import find_ventricles
 
 MM = np.diag([1e-3, 1e-3, 1e-3, 1])
 
@@ -95,6 +96,19 @@ def test_ventricles_are_two_and_deep(scan, ventricles):
     assert depth[ventricles].min() > 10
     middle = scan[0].to_voxels(np.array([[0, -43e-3, 0]])).round().astype(int)[0]  # in that cistern
     assert not ventricles[middle[0] - 3 : middle[0] + 4, middle[1], middle[2]].any()
+
+
+def test_a_tip_that_hangs_on_thinly_belongs_if_it_lies_in_white_matter():
+    x, y, z = np.indices((80, 80, 80)) - 39.5
+    brain = np.sqrt(x**2 + y**2 + z**2) < 38
+    body = np.maximum.reduce([abs(x), abs(y), abs(z)]) < 6
+    neck = (abs(y) < 2) & (abs(z) < 1) & (x > 0) & (x < 16)  # longer than any fluid goes with the body
+    tip = (abs(x - 18) < 3) & (abs(y) < 3) & (abs(z) < 3)
+    fluid = body | neck | tip
+    about_tip = x > 10
+    assert np.array_equal(find_ventricles(brain, fluid, brain & ~fluid), fluid)
+    without = find_ventricles(brain, fluid, brain & ~fluid & ~about_tip)
+    assert without[body].all() and not without[tip].any()
 
 
 def test_islands_drown(tissue):

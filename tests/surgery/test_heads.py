@@ -108,7 +108,7 @@ def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     one, other = model.head.describe(model.mesh), copy.head.describe(copy.mesh)
     print(one, other)
     assert other["label_brain_ml"] == pytest.approx(one["label_brain_ml"], rel=5e-3)
-    for name, part in (("grey", 0.05), ("white", 0.05), ("ventricle", 0.1)):
+    for name, part in (("grey", 0.05), ("white", 0.05), ("ventricle", 0.04)):
         assert other["label_volumes_ml"][name] == pytest.approx(one["label_volumes_ml"][name], rel=part), name
     assert np.allclose(copy.cleft.target, model.cleft.target, atol=1e-9)
     assert copy.cleft.depth == pytest.approx(model.cleft.depth, abs=0.5e-3)
