@@ -15,6 +15,8 @@ from ngbrain.mesh.surfaces import triangulated
 REGIONS = ("brain", "ventricles")
 GROWTH = 0.4
 """Growth of the element size (m) with distance (m) from the cleft."""
+HORNS = 9e-3
+"""Largest elements (m) on the ventricles: larger ones do not close around thin horns."""
 ROUNDS = 4
 """of moving triangles until they enclose the volume of the outline."""
 CLEARANCE = 1.5e-3
@@ -43,7 +45,7 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
     outer, triangles = triangulated(brain, size, fixed)
     outer = _enclosing(brain, outer, triangles, slot.mouth)
-    inner, ventricle = triangulated(ventricles, size, np.zeros((0, 3)))
+    inner, ventricle = triangulated(ventricles, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
     inner = _enclosing(ventricles, inner, ventricle)
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then the ventricles'.
     n, m = slot.mouth, len(slot.points)

@@ -29,7 +29,7 @@ WHOLE = "whole steps"
 """and what half steps are compared with."""
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
-COARSE = {"site": 4e-3, "near": 10e-3, "far": 22e-3}
+COARSE = {"site": 4e-3, "near": 10e-3, "far": 26e-3}
 """Element sizes (m) of the mesh on which half steps and one order more are affordable."""
 REACH = 25e-3
 """How far (m) from the cleft one order more is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast idealised head."""
