@@ -83,6 +83,11 @@ class History:
             }
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
+    @property
+    def viscous(self) -> bool:
+        """Whether any region has a viscosity."""
+        return bool(self._viscosity.any())
+
     def begin(self, dt: float, thicker: float = 1.0) -> None:
         """Set β_k and the pull for a step of `dt` seconds with `thicker` times the viscosity."""
         self.dt, self.thicker = dt, thicker

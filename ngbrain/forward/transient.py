@@ -34,7 +34,10 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class StepControl:
-    """Time steps, chosen beforehand from the motion and cut when a step fails.
+    """Time steps, chosen beforehand from the motion; one that fails is cut, or made more viscous if nothing moves.
+
+    Both slow down tissue that snaps by itself, but a shorter step also holds up time: a snap of a second in a hold of an
+    hour would be followed through.
 
     contact_dt   longest step (s) while a body moves in touch with the tissue
     first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
@@ -42,7 +45,8 @@ class StepControl:
     release_growth   the same while a body in touch withdraws
     growth       factor from step to step while nothing is pushed (holds, rests)
     dt_max       longest step (s) there
-    unpushed     factor on the stabilising viscosity while nothing is pushed
+    withdrawn    factor on the stabilising viscosity while bodies withdraw
+    thickest     and the largest that a step that fails though nothing moves is tried with
     smallest     fraction of contact_dt below which the run gives up
     """
 
@@ -53,7 +57,8 @@ class StepControl:
     release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
-    unpushed: float = 1.0
+    withdrawn: float = 1.0
+    thickest: float = 1e3
     smallest: float = 1e-3
 
     def halved(self) -> StepControl:
@@ -71,6 +76,7 @@ class Progress:
     touching: bool = False
     rested: bool = True
     cut: bool = False
+    thicker: float = 1.0
     steps: int = 0
     rejected: int = 0
     newton: int = 0
@@ -113,6 +119,9 @@ class Transient:
         at = self.progress
         start = self.body.state
         dt = self._propose()
+        travel = self.motion.travel(at.t, at.t + dt)
+        if travel or at.rested:
+            at.thicker = self.control.withdrawn if travel < 0 else 1.0
         at.cut = False
         while True:
             record, problem = self._attempt(start, dt)
@@ -122,9 +131,12 @@ class Transient:
                 self._accept(start, dt)
                 return record
             at.rejected += 1
-            at.cut = True
             self.body.state = start
             self.motion.set(at.t)
+            if not travel and self.body.history.viscous and at.thicker * 3 <= self.control.thickest:
+                at.thicker *= 3
+                continue
+            at.cut = True
             dt = dt / 3
             if dt < self.control.smallest * self.control.contact_dt:
                 raise _error(problem, at.t, dt)
@@ -155,11 +167,11 @@ class Transient:
 
     def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
-        travel = self.motion.travel(at.t, at.t + dt)
-        body.history.begin(dt, 1.0 if travel > 0 else self.control.unpushed)
+        body.history.begin(dt, at.thicker)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
         guess = start
+        travel = self.motion.travel(at.t, self._now)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel

@@ -1,9 +1,11 @@
 """Time stepping: closed forms, order in time, unilateral contact, restart, rejected steps."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
-from ngbrain.errors import ContactError
+from ngbrain.errors import ContactError, ConvergenceError
 from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.solvers.newton import Newton
@@ -52,22 +54,65 @@ def test_a_step_is_second_order_in_time(make_body, plate):
     assert errors[0] < 0.02 and np.all(rates > 1.7), (errors, rates)
 
 
-def test_viscosity_is_thicker_only_while_nothing_is_pushed(make_body, plate):
+def test_viscosity_is_thicker_while_the_body_withdraws(make_body, plate):
     rows = []
-    for viscosity, unpushed in ((30.0, 1.0), (30.0, 10.0), (300.0, 1.0)):
+    for viscosity, withdrawn in ((30.0, 1.0), (30.0, 10.0), (300.0, 1.0)):
         drive = plate(*PRESS)
         body = make_body(contacts=[drive.contact()], viscosity=viscosity)
-        rows.append(run(body, drive, StepControl(1.0, dt_max=10, unpushed=unpushed))[1])
+        rows.append(run(body, drive, StepControl(1.0, dt_max=10, withdrawn=withdrawn))[1])
     thin, thicker, thick = rows
-    pushed = thin[:, 0] <= 4
-    assert np.array_equal(thin[pushed], thicker[pushed])
-    assert thick[pushed][-1, 1] > 1.01 * thin[pushed][-1, 1]
+    pushed_and_held = thin[:, 0] <= 40
+    assert np.array_equal(thin[pushed_and_held], thicker[pushed_and_held])
+    assert thick[thin[:, 0] == 4, 1] > 1.01 * thin[thin[:, 0] == 4, 1]
     released = np.flatnonzero(thin[:, 0] > 40)[0]
     assert thicker[released, 1] < 0.99 * thin[released, 1]
 
 
+@dataclass
+class Failing(Newton):
+    """Gives up at some attempts, counted from 0."""
+
+    at: tuple[int, ...] = ()
+    attempts: int = 0
+
+    def solve(self, system, x):
+        x, record = super().solve(system, x)
+        if self.attempts in self.at:
+            record.converged, record.reason, self.inverse = False, "given up", None
+        self.attempts += 1
+        return x, record
+
+
+@pytest.mark.parametrize(("viscosity", "thicker", "dt"), [(30.0, 9.0, 1.0), (0.0, 1.0, 1 / 9)])
+def test_a_step_that_fails_while_nothing_moves_is_made_more_viscous_if_it_can_be(
+    make_body, plate, viscosity, thicker, dt
+):
+    drive = plate(*PRESS)
+    transient = Transient(make_body(contacts=[drive.contact()], viscosity=viscosity), drive, StepControl(1.0), 1e-3)
+    transient.run(lambda *_: None, until=4.0)
+    transient.newton = Failing(at=(0, 1))
+    transient.step()
+    at = transient.progress
+    assert at.rejected == 2 and at.thicker == thicker and at.dt == pytest.approx(dt)
+    assert transient.body.history.thicker == thicker
+    transient.step()  # the next one starts as thick, or as short
+    assert at.thicker == thicker and transient.body.history.thicker == thicker
+    transient.run(lambda *_: None, until=44.0)
+    assert at.thicker == 1.0  # while something moves again
+
+
+def test_a_step_that_keeps_failing_while_nothing_moves_ends_the_run(make_body, plate):
+    drive = plate(*PRESS)
+    transient = Transient(make_body(contacts=[drive.contact()], viscosity=30.0), drive, StepControl(1.0), 1e-3)
+    transient.run(lambda *_: None, until=4.0)
+    transient.newton = Failing(at=tuple(range(99)))
+    with pytest.raises(ConvergenceError, match="given up"):
+        transient.step()
+    assert 1e3 / 3 < transient.progress.thicker <= 1e3
+
+
 def test_restart_goes_on_with_the_same_bits(make_body, plate):
-    control = StepControl(1.0, dt_max=10, unpushed=10.0)
+    control = StepControl(1.0, dt_max=10, withdrawn=10.0)
     drive = plate(*PRESS)
     whole, _ = run(make_body(contacts=[drive.contact()], viscosity=300.0), drive, control)
     half_drive = plate(*PRESS)
