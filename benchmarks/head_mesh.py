@@ -92,7 +92,7 @@ def measure(quick: bool) -> list[dict]:
     grids = (
         [(4, 14, 28), (4, 10, 26)]
         if quick
-        else [(4, 14, 28), (4, 10, 26), (4, 10, 16), (2, 6, 12), (2, 6, 8.8), (2, 6, 7)]
+        else [(4, 14, 28), (4, 10, 26), (4, 10, 16), (2, 6, 12), (2, 6, 8.9), (2, 6, 7)]
     )
     steps = (12, 8) if quick else (16, 12, 8, 6, 4, 3)
     records = [record(OURS, "{}, {}, {} mm".format(*g), scanned, lambda g=g: ours(scanned, *g)) for g in grids]

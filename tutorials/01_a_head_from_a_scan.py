@@ -52,7 +52,7 @@ print({name: round(ml) for name, ml in volumes.items()}, "ml")
 # %%
 cleft = head.cleft_to(np.array([24.0, -8.0, 40.0]) * 1e-3)
 print(f"{1e3 * cleft.depth:.1f} mm deep, way out {np.round(cleft.out, 2)}")
-sizes = Sizes(4e-3, 10e-3, 26e-3) if FAST else Sizes(2e-3, 6e-3, 8.8e-3)
+sizes = Sizes(4e-3, 10e-3, 26e-3) if FAST else Sizes(2e-3, 6e-3, 8.9e-3)
 mesh = head.opened(cleft, 40e-3, sizes)
 print(mesh.ne, "tetrahedra;", mesh.GetMaterials(), set(mesh.GetBoundaries()))
 corners = np.array([[mesh[v].point for v in element.vertices] for element in mesh.Elements()])

@@ -45,7 +45,7 @@ class StepControl:
     release_growth   the same while a body in touch withdraws
     growth       factor from step to step while nothing is pushed (holds, rests)
     dt_max       longest step (s) there
-    withdrawn    factor on the stabilising viscosity while bodies withdraw
+    unpushed     factor on the stabilising viscosity while nothing is pushed
     thickest     and the largest that a step that fails though nothing moves is tried with
     smallest     fraction of contact_dt below which the run gives up
     """
@@ -57,7 +57,7 @@ class StepControl:
     release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
-    withdrawn: float = 1.0
+    unpushed: float = 1.0
     thickest: float = 1e3
     smallest: float = 1e-3
 
@@ -120,8 +120,8 @@ class Transient:
         start = self.body.state
         dt = self._propose()
         travel = self.motion.travel(at.t, at.t + dt)
-        if travel or at.rested:
-            at.thicker = self.control.withdrawn if travel < 0 else 1.0
+        least = 1.0 if travel > 0 else self.control.unpushed
+        at.thicker = least if travel or at.rested else max(at.thicker, least)
         at.cut = False
         while True:
             record, problem = self._attempt(start, dt)

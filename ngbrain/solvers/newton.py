@@ -21,7 +21,7 @@ from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 
-UNLOADED = 1e-3
+UNLOADED = 0.05
 """Reactions below this share of the largest met are judged as if they had it: at rest there is nothing to divide by."""
 
 
