@@ -2,21 +2,26 @@
 
 from ngbrain.materials.base import Law, Sum
 from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
-from ngbrain.materials.isotropic import NeoHooke, Ogden
+from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
 from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, step_factors
 from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
 
 __all__ = [
     "CATALOGUE",
     "Branch",
+    "Demiray",
+    "Gent",
     "Law",
+    "MooneyRivlin",
     "NeoHooke",
     "Ogden",
     "OgdenBranches",
+    "Polynomial",
     "Prony",
     "Scaled",
     "Sum",
     "Viscous",
+    "Yeoh",
     "after",
     "barrier",
     "constants",

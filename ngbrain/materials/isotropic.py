@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,6 +31,116 @@ class NeoHooke(Addable):
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
         return self.mu / 2 * (ngs.Trace(C) - 3)
+
+
+@dataclass(frozen=True)
+class MooneyRivlin(Addable):
+    """W = c₁ (I₁ - 3) + c₂ (I₂ - 3), initial shear modulus μ₀ = 2 (c₁ + c₂) (Pa); I₂ = (I₁² - tr C²)/2.
+
+    Source: Rivlin 1948, 10.1098/rsta.1948.0024.
+
+    >>> import ngsolve as ngs
+    >>> MooneyRivlin(c1=300.0, c2=200.0).energy(4 * ngs.Id(3)).dim
+    1
+    """
+
+    c1: Value
+    c2: Value
+
+    def __post_init__(self) -> None:
+        _stiff("MooneyRivlin", "c1 + c2", self.c1, self.c2)
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        i1, i2 = _invariants(C)
+        return self.c1 * (i1 - 3) + self.c2 * (i2 - 3)
+
+
+@dataclass(frozen=True)
+class Polynomial(Addable):
+    """W = Σ c_ij (I₁ - 3)^i (I₂ - 3)^j, initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa).
+
+    c   (i, j) → c_ij (Pa), whole numbers i, j ≥ 0, not both 0
+
+    Source: Rivlin & Saunders 1951, 10.1098/rsta.1951.0004.
+
+    >>> import ngsolve as ngs
+    >>> Polynomial({(1, 0): 300.0, (0, 1): 200.0, (1, 1): 50.0}).energy(ngs.Id(3)).dim
+    1
+    """
+
+    c: Mapping[tuple[int, int], Value]
+
+    def __post_init__(self) -> None:
+        for power in self.c:
+            if len(power) != 2 or min(power) < 0 or not any(power):
+                raise InputError("Polynomial.c", f"the powers {power}", "two whole numbers of at least 0, not both 0")
+        _stiff("Polynomial", "c[1, 0] + c[0, 1]", self.c.get((1, 0), 0.0), self.c.get((0, 1), 0.0))
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        i1, i2 = _invariants(C)
+        terms = [value * _power(i1 - 3, i) * _power(i2 - 3, j) for (i, j), value in self.c.items()]
+        return sum(terms[1:], terms[0])
+
+
+def Yeoh(c: Sequence[Value]) -> Polynomial:  # noqa: N802  (reads as a law)
+    """W = Σ c_i (I₁ - 3)^i, i = 1, 2, …; initial shear modulus μ₀ = 2 c₁ (Pa).
+
+    Source: Yeoh 1993, 10.5254/1.3538343.
+
+    >>> Yeoh([100.0, 20.0]) == Polynomial({(1, 0): 100.0, (2, 0): 20.0})
+    True
+    """
+    return Polynomial({(i, 0): value for i, value in enumerate(c, 1)})
+
+
+@dataclass(frozen=True)
+class Gent(Addable):
+    """W = -μ J_m/2 ln(1 - (I₁ - 3)/J_m), initial shear modulus μ₀ = μ (Pa); no state beyond I₁ - 3 = J_m has an energy.
+
+    There it is NaN, which Newton's method refuses like an inverted element.
+
+    Source: Gent 1996, 10.5254/1.3538357.
+
+    >>> import ngsolve as ngs
+    >>> Gent(mu=1000.0, jm=2.0).energy(ngs.Id(3)).dim
+    1
+    """
+
+    mu: Value
+    jm: Value
+
+    def __post_init__(self) -> None:
+        positive(self.mu, "Gent.mu")
+        positive(self.jm, "Gent.jm")
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return -self.mu * self.jm / 2 * ngs.log(1 - (ngs.Trace(C) - 3) / self.jm)
+
+
+@dataclass(frozen=True)
+class Demiray(Addable):
+    """W = μ/(2b) (exp(b (I₁ - 3)) - 1), initial shear modulus μ₀ = μ (Pa).
+
+    Source: Demiray 1972, 10.1016/0021-9290(72)90047-4.
+
+    >>> import ngsolve as ngs
+    >>> Demiray(mu=1000.0, b=5.0).energy(ngs.Id(3)).dim
+    1
+    """
+
+    mu: Value
+    b: Value
+
+    def __post_init__(self) -> None:
+        positive(self.mu, "Demiray.mu")
+        positive(self.b, "Demiray.b")
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return self.mu / (2 * self.b) * (ngs.exp(self.b * (ngs.Trace(C) - 3)) - 1)
 
 
 @dataclass(frozen=True)
@@ -73,6 +183,26 @@ class Ogden(Addable):
 def _principal_logs(C: CoefficientFunction) -> list[CoefficientFunction]:
     # Laws of one C share one expression, which a compiled energy then evaluates once instead of once for each law.
     return [ngs.log(value) / 2 for value in principal_values(C)]
+
+
+def _invariants(C: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
+    """I₁ = tr C and I₂ = (I₁² - tr C²)/2."""
+    i1 = ngs.Trace(C)
+    return i1, (i1 * i1 - ngs.InnerProduct(C, C)) / 2
+
+
+def _power(base: CoefficientFunction, exponent: int) -> CoefficientFunction:
+    # By products: NGSolve's power has no derivative where its base is 0, as at rest.
+    product: CoefficientFunction = ngs.CF(1.0)
+    for _ in range(exponent):
+        product = product * base
+    return product
+
+
+def _stiff(law: str, name: str, *parts: Value) -> None:
+    """Raise `InputError` if numbers add up to no initial stiffness."""
+    if all(isinstance(part, (int, float)) for part in parts):
+        positive(sum(parts), f"{law}.{name}")
 
 
 def _terms(value: Value | Sequence[Value]) -> list[Value]:
