@@ -115,7 +115,7 @@ class Transient:
             observe(self.body, self.progress, record)
 
     def step(self) -> NewtonRecord:
-        """One accepted step, cut as often as needed."""
+        """One accepted step, cut or made more viscous as often as needed."""
         at = self.progress
         start = self.body.state
         dt = self._propose()
