@@ -73,7 +73,7 @@ class Polynomial(Addable):
 
     def __post_init__(self) -> None:
         for power in self.c:
-            if len(power) != 2 or min(power) < 0 or not any(power):
+            if len(power) != 2 or not all(isinstance(n, int) and n >= 0 for n in power) or not any(power):
                 raise InputError("Polynomial.c", f"the powers {power}", "two whole numbers of at least 0, not both 0")
         _stiff("Polynomial", "c[1, 0] + c[0, 1]", self.c.get((1, 0), 0.0), self.c.get((0, 1), 0.0))
 

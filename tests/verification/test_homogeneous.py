@@ -148,6 +148,7 @@ def test_gent_has_no_energy_beyond_its_limit():
         (lambda: Yeoh([-2.0, 3.0]), r"Polynomial\.c\[1, 0\] \+ c\[0, 1\]", "-2.0"),
         (lambda: Polynomial({(1, 0): 1.0, (0, 0): 1.0}), r"Polynomial\.c", r"\(0, 0\)"),
         (lambda: Polynomial({(1, 0): 1.0, (-1, 2): 1.0}), r"Polynomial\.c", r"\(-1, 2\)"),
+        (lambda: Polynomial({(1, 0): 1.0, (1.5, 0): 1.0}), r"Polynomial\.c", r"\(1\.5, 0\)"),
         (lambda: Gent(0.0, 1.0), r"Gent\.mu", "0.0"),
         (lambda: Gent(1.0, -3.0), r"Gent\.jm", "-3.0"),
         (lambda: Demiray(-1.0, 1.0), r"Demiray\.mu", "-1.0"),
