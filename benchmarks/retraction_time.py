@@ -22,7 +22,7 @@ from ngbrain.errors import SolverError, require
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
-from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
+from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.protocols import Drive, continuous
@@ -79,7 +79,7 @@ def plain(dt: float, order: int, maxh: float) -> tuple[float, int, int]:
     shares = [1 / (1 + dt / branch.tau) for branch in LAW.branches]
     F = ngs.Id(3) + ngs.Grad(u)
     C = isochoric(F.trans * F)
-    energy = LAW.energy(C, shares) + p * (ngs.Det(F) - 1) - p * p / (2 * BULK)
+    energy = LAW.density(Deformation.of_stretch(C), shares) + p * (ngs.Det(F) - 1) - p * p / (2 * BULK)
     energy += sum(0.5 * ngs.InnerProduct(pull, C) for pull in pulls)
     form = ngs.BilinearForm(fes)
     form += ngs.Variation(energy.Compile() * ngs.dx)

@@ -16,7 +16,7 @@ from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History, Remembering
 from ngbrain.forward.tangent import Solve, Tangent, bordered
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
-from ngbrain.materials.base import Value
+from ngbrain.materials.base import Deformation, Value
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 LENGTH_SCALE = 1e-3
@@ -100,12 +100,11 @@ class Body:
     def _terms(self) -> tuple[list[ngs.comp.BFI], list[ngs.comp.SumOfIntegrals]]:
         """Energies of the tissues and of the contacts, each made once and compiled."""
         u, p = self.fes.TrialFunction()
-        F = deformation_gradient(u)
-        C = isochoric(right_cauchy_green(F))
+        state = Deformation.of(deformation_gradient(u))
         tissue = []
         for pattern, material in self.materials.items():
             # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
-            energy = self._density(pattern, material)(C, ngs.Det(F), p).Compile()
+            energy = self._density(pattern, material)(state, p).Compile()
             term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
@@ -115,10 +114,11 @@ class Body:
     def _density(self, pattern: str, material: Material) -> Density:
         law, history = material.viscous, self.history
 
-        def density(C: CoefficientFunction, J: CoefficientFunction, p: CoefficientFunction) -> CoefficientFunction:
-            energy = law.energy(C, history.shares[: len(law.branches)]) + history.energy(history.regions[pattern], C)
-            energy += perturbed_lagrangian(J, p, material.bulk)
-            return energy + barrier(J, material.pointwise) if material.pointwise else energy
+        def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
+            shares = history.shares[: len(law.branches)]
+            energy = law.density(at, shares) + history.energy(history.regions[pattern], at.shape)
+            energy += perturbed_lagrangian(at.J, p, material.bulk)
+            return energy + barrier(at.J, material.pointwise) if material.pointwise else energy
 
         return density
 

@@ -9,10 +9,11 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
+from ngbrain.materials.base import Deformation
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green, volume_free
 
-Density = Callable[[CoefficientFunction, CoefficientFunction, CoefficientFunction], CoefficientFunction]
-"""Energy density (Pa) of the isochoric C̄, J and the pressure p."""
+Density = Callable[[Deformation, CoefficientFunction], CoefficientFunction]
+"""Energy density (Pa) of a state and the pressure p."""
 
 
 def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -> CoefficientFunction:
@@ -20,7 +21,7 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
 
     Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
     entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F ∂W/∂C. Of C̄ = s(C) C only the scalar
-    ∂W/∂C̄ : C̄ is derived, with its first factor held.
+    ∂W/∂C̄ : C̄ is derived, with its first factor held. C̄, C, J and F are each held while W is derived by another.
     """
 
     def F() -> CoefficientFunction:  # a new one each time: a variable is one wherever it is used
@@ -28,9 +29,10 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
 
     shape, C = isochoric(right_cauchy_green(F())).MakeVariable(), right_cauchy_green(F()).MakeVariable()
     moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p.MakeVariable()
-    energy = density(shape, J, pressure)
-    by_C = (volume_free(C) * ngs.InnerProduct(energy.Diff(shape), C)).Diff(C)
-    P = 2 * F() * by_C + energy.Diff(J) * ngs.Det(moving).Diff(moving)
+    whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
+    energy = density(Deformation(shape, whole, J, gradient), pressure)
+    by_C = (volume_free(C) * ngs.InnerProduct(energy.Diff(shape), C)).Diff(C) + energy.Diff(whole)
+    P = 2 * F() * by_C + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
     return ngs.CF((P.Reshape((9,)), energy.Diff(pressure))).Compile()
 
 

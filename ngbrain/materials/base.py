@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, cast, runtime_checkable
 
+import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
+from ngbrain.tensors import isochoric, right_cauchy_green
 
 Value: TypeAlias = float | CoefficientFunction
 """A parameter: a number, a `Parameter`, a CoefficientFunction or a GridFunction."""
@@ -15,10 +17,58 @@ Value: TypeAlias = float | CoefficientFunction
 
 @runtime_checkable
 class Law(Protocol):
-    """An elastic law: any object with this one method can be used wherever the package takes a law."""
+    """An elastic law: any object with this one method can be used wherever the package takes a law.
+
+    It is given the isochoric C̄. A law that needs more of the deformation has `density(at)` besides, of a `Deformation`.
+    """
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """Energy density W(C) in Pa of the right Cauchy-Green tensor (the isochoric C̄ where the model splits)."""
+        """Energy density W(C̄) in Pa."""
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """What a law may ask of a state: C̄ (`shape`), C = FᵀF, J = det F and F itself (`gradient`), 3×3 but for J.
+
+    >>> import ngsolve as ngs
+    >>> tuple(Deformation.of(2 * ngs.Id(3)).shape.dims)
+    (3, 3)
+    """
+
+    shape: CoefficientFunction
+    C: CoefficientFunction
+    J: CoefficientFunction
+    gradient: CoefficientFunction | None = None
+
+    @classmethod
+    def of(cls, F: CoefficientFunction) -> Deformation:
+        """All of it from the deformation gradient."""
+        C = right_cauchy_green(F)
+        return cls(isochoric(C), C, ngs.Det(F), F)
+
+    @classmethod
+    def of_stretch(cls, C: CoefficientFunction) -> Deformation:
+        """A state without change of volume, of which C is all that is known."""
+        return cls(C, C, ngs.CF(1.0))
+
+    @property
+    def F(self) -> CoefficientFunction:
+        """The deformation gradient; `InputError` where only stretches are known, as in a relaxing branch."""
+        if self.gradient is None:
+            raise InputError("law", "a linear one, of the displacement gradient", "here one of C, such as SaintVenant")
+        return self.gradient
+
+
+def density(law: Law, at: Deformation) -> CoefficientFunction:
+    """Energy density (Pa) of any law: of the C̄ there, unless it has a `density` of its own.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.materials import NeoHooke
+    >>> density(NeoHooke(1000.0), Deformation.of(ngs.Id(3))).dim
+    1
+    """
+    own = getattr(law, "density", None)
+    return own(at) if own else law.energy(at.shape)
 
 
 class Addable:
@@ -31,16 +81,52 @@ class Addable:
         return Sum(tuple(parts))
 
 
+class Composite(Addable):
+    """A law made of others: what it says of C̄ alone follows from its `density`."""
+
+    def density(self, at: Deformation) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        raise NotImplementedError
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa) where C is C̄."""
+        return self.density(Deformation.of_stretch(C))
+
+
+class OfWholeStretch(Addable):
+    """A law of C with its change of volume, such as one of fibres: split off, a dilatation would not stretch them."""
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """Energy density (Pa) of C."""
+        raise NotImplementedError
+
+    def density(self, at: Deformation) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return self.energy(at.C)
+
+
 @dataclass(frozen=True)
-class Sum(Addable):
+class Sum(Composite):
     """W = Σ W_i, made by `law + law`."""
 
     parts: tuple[Law, ...]
 
-    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+    def density(self, at: Deformation) -> CoefficientFunction:
         """Sum of the parts' energies (Pa)."""
-        first, *rest = (part.energy(C) for part in self.parts)
+        first, *rest = (density(part, at) for part in self.parts)
         return sum(rest, first)
+
+
+@dataclass(frozen=True)
+class Scaled(Composite):
+    """factor × law."""
+
+    law: Law
+    factor: Value
+
+    def density(self, at: Deformation) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return self.factor * density(self.law, at)
 
 
 def positive(value: Value, name: str) -> Value:

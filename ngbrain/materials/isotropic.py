@@ -35,32 +35,32 @@ class NeoHooke(Addable):
 
 @dataclass(frozen=True)
 class MooneyRivlin(Addable):
-    """W = c₁ (I₁ - 3) + c₂ (I₂ - 3), initial shear modulus μ₀ = 2 (c₁ + c₂) (Pa); I₂ = (I₁² - tr C²)/2.
+    """W = c₁₀ (I₁ - 3) + c₀₁ (I₂ - 3), initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa); I₂ = (I₁² - tr C²)/2.
 
     Source: Rivlin 1948, 10.1098/rsta.1948.0024.
 
     >>> import ngsolve as ngs
-    >>> MooneyRivlin(c1=300.0, c2=200.0).energy(4 * ngs.Id(3)).dim
+    >>> MooneyRivlin(c10=300.0, c01=200.0).energy(4 * ngs.Id(3)).dim
     1
     """
 
-    c1: Value
-    c2: Value
+    c10: Value
+    c01: Value
 
     def __post_init__(self) -> None:
-        _stiff("MooneyRivlin", "c1 + c2", self.c1, self.c2)
+        _stiff("MooneyRivlin", "c10 + c01", self.c10, self.c01)
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
         i1, i2 = _invariants(C)
-        return self.c1 * (i1 - 3) + self.c2 * (i2 - 3)
+        return self.c10 * (i1 - 3) + self.c01 * (i2 - 3)
 
 
 @dataclass(frozen=True)
 class Polynomial(Addable):
     """W = Σ c_ij (I₁ - 3)^i (I₂ - 3)^j, initial shear modulus μ₀ = 2 (c₁₀ + c₀₁) (Pa).
 
-    c   (i, j) → c_ij (Pa), whole numbers i, j ≥ 0, not both 0
+    c   (i, j) → c_ij (Pa), whole numbers i, j ≥ 0, not both 0; without (1, 0) and (0, 1) a part for a sum, soft at rest
 
     Source: Rivlin & Saunders 1951, 10.1098/rsta.1951.0004.
 
@@ -75,7 +75,8 @@ class Polynomial(Addable):
         for power in self.c:
             if len(power) != 2 or not all(isinstance(n, int) and n >= 0 for n in power) or not any(power):
                 raise InputError("Polynomial.c", f"the powers {power}", "two whole numbers of at least 0, not both 0")
-        _stiff("Polynomial", "c[1, 0] + c[0, 1]", self.c.get((1, 0), 0.0), self.c.get((0, 1), 0.0))
+        if first := [self.c[power] for power in ((1, 0), (0, 1)) if power in self.c]:
+            _stiff("Polynomial", "c[1, 0] + c[0, 1]", *first)
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -84,15 +85,16 @@ class Polynomial(Addable):
         return sum(terms[1:], terms[0])
 
 
-def Yeoh(c: Sequence[Value]) -> Polynomial:  # noqa: N802  (reads as a law)
-    """W = Σ c_i (I₁ - 3)^i, i = 1, 2, …; initial shear modulus μ₀ = 2 c₁ (Pa).
+def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N802  (reads as a law)
+    """W = c₁ (I₁ - 3) + c₂ (I₁ - 3)² + c₃ (I₁ - 3)³, initial shear modulus μ₀ = 2 c₁ (Pa).
 
     Source: Yeoh 1993, 10.5254/1.3538343.
 
-    >>> Yeoh([100.0, 20.0]) == Polynomial({(1, 0): 100.0, (2, 0): 20.0})
+    >>> Yeoh(100.0, 20.0) == Polynomial({(1, 0): 100.0, (2, 0): 20.0})
     True
     """
-    return Polynomial({(i, 0): value for i, value in enumerate(c, 1)})
+    given = {(i, 0): c for i, c in enumerate((c1, c2, c3), 1) if i == 1 or isinstance(c, CoefficientFunction) or c}
+    return Polynomial(given)
 
 
 @dataclass(frozen=True)

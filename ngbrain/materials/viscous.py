@@ -20,7 +20,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Law, Value, positive
+from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Value, density, positive
 from ngbrain.tensors import lagrangian_deviator
 
 
@@ -37,7 +37,7 @@ class Branch:
     def stress(self, C: CoefficientFunction) -> CoefficientFunction:
         """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
         C = C.MakeVariable()
-        return lagrangian_deviator(2 * self.law.energy(C).Diff(C), C)
+        return lagrangian_deviator(2 * density(self.law, Deformation.of_stretch(C)).Diff(C), C)
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,11 @@ class Viscous:
     equilibrium: Law
     branches: tuple[Branch, ...] = ()
 
-    def energy(self, C: CoefficientFunction, shares: Sequence[Value]) -> CoefficientFunction:
-        """W_∞ + Σ β_k W_k (Pa) at the isochoric C̄; `shares` are the β_k (1 for the instantaneous law, 0 for W_∞)."""
-        relaxing = (beta * branch.law.energy(C) for beta, branch in zip(shares, self.branches, strict=True))
-        return sum(relaxing, self.equilibrium.energy(C))
+    def density(self, at: Deformation, shares: Sequence[Value]) -> CoefficientFunction:
+        """W_∞ + Σ β_k W_k(C̄) (Pa); `shares` are the β_k (1 for the instantaneous law, 0 for W_∞)."""
+        shape = Deformation.of_stretch(at.shape)
+        relaxing = (beta * density(branch.law, shape) for beta, branch in zip(shares, self.branches, strict=True))
+        return sum(relaxing, density(self.equilibrium, at))
 
 
 def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noqa: N802  (reads as a law)
@@ -71,18 +72,6 @@ def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noq
         raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
     rest = Scaled(law, 1 - sum(g))
     return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """factor × law."""
-
-    law: Law
-    factor: Value
-
-    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """Energy density (Pa)."""
-        return self.factor * self.law.energy(C)
 
 
 def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,9 +98,9 @@ def _share(dt: float, tau: Value) -> Value:
 
 
 @dataclass(frozen=True)
-class _Fixed:
+class _Fixed(Composite):
     material: Viscous
     shares: tuple[Value, ...]
 
-    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        return self.material.energy(C, self.shares)
+    def density(self, at: Deformation) -> CoefficientFunction:
+        return self.material.density(at, self.shares)

@@ -6,7 +6,18 @@ import pytest
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
-from ngbrain.materials import CATALOGUE, Branch, NeoHooke, Ogden, Prony, Viscous, barrier, constants, step_factors
+from ngbrain.materials import (
+    CATALOGUE,
+    Branch,
+    Deformation,
+    NeoHooke,
+    Ogden,
+    Prony,
+    Viscous,
+    barrier,
+    constants,
+    step_factors,
+)
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)
@@ -92,7 +103,7 @@ def test_prony_splits_the_instantaneous_law():
             self.shares = shares
 
         def energy(self, C):
-            return material.energy(C, self.shares)
+            return material.density(Deformation.of_stretch(C), self.shares)
 
     assert np.allclose(stress(At([1, 1]), C), stress(NeoHooke(842.0), C))
     assert np.allclose(stress(At([0, 0]), C), stress(NeoHooke(842.0 * 0.185), C))
@@ -130,7 +141,9 @@ def test_bad_parameters_are_named(make, field):
 
 def test_viscous_without_branches_is_its_law():
     C = ngs.CF(tuple(np.diag([1.1, 1.0, 0.9]).ravel()), dims=(3, 3))
-    assert Viscous(NeoHooke(3.0)).energy(C, [])(POINT) == pytest.approx(NeoHooke(3.0).energy(C)(POINT))
+    assert Viscous(NeoHooke(3.0)).density(Deformation.of_stretch(C), [])(POINT) == pytest.approx(
+        NeoHooke(3.0).energy(C)(POINT)
+    )
 
 
 def test_barrier_is_soft_near_one_and_steep_beyond():
