@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -94,6 +95,7 @@ class Body:
         trial = self.fes.TrialFunction()[0]
         self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in contacts if contact.share]
         self._vec = self.gfu.vec.CreateVector()
+        self._relaxed = np.empty(0)
         self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
@@ -166,7 +168,7 @@ class Body:
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
         """Residual on the free unknowns and of the offsets, and the norm of all nodal forces of the displacement rows."""
-        self.state = x
+        self._relax(x)
         r = self._tissue_forces() + self._contact_forces()
         missing = [offset.missing() for offset in self._offsets]
         return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
@@ -178,7 +180,7 @@ class Body:
         """
         solve = None if r is None else self.refactorise(x, r)
         self.partial = solve is not None
-        self.state = x
+        self._relax(x)
         return solve or self._bordered(self._tangent.renew(self.gfu.vec))
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
@@ -186,12 +188,29 @@ class Body:
 
         None without a focus or a factorisation, and if what it gives for r is too rough.
         """
-        self.state = x
+        self._relax(x)
         solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
         return solve and self._bordered(solve)
 
     def _bordered(self, solve: Solve) -> Solve:
         return bordered(solve, [offset.border() for offset in self._offsets])
+
+    def _relax(self, x: np.ndarray) -> None:
+        """Go to a state and let the Maxwell branches flow there."""
+        self.state = x
+        if self.history.flows and not np.array_equal(x, self._relaxed):
+            self.history.relax()
+            self._relaxed = x.copy()
+
+    def begin(self, dt: float, thicker: float = 1.0) -> None:
+        """Begin a time step of `dt` seconds with `thicker` times the viscosity; it ends with `history.finish`."""
+        self.history.begin(dt, thicker)
+        self._relaxed = np.empty(0)
+
+    def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:
+        """Go back to a state x and what the energy (`History.frozen`) was made of there."""
+        self.history.frozen, self._relaxed = energy, x.copy()
+        self.state = x
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""

@@ -1,16 +1,18 @@
-"""The memory of relaxing tissue: H_k and S̄_k of every branch at every quadrature point."""
+"""The memory of relaxing tissue at every quadrature point: H_k and S̄_k of hereditary branches, C_v of Maxwell ones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.materials import Viscous, step_factors
+from ngbrain.materials import Flow, Viscous, step_factors
 from ngbrain.materials.base import Value
+from ngbrain.materials.points import Points
 from ngbrain.tensors import of_six, six
 
 REST = 1e30
@@ -26,7 +28,7 @@ class Remembering:
 
 
 class History:
-    """H_k, S̄_k per branch and C̄, and the part of a time step's energy that is made of them.
+    """H_k, S̄_k per hereditary branch, a `Flow` per Maxwell one, C̄; the part of a time step's energy made of them.
 
     mesh       NGSolve mesh
     regions    region pattern → `Remembering`
@@ -42,8 +44,8 @@ class History:
         tensors = ngs.VectorValued(self.space, 6)
         self.pull = ngs.GridFunction(tensors)
         self.per_dt = ngs.Parameter(0.0)
-        self._points = mesh.MapToAllElements(dict(self.rules), ngs.VOL)
-        self.n_branches = max((len(region.law.branches) for region in regions.values()), default=0)
+        self._points = Points(self.space, mesh.MapToAllElements(dict(self.rules), ngs.VOL))
+        self.n_branches = max((len(region.law.hereditary) for region in regions.values()), default=0)
         points = self.space.ndof
         self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
         self.stress = np.zeros((self.n_branches, 6, points))
@@ -51,12 +53,25 @@ class History:
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         self._tau = np.full((self.n_branches, points), REST)
         for k in range(self.n_branches):
-            times = {name: r.law.branches[k].tau for name, r in regions.items() if len(r.law.branches) > k}
+            times = {name: r.law.hereditary[k].tau for name, r in regions.items() if len(r.law.hereditary) > k}
             self._tau[k] = self._values(times, REST)
         self._viscosity = self._values({name: r.viscosity for name, r in regions.items()}, 0.0)
+        self.flows = [self._flow(k) for k in range(max((len(r.law.flowing) for r in regions.values()), default=0))]
         self._stress_cf: list[CoefficientFunction] = []
+        self._trial_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
         self.dt, self.thicker = 0.0, 1.0
+
+    def _flow(self, k: int) -> Flow:
+        """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
+        branches = {name: r.law.flowing[k] for name, r in self.regions.items() if len(r.law.flowing) > k}
+        absent = ngs.CF((0.0, 0.0, 1.0, 0.0, 1.0))
+
+        def slopes(strain: CoefficientFunction) -> CoefficientFunction:
+            parts = {name: branch.slopes(strain) for name, branch in branches.items()}
+            return self.mesh.MaterialCF(parts, default=absent)
+
+        return Flow(self._points, slopes, self._values({name: branch.eta for name, branch in branches.items()}, 0.0))
 
     def _values(self, by_region: dict[str, Value], default: float) -> np.ndarray:
         field = ngs.GridFunction(self.space)
@@ -64,22 +79,28 @@ class History:
         return field.vec.FV().NumPy().copy()
 
     def energy(self, region: Remembering, C: CoefficientFunction) -> CoefficientFunction:
-        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + η/8Δt |C̄ - C̄_n|², but for a constant; one `pull` holds all that is linear in C̄."""
+        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + η/8Δt |C̄ - C̄_n|² + Maxwell branches, but for a constant.
+
+        One `pull` holds all that is linear in C̄.
+        """
         energy = ngs.CF(0.0)
-        if region.law.branches or region.viscosity:
+        if region.law.hereditary or region.viscosity:
             energy += 0.5 * ngs.InnerProduct(of_six(self.pull), C)
         if region.viscosity:
             energy += region.viscosity / 8 * self.per_dt * ngs.InnerProduct(C, C)
+        for flow in self.flows[: len(region.law.flowing)]:
+            energy += flow.energy(C)
         return energy
 
     def follow(self, C: CoefficientFunction) -> None:
-        """Set the isochoric C̄ (of the current state) that `finish` evaluates the branch stresses at."""
+        """Set the isochoric C̄ (of the current state) that `relax` and `finish` evaluate the branches at."""
+        self._trial_cf = [flow.trial(C).Compile() for flow in self.flows]
         self._stress_cf, self._shape_cf = [], six(C).Compile()
         for k in range(self.n_branches):
             by_region = {
-                name: six(r.law.branches[k].stress(C)).Compile()
+                name: six(r.law.hereditary[k].stress(C)).Compile()
                 for name, r in self.regions.items()
-                if len(r.law.branches) > k
+                if len(r.law.hereditary) > k
             }
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
@@ -98,18 +119,52 @@ class History:
             self.shares[k].vec.FV().NumPy()[:] = beta
             pull += e * self.overstress[k] - beta * self.stress[k]
         self.pull.vec.FV().NumPy()[:] = pull.ravel()
+        for flow in self.flows:
+            flow.begin(dt, self.strain)
+
+    def relax(self) -> None:
+        """Let the Maxwell branches flow to where they are at rest with the current state."""
+        for flow, trial in zip(self.flows, self._trial_cf, strict=True):
+            flow.relax(self._points(trial))
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.
 
         What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
         """
-        self.strain = self._at_points(self._shape_cf)
+        self.strain = self._points(self._shape_cf)
+        for flow in self.flows:
+            flow.finish(self.strain)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
-            new = self._at_points(self._stress_cf[k])
+            new = self._points(self._stress_cf[k])
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
 
-    def _at_points(self, field: CoefficientFunction) -> np.ndarray:
-        return np.ascontiguousarray(field(self._points).T)
+    # Restart.
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come."""
+        inner = [flow.G for flow in self.flows]
+        return {"stress": self.stress, "overstress": self.overstress, "strain": self.strain, "inner": inner}
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        self.stress, self.overstress = np.array(saved["stress"]), np.array(saved["overstress"])
+        self.strain = np.array(saved["strain"])
+        for flow, G in zip(self.flows, saved["inner"], strict=True):
+            flow.G = np.array(G)
+
+    @property
+    def frozen(self) -> dict[str, Any]:
+        """All that the energy of the present step is made of, as `relax` left it."""
+        pull = self.pull.vec.FV().NumPy().copy()
+        return {"dt": self.dt, "thicker": self.thicker, "pull": pull, "flows": [flow.frozen for flow in self.flows]}
+
+    @frozen.setter
+    def frozen(self, saved: dict[str, Any]) -> None:
+        self.begin(saved["dt"], saved["thicker"])
+        self.pull.vec.FV().NumPy()[:] = saved["pull"]
+        for flow, kept in zip(self.flows, saved["flows"], strict=True):
+            flow.frozen = kept

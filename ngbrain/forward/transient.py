@@ -167,7 +167,7 @@ class Transient:
 
     def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
-        body.history.begin(dt, at.thicker)
+        body.begin(dt, at.thicker)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
         guess = start
@@ -227,9 +227,7 @@ class Transient:
         return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
-        history = self.body.history
-        step = {"t": self._now, "dt": history.dt, "thicker": history.thicker}
-        return {**step, "x": x.copy(), "pull": history.pull.vec.FV().NumPy().copy()}
+        return {"t": self._now, "x": x.copy(), "history": self.body.history.frozen}
 
     # Restart.
 
@@ -240,25 +238,21 @@ class Transient:
             "x": self.body.state,
             "follow": self.follow,
             "largest": self.newton.largest,
-            "stress": self.body.history.stress,
-            "overstress": self.body.history.overstress,
-            "strain": self.body.history.strain,
+            "history": self.body.history.memory,
             "factors": self._factored if self.newton.inverse is not None else [],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go on from a checkpoint, to the same bits on one thread."""
-        body, history = self.body, self.body.history
+        body = self.body
         makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (body.factorise, body.refactorise)
         for make, factor in zip(makes, saved["factors"], strict=False):
-            history.begin(factor["dt"], factor["thicker"])
-            history.pull.vec.FV().NumPy()[:] = factor["pull"]
+            body.freeze(factor["x"], factor["history"])
             self._now = factor["t"]
             self.motion.set(self._now)
             self.newton.inverse = make(factor["x"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
-        history.stress[:], history.overstress[:] = saved["stress"], saved["overstress"]
-        history.strain[:] = saved["strain"]
+        body.history.memory = saved["history"]
         self.follow = np.array(saved["follow"])
         self.newton.largest = saved["largest"]
         body.state = saved["x"]

@@ -2,6 +2,7 @@
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
 from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
+from ngbrain.materials.flow import Flow, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
 from ngbrain.materials.viscous import Branch, Prony, Viscous, after, step_factors
 from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
@@ -11,8 +12,10 @@ __all__ = [
     "Branch",
     "Deformation",
     "Demiray",
+    "Flow",
     "Gent",
     "Law",
+    "Maxwell",
     "MooneyRivlin",
     "NeoHooke",
     "Ogden",

@@ -173,7 +173,10 @@ class Ogden(Addable):
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
-        logs = _principal_logs(C)
+        return self.of_logs(_principal_logs(C))
+
+    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """Energy density (Pa) of the three ln λ_i."""
         terms = [
             2 * m / a**2 * (ngs.exp(a * logs[0]) + ngs.exp(a * logs[1]) + ngs.exp(a * logs[2]) - 3)
             for m, a in zip(_terms(self.mu), _terms(self.alpha), strict=True)

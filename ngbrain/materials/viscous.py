@@ -20,7 +20,8 @@ import numpy as np
 from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Value, density, positive
+from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, positive
+from ngbrain.materials.flow import Maxwell
 from ngbrain.tensors import lagrangian_deviator
 
 
@@ -42,15 +43,30 @@ class Branch:
 
 @dataclass(frozen=True)
 class Viscous:
-    """A law that stays, W_∞, and branches that relax."""
+    """A law that stays, W_∞, and branches that relax: hereditary (`Branch`) or of finite viscoelasticity (`Maxwell`)."""
 
     equilibrium: Law
-    branches: tuple[Branch, ...] = ()
+    branches: tuple[Branch | Maxwell, ...] = ()
+
+    @property
+    def hereditary(self) -> tuple[Branch, ...]:
+        """The branches that remember overstress."""
+        return tuple(branch for branch in self.branches if isinstance(branch, Branch))
+
+    @property
+    def flowing(self) -> tuple[Maxwell, ...]:
+        """The branches that have an inner state."""
+        return tuple(branch for branch in self.branches if isinstance(branch, Maxwell))
+
+    @property
+    def instantaneous(self) -> Law:
+        """W_∞ + Σ W_k, what a sudden deformation meets."""
+        return Sum((self.equilibrium, *(branch.law for branch in self.branches)))
 
     def density(self, at: Deformation, shares: Sequence[Value]) -> CoefficientFunction:
-        """W_∞ + Σ β_k W_k(C̄) (Pa); `shares` are the β_k (1 for the instantaneous law, 0 for W_∞)."""
+        """W_∞ + Σ β_k W_k(C̄) (Pa) over the hereditary branches; `shares` are their β_k, 1 at once and 0 in the end."""
         shape = Deformation.of_stretch(at.shape)
-        relaxing = (beta * density(branch.law, shape) for beta, branch in zip(shares, self.branches, strict=True))
+        relaxing = (beta * density(branch.law, shape) for beta, branch in zip(shares, self.hereditary, strict=True))
         return sum(relaxing, density(self.equilibrium, at))
 
 
@@ -87,8 +103,10 @@ def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def after(material: Viscous, dt: float) -> Law:
-    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k."""
-    return _Fixed(material, tuple(_share(dt, branch.tau) for branch in material.branches))
+    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k; of hereditary branches."""
+    if material.flowing:
+        raise InputError("after", "a material with Maxwell branches", "hereditary ones, whose first step is elastic")
+    return _Fixed(material, tuple(_share(dt, branch.tau) for branch in material.hereditary))
 
 
 def _share(dt: float, tau: Value) -> Value:

@@ -100,7 +100,7 @@ def order_peaks(model: Model) -> tuple[float, float]:
     for run in (low, high):
         run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
     high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
-    high.body.history.begin(ramp)
+    high.body.begin(ramp)
     embedded = ngs.GridFunction(high.body.fes)
     reached = (0.0, high.body.state)
 

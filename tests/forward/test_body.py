@@ -18,7 +18,7 @@ def loaded(make_body, plate, rng):
     drive.set(1.0)
     body.history.stress[:] = 30 * rng.standard_normal(body.history.stress.shape)
     body.history.overstress[:] = 20 * rng.standard_normal(body.history.stress.shape)
-    body.history.begin(0.7)
+    body.begin(0.7)
     free = body.weights > 0
     x = np.where(body.is_u, 2e-4, 50.0) * rng.standard_normal(body.fes.ndof) * free
     dx = np.where(body.is_u, 2e-4, 50.0) * rng.standard_normal(body.fes.ndof) * free
@@ -52,7 +52,7 @@ def test_history_moves_the_residual(loaded):
     # A term that Newton's method does not see is inert: a longer step must change the forces.
     body, x, _ = loaded
     short = body.residual(x)[0]
-    body.history.begin(70.0)
+    body.begin(70.0)
     assert np.linalg.norm(body.residual(x)[0] - short) > 1e-2 * np.linalg.norm(short)
 
 
@@ -60,10 +60,10 @@ def test_viscosity_resists_a_change_of_shape_and_no_shape(make_body, rng):
     plain, viscous = make_body(NeoHooke(1e3)), make_body(NeoHooke(1e3), viscosity=500.0)
     x = np.where(plain.is_u, 2e-4, 50.0) * rng.standard_normal(plain.fes.ndof) * (plain.weights > 0)
     elastic = plain.residual(x)[0]
-    viscous.history.begin(0.5)
+    viscous.begin(0.5)
     moving = viscous.residual(x)[0]
     viscous.history.finish()
-    viscous.history.begin(0.5)
+    viscous.begin(0.5)
     assert viscous.residual(x)[0] == pytest.approx(elastic, abs=1e-10 * np.abs(elastic).max())
     assert np.abs(moving - elastic).max() > 0.1 * np.abs(elastic).max()
 
@@ -112,7 +112,7 @@ def test_held_elements_do_not_move(make_body, plate):
     low = np.array([max(body.mesh[v].point[2] for v in e.vertices) < 0.011 for e in body.mesh.Elements()])
     assert low.any() and not low.all()
     drive.set(1.0)
-    body.history.begin(1.0)
+    body.begin(1.0)
     x = np.where(body.weights > 0, np.where(body.is_u, 1e-5, 5.0) * np.sin(np.arange(body.fes.ndof)), 0.0)
     before = body.residual(x)[0]
     body.hold(low)

@@ -23,7 +23,7 @@ def pillar(make_body, plate):
     contact = Contact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)
     body = make_body(contacts=[contact], maxh=0.009, size=(0.02, 0.02, 0.06))
     drive.set(1.0)
-    body.history.begin(0.5)
+    body.begin(0.5)
     return body, drive
 
 
@@ -76,7 +76,7 @@ def test_a_part_renewed_where_nothing_changed_is_the_whole(pressed, rng):
 def test_a_part_renewed_follows_a_change_inside_it():
     # A dent in the top of a block that is held all around, as a brain is.
     body = Body(block((0.06,) * 3, 0.012), {"tissue": Material(Ogden(1e3, -15.0), 1.5e6)}, "^(?!top).*")
-    body.history.begin(0.5)
+    body.begin(0.5)
     body.focus(near(body))
     kept = body.factorise(body.state)
     above = ngs.IfPos(ngs.z - 0.045, (ngs.z - 0.045) ** 2, 0)

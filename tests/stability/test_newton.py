@@ -25,7 +25,7 @@ def pressed():
 def test_naive_newton_ends_nowhere():
     body, drive = pressed()
     drive.set(1.0)
-    body.history.begin(1.0)
+    body.begin(1.0)
     try:
         failed, _ = NgsolveNewton(body.form, body.gfu, maxit=40, printing=False, inverse="sparsecholesky")
     except Exception:
@@ -44,7 +44,7 @@ def test_ours_gets_there_by_cutting_steps():
 
 def test_the_mixed_residual_is_finite_at_an_inverted_state_and_ours_refuses_it():
     body, _ = pressed()
-    body.history.begin(1.0)
+    body.begin(1.0)
     body.u.Set(ngs.CF((0, 0, -1.5 * ngs.z)))
     x = body.state
     assert np.all(np.isfinite(body.residual(x)[0]))  # the trap: nothing in the residual says that J < 0
