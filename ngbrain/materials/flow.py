@@ -8,7 +8,7 @@ before the step's flow are x_i = ½ ln (eigenvalues of GᵀC̄G), traceless, and
 
 so a step is a minimisation here too, its stress 2κ(x - e) = ∂W/∂e. Backward Euler's κ = η/Δt is first order; here G is
 first relaxed over half of the step with the stress it had, and κ is half a step's, both with the factors that make a
-branch of constant modulus exact for ramps of any length (as the hereditary one is): with y = Δt × the branch's rate,
+branch of constant modulus exact for ramps of any length (as the hereditary one is): with y = μΔt/η, 2μ = |∂W|²/(e·∂W),
 
     e ← e - θ Δt/4η ∂W/∂e ,  θ = 2/y (1 - y/(exp y - 1)) ;     κ = η/Δt · y β/(1 - β) ,  β = (1 - exp(-y))/y .
 
@@ -36,6 +36,8 @@ PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 """Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
 TOLERANCE = 1e-12
 ITERATIONS = 60
+HALVINGS = 10
+SMALL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -107,11 +109,18 @@ class Flow:
         vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ C @ self.G)
         e = PLANE @ logs
         slope = self._at(e)[:2]
-        size, safe = np.sum(e * e, axis=0), np.where(self.eta > 0, self.eta, 1.0)
-        modulus = np.where(size > 1e-12, np.sum(e * slope, axis=0) / (2 * np.maximum(size, 1e-12)), self._modulus)
-        theta, factor = half_step_factors(dt * np.maximum(modulus, 0.0) / safe)
+        squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
+        strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
+        modulus = np.where(strained, squared / (2 * np.where(strained, along, 1.0)), self._modulus)
+        safe = np.where(self.eta > 0, self.eta, 1.0)
+        theta, factor = half_step_factors(dt * modulus / safe)
         self.kappa = self.eta / dt * factor
         flowed = -theta * dt / (4 * safe) * slope
+        for _ in range(HALVINGS):  # still downhill at its end, a path of flow has not gone uphill: it dissipates
+            uphill = np.sum(self._at(e + flowed)[:2] * slope, axis=0) < 0
+            if not np.any(uphill):
+                break
+            flowed = np.where(uphill, flowed / 2, flowed)
         self._elastic = e + flowed
         self._step = self.G @ _compose(vectors, PLANE.T @ flowed)
         self.points.put(self._G, self._step.reshape(-1, 9).T)
