@@ -3,6 +3,7 @@
 from ngbrain.materials.base import Law, Sum
 from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
+from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, step_factors
 from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
 
@@ -25,6 +26,7 @@ __all__ = [
     "after",
     "barrier",
     "constants",
+    "fourier",
     "perturbed_lagrangian",
     "step_factors",
 ]
