@@ -1,13 +1,14 @@
 """Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
 
 from ngbrain.materials.base import Law, Sum
-from ngbrain.materials.catalogue import CATALOGUE, OgdenBranches, constants
+from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constants, published
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
 from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, Scaled, Viscous, after, step_factors
 from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
 
 __all__ = [
+    "BRAIN",
     "CATALOGUE",
     "Branch",
     "Demiray",
@@ -28,5 +29,6 @@ __all__ = [
     "constants",
     "fourier",
     "perturbed_lagrangian",
+    "published",
     "step_factors",
 ]

@@ -6,7 +6,7 @@ import pytest
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
-from ngbrain.materials import CATALOGUE, Branch, NeoHooke, Ogden, Prony, Viscous, barrier, constants, step_factors
+from ngbrain.materials import BRAIN, Branch, NeoHooke, Ogden, Prony, Viscous, barrier, constants, step_factors
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)
@@ -99,7 +99,7 @@ def test_prony_splits_the_instantaneous_law():
 
 
 def test_catalogue_has_the_published_sums():
-    initial = {name: entry.initial_modulus for name, entry in CATALOGUE.items()}
+    initial = {name: entry.initial_modulus for name, entry in BRAIN.items()}
     assert initial == {
         "griffiths2024:cortex": 2380.0,
         "griffiths2024:white_matter": 1380.0,
