@@ -159,6 +159,8 @@ def test_warns_once_beyond_the_data(unwarned):
     assert str(warning.message) == "miller1997:brain has data for stretches 0.7 to 1; met: 0.65 to 1.02"
     with pytest.warns(RangeWarning, match="budday2017:cortex has data for stretches 0.9 to 1.1"):
         constants("budday2017:cortex").check(1.0, 1.11)
+    with pytest.warns(RangeWarning, match="griffiths2024:cortex .*; met: 0.85 to 1"):
+        constants("griffiths2024:cortex").check(0.85, 1.0)
 
 
 def test_is_silent_within_the_data(unwarned):
