@@ -69,6 +69,10 @@ class MissingExtra(NgbrainError, ImportError):
         return type(self), (self.package, self.extra)
 
 
+class RangeWarning(UserWarning):
+    """Published constants are used beyond the data that they come from."""
+
+
 def require(package: str, extra: str) -> ModuleType:
     """Import an optional package, or raise `MissingExtra` naming the extra that brings it.
 

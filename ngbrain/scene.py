@@ -22,7 +22,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Section, brief, choice, entries, number, pattern, read_toml, table, text, to_toml, whole
-from ngbrain.materials import CATALOGUE, NeoHooke, OgdenBranches, Viscous, constants
+from ngbrain.materials import BRAIN, NeoHooke, OgdenBranches, Viscous
 from ngbrain.mesh.cleft import Cleft as Slot
 from ngbrain.mesh.shapes import Ellipsoids
 
@@ -90,7 +90,7 @@ class Tissue(Section):
     """
 
     region: str = pattern("region")
-    constants: str | None = choice("constants", None, CATALOGUE)
+    constants: str | None = choice("constants", None, BRAIN)
     mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
     alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
     eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
@@ -113,8 +113,8 @@ class Tissue(Section):
     @property
     def _constants(self) -> OgdenBranches:
         if self.constants:
-            return constants(self.constants)
-        return OgdenBranches(self.mu or (), self.alpha or (), self.eta or (), "the scene", math.nan)
+            return BRAIN[self.constants]
+        return OgdenBranches(self.mu or (), self.alpha or (), self.eta or ())
 
     def law(self) -> Viscous | NeoHooke:
         """The law of shape."""
@@ -139,7 +139,7 @@ class Tissue(Section):
     @property
     def fitted_strain(self) -> float | None:
         """Largest stretch change (|λ - 1|) of the data behind the catalogue's constants; None for other tissues."""
-        return self._constants.fitted_strain if self.constants else None
+        return BRAIN[self.constants].fitted_strain if self.constants else None
 
     def with_alpha(self, alpha: float) -> Tissue:
         """The same moduli and times with every Ogden exponent replaced; a Neo-Hooke tissue has none and stays."""

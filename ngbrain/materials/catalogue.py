@@ -1,12 +1,61 @@
-"""Published constants of brain tissue, by name."""
+"""Published constants of the tissues of the head, by name: "author year:region", and further parts where needed."""
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
-from ngbrain.errors import InputError, nearest
-from ngbrain.materials.isotropic import Ogden
-from ngbrain.materials.viscous import Branch, Viscous
+from ngbrain.errors import InputError, RangeWarning, nearest
+from ngbrain.materials.base import Law
+from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
+from ngbrain.materials.viscous import Branch, Prony, Viscous
+
+_warned: set[str] = set()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Published:
+    """Where constants come from and how far they reach.
+
+    protocol     what was done to the samples, and how fast
+    stretch      lowest and highest stretch in the data
+    convention   the source's symbols, where they differ from those here
+    evidence     of the numbers: read at the source; in a transcription (others' public code); a refit, fitted for this
+                 package to the source's curves; or recalled, so to be looked up before they are quoted
+    note         what else to know
+    bulk         bulk modulus K (Pa), where the source has one
+    poisson      Poisson's ratio, where the source has one
+    """
+
+    name: str
+    source: str
+    doi: str
+    species: str
+    region: str
+    protocol: str
+    stretch: tuple[float, float]
+    evidence: Literal["source", "transcription", "refit", "recalled"]
+    convention: str = "as here"
+    note: str = ""
+    bulk: float | None = None
+    poisson: float | None = None
+
+    @property
+    def fitted_strain(self) -> float:
+        """Largest stretch change (|λ - 1|) of the data."""
+        return round(max(abs(stretch - 1) for stretch in self.stretch), 9)
+
+    def check(self, low: float, high: float) -> None:
+        """Warn, once in a process, if stretches from `low` to `high` leave those of the data."""
+        least, most = self.stretch
+        if (low < least - 1e-9 or high > most + 1e-9) and self.name not in _warned:
+            _warned.add(self.name)
+            met = f"met: {low:.4g} to {high:.4g}"
+            warnings.warn(
+                f"{self.name} has data for stretches {least:g} to {most:g}; {met}", RangeWarning, stacklevel=2
+            )
 
 
 @dataclass(frozen=True)
@@ -19,9 +68,6 @@ class OgdenBranches:
     mu: tuple[float, ...]
     alpha: tuple[float, ...]
     eta: tuple[float, ...]
-    source: str
-    fitted_strain: float
-    """Largest stretch change (|λ - 1|) of the data behind the constants."""
 
     def law(self) -> Viscous:
         """The material, ready for a solver."""
@@ -34,28 +80,304 @@ class OgdenBranches:
         return sum(self.mu)
 
 
-# Region-wise parameter files (the *_med.prm) of human tissue, fitted to ±10 % strain; one convention with Ogden here.
-_GRIFFITHS = "Griffiths, Jayamohan, Budday 2024, 10.1007/s10237-023-01806-2"
-_BUDDAY_STRAIN = 0.10
+@dataclass(frozen=True)
+class PublishedBranches(OgdenBranches, Published):
+    """Published constants of a relaxing one-term Ogden tissue."""
 
-CATALOGUE: dict[str, OgdenBranches] = {
-    "griffiths2024:cortex": OgdenBranches(
-        (420.0, 1400.0, 560.0), (-21.27, -14.66, -23.76), (3050.0, 289370.0), _GRIFFITHS, _BUDDAY_STRAIN
-    ),
-    "griffiths2024:white_matter": OgdenBranches(
-        (160.0, 970.0, 250.0), (-25.66, -25.35, -29.22), (2190.0, 299790.0), _GRIFFITHS, _BUDDAY_STRAIN
-    ),
-    "griffiths2024:corpus_callosum": OgdenBranches(
-        (40.0, 630.0, 160.0), (-28.41, -27.01, -30.8), (1620.0, 232530.0), _GRIFFITHS, _BUDDAY_STRAIN
-    ),
-    "griffiths2024:deep_grey": OgdenBranches(
-        (170.0, 680.0, 270.0), (-21.52, -15.5, -22.76), (2270.0, 240170.0), _GRIFFITHS, _BUDDAY_STRAIN
-    ),
+
+@dataclass(frozen=True)
+class PublishedLaw(Published):
+    """A published material with its initial shear modulus μ₀ (Pa), as the source's constants give it."""
+
+    material: Law | Viscous
+    initial_modulus: float
+
+    def law(self) -> Law | Viscous:
+        """The material, ready for a solver."""
+        return self.material
+
+
+Entry: TypeAlias = PublishedLaw | PublishedBranches
+
+
+def _griffiths() -> list[PublishedBranches]:
+    constants = {
+        "cortex": ((420.0, 1400.0, 560.0), (-21.27, -14.66, -23.76), (3050.0, 289370.0)),
+        "white_matter": ((160.0, 970.0, 250.0), (-25.66, -25.35, -29.22), (2190.0, 299790.0)),
+        "corpus_callosum": ((40.0, 630.0, 160.0), (-28.41, -27.01, -30.8), (1620.0, 232530.0)),
+        "deep_grey": ((170.0, 680.0, 270.0), (-21.52, -15.5, -22.76), (2270.0, 240170.0)),
+    }
+    return [
+        PublishedBranches(
+            *values,
+            name=f"griffiths2024:{region}",
+            source="Griffiths, Jayamohan, Budday 2024",
+            doi="10.1007/s10237-023-01806-2",
+            species="human",
+            region=region,
+            protocol="compression, tension, shear and relaxation, ex vivo",
+            stretch=(0.9, 1.1),
+            evidence="source",
+            note="from the authors' parameter files (*_med.prm); there finite viscoelasticity with these τ = η/μ",
+            poisson=0.49,
+        )
+        for region, values in constants.items()
+    ]
+
+
+_BUDDAY_REFITS = {
+    "cortex": (1442.0, -19.2),
+    "corona_radiata": (624.0, -23.5),
+    "basal_ganglia": (687.0, -18.2),
+    "corpus_callosum": (348.0, -23.3),
 }
+# Moduli in Pa; each law's constants in compression, then in tension.
+_BUDDAY_ONE_MODE: dict[str, dict[type, tuple[tuple[float, ...], tuple[float, ...]]]] = {
+    "cortex": {
+        Ogden: ((1610.0, -16.6), (1200.0, -43.6)),
+        NeoHooke: ((2800.0,), (1220.0,)),
+        Demiray: ((1900.0, 18.8), (910.0, 16.7)),
+        Gent: ((2010.0, 0.08), (920.0, 0.08)),
+    },
+    "corona_radiata": {
+        Ogden: ((850.0, -20.5), (610.0, -30.5)),
+        NeoHooke: ((1750.0,), (520.0,)),
+        Demiray: ((1050.0, 24.6), (480.0, 4.37)),
+        Gent: ((1160.0, 0.06), (480.0, 0.23)),
+    },
+    "basal_ganglia": {
+        Ogden: ((830.0, -15.5), (650.0, -32.5)),
+        NeoHooke: ((1370.0,), (570.0,)),
+        Demiray: ((970.0, 17.1), (520.0, 6.03)),
+        Gent: ((1010.0, 0.08), (520.0, 0.18)),
+    },
+    "corpus_callosum": {
+        Ogden: ((430.0, -22.8), (350.0, -26.6)),
+        NeoHooke: ((990.0,), (290.0,)),
+        Demiray: ((550.0, 28.4), (280.0, 1.29)),
+        Gent: ((620.0, 0.06), (290.0, 85.0)),
+    },
+}
+_MODES = {"compression": (0.9, 1.0), "tension": (1.0, 1.1)}
 
 
-def constants(name: str) -> OgdenBranches:
-    """Published constants by name, for example "griffiths2024:cortex"; an unknown name raises `InputError`."""
+def _budday() -> list[PublishedLaw]:
+    source, doi = "Budday et al. 2017", "10.1016/j.actbio.2016.10.036"
+    samples = "5 mm cubes, less than 24 h after death, conditioned, quasi-static"
+    found = [
+        PublishedLaw(
+            Ogden(mu, alpha),
+            mu,
+            name=f"budday2017:{region}",
+            source=source,
+            doi=doi,
+            species="human",
+            region=region,
+            protocol=f"{samples}: compression, tension and simple shear to 0.2",
+            stretch=(0.9, 1.1),
+            evidence="refit",
+            note="one fit to the averaged curves of all three modes, each scaled by its peak",
+        )
+        for region, (mu, alpha) in _BUDDAY_REFITS.items()
+    ]
+    for region, laws in _BUDDAY_ONE_MODE.items():
+        for law, values in laws.items():
+            for (mode, stretch), constants in zip(_MODES.items(), values, strict=True):
+                locks = f"; no state beyond I₁ = {3 + constants[1]:g} has an energy" if law is Gent else ""
+                found.append(
+                    PublishedLaw(
+                        law(*constants),
+                        constants[0],
+                        name=f"budday2017:{region}:{law.__name__.lower()}:{mode}",
+                        source=source,
+                        doi=doi,
+                        species="human",
+                        region=region,
+                        protocol=f"{samples}: {mode}",
+                        stretch=stretch,
+                        evidence="transcription",
+                        note=f"fits {mode} alone{locks}",
+                    )
+                )
+    return found
+
+
+# The same relaxation in both; W is the instantaneous law.
+_MILLER = {"g": [0.450, 0.365], "tau": [0.5, 50.0]}
+_MILLER_RATES = "cylinders in vitro, strain rates 0.64 to 0.64e-5 /s"
+
+
+def _soft() -> list[PublishedLaw]:
+    return [
+        PublishedLaw(
+            Prony(Polynomial({(1, 0): 263.0, (0, 1): 263.0, (2, 0): 491.0, (0, 2): 491.0}), **_MILLER),
+            1052.0,
+            name="miller1997:brain",
+            source="Miller & Chinzei 1997",
+            doi="10.1016/S0021-9290(97)00092-4",
+            species="swine",
+            region="brain",
+            protocol=f"unconfined compression of {_MILLER_RATES}",
+            stretch=(0.7, 1.0),
+            evidence="recalled",
+        ),
+        PublishedLaw(
+            Prony(Ogden(842.0, -4.7), **_MILLER),
+            842.0,
+            name="miller2002:brain",
+            source="Miller & Chinzei 2002",
+            doi="10.1016/S0021-9290(01)00234-2",
+            species="swine",
+            region="brain",
+            protocol=f"tension and compression of {_MILLER_RATES}",
+            stretch=(0.7, 1.3),
+            evidence="recalled",
+            note="μ and α are in a transcription, whose own law however has half the stiffness; g and τ are recalled",
+        ),
+        PublishedLaw(
+            Polynomial({(1, 0): -1010.0, (0, 1): 1490.0, (1, 1): 190.0}),
+            960.0,
+            name="laksari2012:brain",
+            source="Laksari, Shafieian, Darvish 2012",
+            doi="10.1016/j.jbiomech.2011.12.023",
+            species="bovine",
+            region="brain",
+            protocol="compression, ex vivo",
+            stretch=(0.7, 1.0),
+            evidence="transcription",
+            note="its instantaneous law, incompressible; c₁₀ < 0: not stable in every deformation; DOI and range recalled",
+        ),
+        PublishedLaw(
+            # μ/α of the source is 2μ/α² here.
+            Ogden([1044.0 * 4.309 / 2, 1183.0 * 7.736 / 2], [4.309, 7.736]),
+            6825.142,
+            name="franceschini2006:brain",
+            source="Franceschini, Bigoni, Regitnig, Holzapfel 2006",
+            doi="10.1016/j.jmps.2006.05.004",
+            species="human",
+            region="brain",
+            protocol="slow uniaxial cycles and drained consolidation, ex vivo",
+            stretch=(0.9, 1.1),
+            evidence="transcription",
+            convention="W = Σ μ/α (Σ λ^α - 3) with μ = 1044, 1183 Pa, α = 4.309, 7.736; initial shear modulus Σ μα/2",
+            note="drained skeleton; the range is a cautious guess, DOI recalled",
+        ),
+        PublishedLaw(
+            Ogden(670.0, -19.0),
+            670.0,
+            name="bennion2022:brain",
+            source="Bennion et al. 2022 (PMC9748497)",
+            doi="10.1098/rsif.2022.0557",
+            species="human",
+            region="brain",
+            protocol="in vivo: the brain's shift between prone and supine, quasi-static",
+            stretch=(0.95, 1.05),
+            evidence="source",
+            convention="μ taken for the initial shear modulus; were it FEBio's own coefficient, that would be 335 Pa",
+            note="μ, α, K from the abstract; the range is a cautious guess, DOI recalled",
+            bulk=148e3,
+        ),
+        PublishedLaw(
+            NeoHooke(10.0 / 2.2),
+            10.0 / 2.2,
+            name="wittek2007:csf",
+            source="Wittek, Miller, Kikinis, Warfield 2007",
+            doi="10.1016/j.jbiomech.2006.02.021",
+            species="none",
+            region="ventricles",
+            protocol="none: a very soft solid in the place of a fluid that can leave",
+            stretch=(0.0, math.inf),
+            evidence="recalled",
+            convention="E = 10 Pa",
+            bulk=10.0 / 2.4,
+            poisson=0.1,
+        ),
+    ]
+
+
+def _stiff() -> list[PublishedLaw]:
+    linear = "linear elasticity by Young's modulus; for small strain only"
+    return [
+        PublishedLaw(
+            NeoHooke(68.1e6 / 3),
+            22.7e6,
+            name="pearcy2022:dura",
+            source="Pearcy et al. 2022, a meta-analysis of 17 studies",
+            doi="10.1007/s10237-022-01566-5",
+            species="human",
+            region="cranial dura mater",
+            protocol="mostly uniaxial tension at 10 to 20 mm/min, ex vivo",
+            stretch=(1.0, 1.144),
+            evidence="source",
+            convention=f"{linear}; E = 68.1 MPa, here incompressible",
+            note="14.4 % is the mean strain at rupture; head models often have 31.5 MPa (Galford & McElhaney 1970)",
+        ),
+        PublishedLaw(
+            NeoHooke(7.7e6 / 3),
+            7.7e6 / 3,
+            name="conley2020:pia_arachnoid",
+            source="Conley Natividad et al. 2020",
+            doi="10.1186/s12987-020-00229-w",
+            species="ovine",
+            region="pia-arachnoid complex",
+            protocol="uniaxial tension at 0.59 /s to failure, ex vivo",
+            stretch=(1.0, 1.6),
+            evidence="source",
+            convention=f"{linear}; E = 7.7 MPa, here incompressible",
+        ),
+        PublishedLaw(
+            NeoHooke(1.2e6 / 3),
+            0.4e6,
+            name="bennion2022:pia",
+            source="Bennion et al. 2022 (PMC9748497)",
+            doi="10.1098/rsif.2022.0557",
+            species="human",
+            region="pia mater",
+            protocol="in vivo: the brain's shift between prone and supine, quasi-static",
+            stretch=(0.95, 1.05),
+            evidence="source",
+            convention=f"{linear}; stiffness 1.2 MPa taken for E, here incompressible",
+            note="from the abstract; the range is a cautious guess, DOI recalled",
+        ),
+        PublishedLaw(
+            NeoHooke(5.6e9 / 2.44),
+            5.6e9 / 2.44,
+            name="mcelhaney1970:skull",
+            source="McElhaney et al. 1970",
+            doi="10.1016/0021-9290(70)90059-X",
+            species="human",
+            region="skull, all layers",
+            protocol="quasi-static compression along the surface",
+            stretch=(0.99, 1.01),
+            evidence="recalled",
+            convention=f"{linear}; E = 5.6 GPa, ν = 0.22",
+            note="across the skull about half as stiff; the range is a cautious guess",
+            bulk=5.6e9 / 1.68,
+            poisson=0.22,
+        ),
+    ]
+
+
+BRAIN: dict[str, PublishedBranches] = {entry.name: entry for entry in _griffiths()}
+"""Those of which a scene can mix neighbouring tissues."""
+CATALOGUE: dict[str, Entry] = {**BRAIN, **{entry.name: entry for entry in _budday() + _soft() + _stiff()}}
+
+
+def constants(name: str) -> Entry:
+    """Published constants by name, for example "griffiths2024:cortex"; an unknown name raises `InputError`.
+
+    >>> constants("miller2002:brain").initial_modulus
+    842.0
+    """
     if name not in CATALOGUE:
         raise InputError("constants", repr(name), nearest(name, CATALOGUE))
     return CATALOGUE[name]
+
+
+def published(law: Law | Viscous) -> Entry | None:
+    """The entry whose law equals this one, or None.
+
+    >>> published(Ogden(670.0, -19.0)).name
+    'bennion2022:brain'
+    """
+    return next((entry for entry in CATALOGUE.values() if entry.law() == law), None)

@@ -7,7 +7,7 @@ from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
 from ngbrain.materials import (
-    CATALOGUE,
+    BRAIN,
     Branch,
     Deformation,
     NeoHooke,
@@ -110,7 +110,7 @@ def test_prony_splits_the_instantaneous_law():
 
 
 def test_catalogue_has_the_published_sums():
-    initial = {name: entry.initial_modulus for name, entry in CATALOGUE.items()}
+    initial = {name: entry.initial_modulus for name, entry in BRAIN.items()}
     assert initial == {
         "griffiths2024:cortex": 2380.0,
         "griffiths2024:white_matter": 1380.0,
