@@ -4,29 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from pressing import PRESS, run
 
 from ngbrain.errors import ContactError, ConvergenceError
 from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.solvers.newton import Newton
-
-PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
-
-
-def force(body):
-    """Force (N) of the plate on the top: the contact's nodal forces along z."""
-    import ngsolve as ngs
-
-    up = ngs.GridFunction(body.fes.components[0])
-    up.Set(ngs.CF((0, 0, 1)))
-    return float(up.vec.FV().NumPy() @ body.contact_forces())
-
-
-def run(body, drive, control, **kwargs):
-    transient = Transient(body, drive, control, 1e-3, **kwargs)
-    rows = []
-    transient.run(lambda b, at, record: rows.append((at.t, force(b), b.min_gap())))
-    return transient, np.array(rows)
 
 
 def test_steps_land_on_events_and_nothing_pulls(make_body, plate):

@@ -1,0 +1,23 @@
+"""A plate that presses a block, holds and lifts off, and the force it has meanwhile."""
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.transient import Transient
+
+PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
+
+
+def force(body):
+    """Force (N) of the plate on the top: the contact's nodal forces along z."""
+    up = ngs.GridFunction(body.fes.components[0])
+    up.Set(ngs.CF((0, 0, 1)))
+    return float(up.vec.FV().NumPy() @ body.contact_forces())
+
+
+def run(body, drive, control, **kwargs):
+    """The run, and time, force and gap after each step."""
+    transient = Transient(body, drive, control, 1e-3, **kwargs)
+    rows = []
+    transient.run(lambda b, at, record: rows.append((at.t, force(b), b.min_gap())))
+    return transient, np.array(rows)
