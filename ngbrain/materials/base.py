@@ -75,6 +75,8 @@ class Addable:
     """Gives a law the `+` that makes a `Sum`."""
 
     def __add__(self, other: Law) -> Sum:
+        if not isinstance(other, Law):
+            return NotImplemented
         parts: list[Law] = []
         for law in (cast(Law, self), other):
             parts += law.parts if isinstance(law, Sum) else (law,)

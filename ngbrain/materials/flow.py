@@ -29,7 +29,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
-from ngbrain.materials.points import Points
+from ngbrain.materials.points import Points, initial_modulus
 from ngbrain.tensors import principal_values
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
@@ -42,7 +42,7 @@ SMALL = 1e-6
 
 @dataclass(frozen=True)
 class Maxwell:
-    """A spring and a dashpot in series: an isotropic law W and a viscosity η (Pa s); its time is η/μ₀ at small strain.
+    """A spring and a dashpot in series: an isotropic law W and a viscosity η (Pa s).
 
     >>> from ngbrain.materials import NeoHooke, Viscous
     >>> tissue = Viscous(NeoHooke(160.0), (Maxwell(NeoHooke(970.0), eta=2190.0),))
@@ -53,6 +53,11 @@ class Maxwell:
 
     def __post_init__(self) -> None:
         positive(self.eta, "Maxwell.eta")
+
+    @property
+    def tau(self) -> Value:
+        """Relaxation time η/μ₀ (s) at small strain."""
+        return self.eta / initial_modulus(self.law)
 
     def slopes(self, strain: CoefficientFunction) -> CoefficientFunction:
         """∂W (2 entries) and ∂²W (11, 12, 22) at elastic strains given by their two coordinates (see `PLANE`)."""

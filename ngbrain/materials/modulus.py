@@ -23,9 +23,9 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Deformation, Law, Value, density, positive
-from ngbrain.materials.points import Points
-from ngbrain.materials.viscous import Branch, Viscous
+from ngbrain.materials.base import Law, Value, positive
+from ngbrain.materials.points import initial_modulus
+from ngbrain.materials.viscous import Viscous
 
 Frequency: TypeAlias = float | np.ndarray | CoefficientFunction
 """Angular frequency ω (rad/s)."""
@@ -230,21 +230,7 @@ def fourier(material: Viscous | Law) -> PronySeries:
         material = Viscous(material)
     moduli = [initial_modulus(branch.law) for branch in material.branches]
     total = sum(moduli, initial_modulus(material.equilibrium))
-    times = (b.tau if isinstance(b, Branch) else b.eta / mu for b, mu in zip(material.branches, moduli, strict=True))
-    return PronySeries(total, tuple(mu / total for mu in moduli), tuple(times))
-
-
-def initial_modulus(law: Law) -> Value:
-    """Shear modulus (Pa) of an isotropic law at rest, ∂²W/∂γ² in simple shear γ; it may depend on place.
-
-    >>> from ngbrain.materials import Ogden
-    >>> initial_modulus(Ogden(mu=[1000.0, 200.0], alpha=[-20.0, 2.0]))
-    1200.00000...
-    """
-    shear = ngs.Parameter(0.0)
-    F = ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3))
-    curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
-    return curvature if _varies(law) else float(Points.line(1)(curvature)[0, 0])
+    return PronySeries(total, tuple(mu / total for mu in moduli), tuple(branch.tau for branch in material.branches))
 
 
 @dataclass(frozen=True)
@@ -311,13 +297,3 @@ def _checked(omega: Frequency) -> Frequency:
 def _not_negative(value: Value, name: str) -> None:
     if isinstance(value, (int, float)) and not value >= 0:
         raise InputError(name, value, "a number of at least 0")
-
-
-def _varies(part: object) -> bool:
-    """Whether anything but numbers is among the parameters of a law."""
-    if isinstance(part, CoefficientFunction):
-        return True
-    if isinstance(part, (list, tuple)):
-        return any(map(_varies, part))
-    fields = part if isinstance(part, dict) else getattr(part, "__dict__", {})
-    return any(map(_varies, fields.values()))

@@ -9,6 +9,8 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.meshes import Make1DMesh
 
+from ngbrain.materials.base import Deformation, Law, Value, density
+
 
 class Points:
     """n points that hold fields given as arrays (components, n).
@@ -51,3 +53,26 @@ def _line(n: int) -> tuple[ngs.FESpace, np.ndarray]:
     mesh = Make1DMesh(n)
     middle = ngs.IntegrationRule([(0.5,)], [1.0])
     return ngs.L2(mesh, order=0), mesh.MapToAllElements(middle, ngs.VOL)
+
+
+def initial_modulus(law: Law) -> Value:
+    """Shear modulus (Pa) of an isotropic law at rest, ∂²W/∂γ² in simple shear γ; it may depend on place.
+
+    >>> from ngbrain.materials import Ogden
+    >>> initial_modulus(Ogden(mu=[1000.0, 200.0], alpha=[-20.0, 2.0]))
+    1200.00000...
+    """
+    shear = ngs.Parameter(0.0)
+    F = ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3))
+    curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
+    return curvature if _varies(law) else float(Points.line(1)(curvature)[0, 0])
+
+
+def _varies(part: object) -> bool:
+    """Whether anything but numbers is among the parameters of a law."""
+    if isinstance(part, CoefficientFunction):
+        return True
+    if isinstance(part, (list, tuple)):
+        return any(map(_varies, part))
+    fields = part if isinstance(part, dict) else getattr(part, "__dict__", {})
+    return any(map(_varies, fields.values()))

@@ -20,7 +20,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, positive
+from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, density, positive
 from ngbrain.materials.flow import Maxwell
 from ngbrain.tensors import lagrangian_deviator
 
@@ -43,10 +43,24 @@ class Branch:
 
 @dataclass(frozen=True)
 class Viscous:
-    """A law that stays, W_∞, and branches that relax: hereditary (`Branch`) or of finite viscoelasticity (`Maxwell`)."""
+    """A law that stays, W_∞, and branches that relax: hereditary (`Branch`) or of finite viscoelasticity (`Maxwell`).
+
+    `+` adds a law to W_∞, or another such material with its branches.
+
+    >>> from ngbrain.materials import NeoHooke
+    >>> len((Viscous(NeoHooke(160.0), (Branch(NeoHooke(970.0), 2.3),)) + NeoHooke(50.0)).branches)
+    1
+    """
 
     equilibrium: Law
     branches: tuple[Branch | Maxwell, ...] = ()
+
+    def __add__(self, other: Law | Viscous) -> Viscous:
+        if isinstance(other, Viscous):
+            return Viscous(Sum((self.equilibrium, other.equilibrium)), self.branches + other.branches)
+        return Viscous(Sum((self.equilibrium, other)), self.branches) if isinstance(other, Law) else NotImplemented
+
+    __radd__ = __add__
 
     @property
     def hereditary(self) -> tuple[Branch, ...]:
@@ -103,22 +117,15 @@ def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def after(material: Viscous, dt: float) -> Law:
-    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k; of hereditary branches."""
-    if material.flowing:
-        raise InputError("after", "a material with Maxwell branches", "hereditary ones, whose first step is elastic")
-    return _Fixed(material, tuple(_share(dt, branch.tau) for branch in material.hereditary))
+    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k.
+
+    Exact for hereditary branches; for Maxwell branches their share at small strain.
+    """
+    relaxing = (Scaled(branch.law, _share(dt, branch.tau)) for branch in material.branches)
+    return Sum((material.equilibrium, *relaxing))
 
 
 def _share(dt: float, tau: Value) -> Value:
     if isinstance(tau, CoefficientFunction):
         return (1 - exp(-dt / tau)) * tau / dt
     return float(step_factors(dt, np.array([tau]))[1][0])
-
-
-@dataclass(frozen=True)
-class _Fixed(Composite):
-    material: Viscous
-    shares: tuple[Value, ...]
-
-    def density(self, at: Deformation) -> CoefficientFunction:
-        return self.material.density(at, self.shares)

@@ -77,6 +77,23 @@ def test_sum_adds_energies():
     assert np.allclose(total, stress(NeoHooke(1.5), C) + stress(Ogden(2.0, -5.0), C))
 
 
+def test_sum_with_a_relaxing_material_adds_to_what_stays():
+    C = np.diag([1.2, 1.0, 1 / 1.2])
+    relaxing = Viscous(NeoHooke(1.0), (Branch(NeoHooke(2.0), 3.0),))
+    for total, branches, stays in (
+        (relaxing + Ogden(4.0, -5.0), 1, NeoHooke(1.0) + Ogden(4.0, -5.0)),
+        (Ogden(4.0, -5.0) + relaxing, 1, NeoHooke(1.0) + Ogden(4.0, -5.0)),
+        (relaxing + relaxing, 2, NeoHooke(2.0)),
+    ):
+        assert len(total.branches) == branches
+        assert np.allclose(stress(total.equilibrium, C), stress(stays, C))
+    assert np.allclose(stress(relaxing.instantaneous, C), stress(NeoHooke(3.0), C))
+    with pytest.raises(TypeError):
+        NeoHooke(1.0) + 2.0
+    with pytest.raises(TypeError):
+        relaxing + 2.0
+
+
 def test_branch_stress_is_zero_at_rest_and_deviatoric():
     branch = Branch(Ogden(900.0, -25.0), 2.0)
     at_rest = np.array(branch.stress(ngs.Id(3))(POINT))

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from ngbrain import adjoint
 from ngbrain.errors import InputError
-from ngbrain.materials import Flow, Maxwell, MooneyRivlin, NeoHooke, Ogden, Viscous, after
+from ngbrain.materials import Flow, Maxwell, MooneyRivlin, NeoHooke, Ogden
 from ngbrain.materials.flow import PLANE
 from ngbrain.materials.points import Points
 
@@ -197,5 +197,3 @@ def test_stress_and_tangent_are_those_of_the_minimum(rng):
 def test_refuses():
     with pytest.raises(InputError, match=r"Maxwell\.eta is -1.0"):
         Maxwell(NeoHooke(1.0), -1.0)
-    with pytest.raises(InputError, match="Maxwell branches"):
-        after(Viscous(NeoHooke(1.0), (Maxwell(NeoHooke(1.0), 1.0),)), 1.0)
