@@ -14,9 +14,9 @@ from ngbrain.materials.modulus import (
     PronySeries,
     Springpot,
     Zener,
-    initial_modulus,
     shear_wave,
 )
+from ngbrain.materials.points import initial_modulus
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)
