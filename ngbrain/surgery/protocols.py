@@ -8,7 +8,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.scene import CLEAR
+from ngbrain.scene.programs import CLEAR
 
 
 @dataclass(frozen=True)
