@@ -38,7 +38,8 @@ class Branch:
     def stress(self, C: CoefficientFunction) -> CoefficientFunction:
         """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
         C = C.MakeVariable()
-        return lagrangian_deviator(2 * density(self.law, Deformation.of_stretch(C)).Diff(C), C)
+        by_C = density(self.law, Deformation.of_stretch(C)).Diff(C)
+        return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
 
 
 @dataclass(frozen=True)
