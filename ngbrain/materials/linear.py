@@ -51,7 +51,7 @@ class LinearElastic(OfSmallStrain):
 class SaintVenant(OfWholeStretch):
     """W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; initial shear modulus μ₀ = μ (Pa), bulk modulus λ + 2μ/3 as in linear theory.
 
-    For small strain at any rotation. Strongly pressed it softens, and gives way at a third of the length lost.
+    For small strain at any rotation: pressed to less than 1/√3 of its length it resists ever less.
 
     >>> import ngsolve as ngs
     >>> SaintVenant(mu=1000.0, lam=2000.0).energy(ngs.Id(3)).dim
