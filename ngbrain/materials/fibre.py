@@ -69,7 +69,6 @@ class HolzapfelGasserOgden(Composite):
         energy, isotropic = self.mu / 2 * (ngs.Trace(at.shape) - 3), self.kappa * (ngs.Trace(at.C) - 3)
         for M in self._families():
             E = isotropic + (1 - 3 * self.kappa) * (ngs.InnerProduct(M, at.C) - 1)
-            # The switch is inside: exp of a strongly pressed fibre would overflow.
             energy += self.k1 / (2 * self.k2) * (ngs.exp(self.k2 * ngs.IfPos(E, E * E, 0.0)) - 1)
         return energy
 

@@ -11,6 +11,7 @@ from ngbrain.materials import Branch, Deformation, Polynomial, Prony, RelaxingPo
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)
 C0 = {(1, 0): 263.0, (0, 1): 263.0, (2, 0): 491.0, (0, 2): 491.0}
+ONE = {(1, 0): 300.0}
 SHARES, TIMES = [0.55, 0.45], [0.5, 50.0]
 
 
@@ -59,6 +60,8 @@ def test_each_coefficient_may_have_times_of_its_own():
     shared = RelaxingPolynomial(c0, c_inf, [0.3, 0.7], {(1, 0): [0.5, 20.0], (2, 0): [20.0, 0.5]})
     assert [branch.tau for branch in shared.branches] == [0.5, 20.0]
     assert shared.branches[0].law.c == {(1, 0): pytest.approx(240 * 0.3), (2, 0): pytest.approx(460 * 0.7)}
+    (once,) = RelaxingPolynomial(ONE, {(1, 0): 60.0}, [0.5, 0.5], [2.0, 2.0]).branches
+    assert once == Branch(Polynomial({(1, 0): 240.0}), 2.0)
 
 
 def test_coefficients_that_relax_alike_are_quasi_linear():
@@ -90,9 +93,6 @@ def test_fields_are_taken():
     law = RelaxingPolynomial({(1, 0): ngs.Parameter(300.0)}, {(1, 0): 60.0}, [1.0], [ngs.Parameter(2.0)])
     assert isinstance(law, Viscous)
     assert stress(law.branches[0].law, SHAPE) == pytest.approx(stress(Polynomial({(1, 0): 240.0}), SHAPE), rel=1e-12)
-
-
-ONE = {(1, 0): 300.0}
 
 
 @pytest.mark.parametrize(
