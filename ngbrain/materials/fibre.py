@@ -19,6 +19,10 @@ from ngbrain.materials.base import Composite, Deformation, OfWholeStretch, Value
 Fibre: TypeAlias = CoefficientFunction | Sequence[Value]
 """A direction: a CoefficientFunction or GridFunction with a component for each axis, or as many numbers."""
 
+SLACK = 1e-12
+"""Fibres bear down to E = -SLACK, so that they count in the stiffness at rest, where E is 0 but for round-off: without
+them Newton's first step overshoots however small the load. Stress jumps there by 2 k₁ SLACK, far below any tolerance."""
+
 STIFF = 1e-12
 """Smallest eigenvalue of `Fung.B`, in parts of the largest, that counts as one."""
 
@@ -34,7 +38,8 @@ class HolzapfelGasserOgden(Composite):
 
     I₄ is of C, not of C̄, in which a dilatation would not stretch fibres. So is the I₁ of E, the other part of one mean
     square stretch over a family's directions: with κ = 1/3 it is an isotropic exponential law whatever a is. Pressed
-    fibres (E ≤ 0) bear nothing; stress is continuous there. Initial shear modulus μ₀ = μ.
+    fibres (E ≤ 0) bear nothing; stress is continuous there, its slope is not. Initial shear modulus μ₀ = μ, of shears along
+    and across one fibre.
 
     Source: Gasser, Ogden, Holzapfel 2006, 10.1098/rsif.2005.0073; no split: Nolan et al. 2014,
     10.1016/j.jmbbm.2014.06.016.
@@ -69,7 +74,7 @@ class HolzapfelGasserOgden(Composite):
         energy, isotropic = self.mu / 2 * (ngs.Trace(at.shape) - 3), self.kappa * (ngs.Trace(at.C) - 3)
         for M in self._families():
             E = isotropic + (1 - 3 * self.kappa) * (ngs.InnerProduct(M, at.C) - 1)
-            energy += self.k1 / (2 * self.k2) * (ngs.exp(self.k2 * ngs.IfPos(E, E * E, 0.0)) - 1)
+            energy += self.k1 / (2 * self.k2) * (ngs.exp(self.k2 * ngs.IfPos(E + SLACK, E * E, 0.0)) - 1)
         return energy
 
 

@@ -152,6 +152,15 @@ def test_initial_shear_moduli():
     assert slope["plane"] == pytest.approx([MU, 0.5 * 2 / 2], rel=1e-10)
 
 
+@pytest.mark.parametrize("fibre", [(1, 0, 0), (1.0, 0.3, 0.1)])
+def test_fibres_count_in_the_stiffness_at_rest(fibre):
+    # E = 2 (1 - 2κ) ε along them, where round-off must not decide.
+    a = np.array(fibre) / np.linalg.norm(fibre)
+    along = np.kron(a, a)
+    K = tangent(HolzapfelGasserOgden(MU, K1, K2, 0.1, fibre), np.eye(3))[0]
+    assert along @ K @ along == pytest.approx(4 / 3 * MU + 4 * K1 * 0.8**2, rel=1e-10)
+
+
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_a_rotation_of_the_body_changes_no_energy(law, rng):
     F = some(rng, 100)
