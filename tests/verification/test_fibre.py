@@ -7,8 +7,20 @@ from states import cauchy, energy, some, stress, tangent, turn
 
 from ngbrain import adjoint
 from ngbrain.errors import InputError
-from ngbrain.materials import Compressible, Demiray, Fung, Guccione, HolzapfelGasserOgden, NeoHooke, SaintVenant
+from ngbrain.materials import (
+    Compressible,
+    Deformation,
+    Demiray,
+    Fung,
+    Guccione,
+    HolzapfelGasserOgden,
+    NeoHooke,
+    SaintVenant,
+    TransverselyIsotropic,
+    density,
+)
 from ngbrain.materials.fibre import structural
+from ngbrain.materials.points import Points
 
 MU, K1, K2 = 1.3, 0.7, 2.0
 FIBRE = np.array([1.0, -2.0, 0.5])
@@ -168,6 +180,28 @@ def test_a_rotation_of_the_body_changes_no_energy(law, rng):
         [turn(axis, angle) for axis, angle in zip(rng.normal(size=(100, 3)), rng.normal(size=100), strict=True)]
     )
     assert energy(law, Q @ F) == pytest.approx(energy(law, F), rel=1e-12, abs=1e-12)
+
+
+CONSTANTS = {
+    "one family": (lambda mu, k1, k2, kappa: HolzapfelGasserOgden(mu, k1, k2, kappa, tuple(FIBRE)), (MU, K1, K2, 0.1)),
+    "Guccione": (lambda c, bf, bt, bfs: Guccione(c, bf, bt, bfs, tuple(FIBRE)), (0.5, 8.0, 2.0, 4.0)),
+    "transversely isotropic": (lambda mu, z, p: TransverselyIsotropic(mu, z, p, tuple(FIBRE)), (MU, 0.8, 0.4)),
+    "Saint-Venant": (SaintVenant, (MU, 2.0)),
+}
+
+
+@pytest.mark.parametrize(("make", "values"), CONSTANTS.values(), ids=CONSTANTS)
+def test_parameters_may_be_fields_and_have_derivatives(make, values, rng):
+    F = some(rng, 1)[0] + 0.1 * np.eye(3)
+    parameters = [ngs.Parameter(value) for value in values]
+    at = Deformation.of(ngs.CF(tuple(F.ravel()), dims=(3, 3)))
+    law, point = make(*parameters), Points.line(1)
+    assert point(density(law, at))[0, 0] == pytest.approx(energy(make(*values), F)[0], rel=1e-12)
+    for i, parameter in enumerate(parameters):
+        slope = point(density(law, at).Diff(parameter))[0, 0]
+        step = 1e-5 * np.eye(len(values))[i]
+        above, below = (energy(make(*(np.array(values) + sign * step)), F)[0] for sign in (1, -1))
+        assert slope == pytest.approx((above - below) / 2e-5, rel=1e-6), i
 
 
 @pytest.mark.parametrize("name", ["one family", "Guccione", "sum"])
