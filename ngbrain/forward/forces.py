@@ -20,8 +20,9 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
     """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p.
 
     Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
-    entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F ∂W/∂C. Of C̄ = s(C) C only the scalar
-    ∂W/∂C̄ : C̄ is derived, with its first factor held. C̄, C, J and F are each held while W is derived by another.
+    entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C leaves
+    it unsymmetric). Of C̄ = s(C) C only the scalar ∂W/∂C̄ : C̄ is derived, with its first factor held. C̄, C, J and F are
+    each held while W is derived by another.
     """
 
     def F() -> CoefficientFunction:  # a new one each time: a variable is one wherever it is used
@@ -32,7 +33,7 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
     whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
     energy = density(Deformation(shape, whole, J, gradient), pressure)
     by_C = (volume_free(C) * ngs.InnerProduct(energy.Diff(shape), C)).Diff(C) + energy.Diff(whole)
-    P = 2 * F() * by_C + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
+    P = F() * (by_C + by_C.trans) + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
     return ngs.CF((P.Reshape((9,)), energy.Diff(pressure))).Compile()
 
 

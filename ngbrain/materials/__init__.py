@@ -2,21 +2,36 @@
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
 from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constants, published
+from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
+from ngbrain.materials.linear import LinearElastic, SaintVenant, TransverselyIsotropic
 from ngbrain.materials.modulus import fourier
-from ngbrain.materials.viscous import Branch, Prony, Viscous, after, step_factors
-from ngbrain.materials.volumetric import barrier, perturbed_lagrangian
+from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, after, step_factors
+from ngbrain.materials.volumetric import (
+    Compressible,
+    barrier,
+    logarithmic,
+    perturbed_lagrangian,
+    perturbed_logarithm,
+    quadratic,
+    squared_log,
+)
 
 __all__ = [
     "BRAIN",
     "CATALOGUE",
     "Branch",
+    "Compressible",
     "Deformation",
     "Demiray",
     "Flow",
+    "Fung",
     "Gent",
+    "Guccione",
+    "HolzapfelGasserOgden",
     "Law",
+    "LinearElastic",
     "Maxwell",
     "MooneyRivlin",
     "NeoHooke",
@@ -24,8 +39,11 @@ __all__ = [
     "OgdenBranches",
     "Polynomial",
     "Prony",
+    "RelaxingPolynomial",
+    "SaintVenant",
     "Scaled",
     "Sum",
+    "TransverselyIsotropic",
     "Viscous",
     "Yeoh",
     "after",
@@ -33,7 +51,11 @@ __all__ = [
     "constants",
     "density",
     "fourier",
+    "logarithmic",
     "perturbed_lagrangian",
+    "perturbed_logarithm",
     "published",
+    "quadratic",
+    "squared_log",
     "step_factors",
 ]

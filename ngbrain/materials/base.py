@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, cast, runtime_checkable
 
@@ -131,8 +132,13 @@ class Scaled(Composite):
         return self.factor * density(self.law, at)
 
 
+def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str) -> Value:
+    """The value itself, or an `InputError` naming the parameter when it is a number that does not fit."""
+    if isinstance(value, (int, float)) and not fits(value):
+        raise InputError(name, value, wanted)
+    return value
+
+
 def positive(value: Value, name: str) -> Value:
     """The value itself, or an `InputError` naming the parameter when it is a number that is not positive."""
-    if isinstance(value, (int, float)) and not value > 0:
-        raise InputError(name, value, "a positive number")
-    return value
+    return checked(value, name, lambda number: number > 0, "a positive number")

@@ -13,15 +13,16 @@ Source: Simo 1987, 10.1016/0045-7825(87)90107-1; Simo & Hughes 1998, section 10.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, density, positive
+from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, checked, density, positive
 from ngbrain.materials.flow import Maxwell
+from ngbrain.materials.isotropic import Polynomial
 from ngbrain.tensors import lagrangian_deviator
 
 
@@ -38,7 +39,8 @@ class Branch:
     def stress(self, C: CoefficientFunction) -> CoefficientFunction:
         """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
         C = C.MakeVariable()
-        return lagrangian_deviator(2 * density(self.law, Deformation.of_stretch(C)).Diff(C), C)
+        by_C = density(self.law, Deformation.of_stretch(C)).Diff(C)
+        return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,58 @@ def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noq
         raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
     rest = Scaled(law, 1 - sum(g))
     return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))
+
+
+def RelaxingPolynomial(  # noqa: N802  (reads as a law)
+    c0: Mapping[tuple[int, int], Value],
+    c_inf: Mapping[tuple[int, int], Value],
+    gamma: Sequence[float] | Mapping[tuple[int, int], Sequence[float]],
+    tau: Sequence[Value] | Mapping[tuple[int, int], Sequence[Value]],
+) -> Viscous:
+    """A `Polynomial` law whose coefficients relax each in its own way, C_ij(t) = C_ij∞ + (C_ij0 - C_ij∞) Σ γ_k exp(-t/τ_k).
+
+    c0, c_inf    (i, j) → coefficient (Pa) at once and in the end, for the same powers
+    gamma, tau   shares γ_k > 0 with sum 1 and times τ_k (s), for all coefficients alike or (i, j) → those of one
+
+    There is a branch for each time, with the (C_ij0 - C_ij∞) γ_k that relax with it. c₁₀ and c₀₁ may not grow, so that small
+    strains dissipate; higher ones may. All alike, it is `Prony` of Polynomial(c0) with g_k = γ_k (1 - C_ij∞/C_ij0).
+
+    >>> law = RelaxingPolynomial({(1, 0): 300.0, (2, 0): 500.0}, {(1, 0): 60.0, (2, 0): 40.0}, [0.6, 0.4], [0.5, 50.0])
+    >>> [branch.tau for branch in law.branches]
+    [0.5, 50.0]
+    """
+    if set(c0) != set(c_inf):
+        raise InputError("RelaxingPolynomial.c_inf", f"for {sorted(c_inf)}", f"the powers of c0: {sorted(c0)}")
+    relaxing: dict[Value, dict[tuple[int, int], Value]] = {}
+    for power in c0:
+        lost, index = c0[power] - c_inf[power], f"[{power[0]}, {power[1]}]"
+        if sum(power) == 1:
+            checked(lost, f"RelaxingPolynomial.c0{index} - c_inf{index}", lambda drop: drop >= 0, "at least 0")
+        for share, time in zip(*_shares_of(power, gamma, tau), strict=True):
+            if isinstance(lost, CoefficientFunction) or lost:
+                terms = relaxing.setdefault(time, {})
+                terms[power] = terms.get(power, 0.0) + lost * share
+    return Viscous(Polynomial(c_inf), tuple(Branch(Polynomial(terms), time) for time, terms in relaxing.items()))
+
+
+def _shares_of(
+    power: tuple[int, int],
+    gamma: Sequence[float] | Mapping[tuple[int, int], Sequence[float]],
+    tau: Sequence[Value] | Mapping[tuple[int, int], Sequence[Value]],
+) -> tuple[Sequence[float], Sequence[Value]]:
+    """What `gamma` and `tau` say of one coefficient."""
+    given = [values.get(power, ()) if isinstance(values, Mapping) else values for values in (gamma, tau)]
+    for name, values in zip(("gamma", "tau"), given, strict=True):
+        if not len(values):
+            raise InputError(f"RelaxingPolynomial.{name}", f"empty for {power}", "a value for each branch")
+        for value in values:
+            positive(value, f"RelaxingPolynomial.{name}")
+    shares, times = given
+    if len(shares) != len(times):
+        raise InputError("RelaxingPolynomial.tau", f"{len(times)} values", f"as many as gamma has: {len(shares)}")
+    if not abs(sum(shares) - 1) <= 1e-9:
+        raise InputError("RelaxingPolynomial.gamma", list(shares), "shares that add up to 1")
+    return shares, times
 
 
 def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
