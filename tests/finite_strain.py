@@ -5,6 +5,7 @@ from math import inf, pi
 import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
+from scipy.integrate import quad
 
 from ngbrain.materials import perturbed_lagrangian
 from ngbrain.solvers.newton import Newton
@@ -39,14 +40,16 @@ class Solid:
         self.control, self._outward = control, 1.0
         if control:
             self._outward = np.sign(self.volume())
-            self.load, around = ngs.Parameter(0), ngs.ds(CAVITY, bonus_intorder=bonus)
+            # An eighth of a sphere, a quarter of a circle: what is enclosed at rest.
+            self.whole = pi / 6 if mesh.dim == 3 else pi / 4
+            self.load = ngs.Parameter(self.whole if control == "volume" else 0)
             work = self.enclosed(u)
             if control == "volume":
                 area = ngs.Integrate(ngs.CF(1) * ngs.ds(CAVITY), mesh)
                 work = number[0] * (work - self.load / area)
             else:
                 work = self.load * work
-            self.form += ngs.Variation(-work.Compile() * around)
+            self.form += ngs.Variation(-work.Compile() * ngs.ds(CAVITY, bonus_intorder=bonus))
         free, n = self.fes.FreeDofs(), self.fes.components[0].ndof
         self.free = np.fromiter(free, bool, self.fes.ndof)
         self.is_u = np.arange(self.fes.ndof) < n
@@ -112,8 +115,9 @@ class Solid:
         """Enclosed by the cavity's wall now, as far as the mesh goes (an eighth of a sphere, a quarter of a circle)."""
         return ngs.Integrate(self.enclosed(self.u) * ngs.ds(CAVITY, bonus_intorder=4), self.mesh)
 
-    def pressure(self):
-        return self.state[-1] if self.control == "volume" else self.load.Get()
+    def stretch(self):
+        """Of the cavity's wall, by its volume."""
+        return float((self.volume() / self.whole) ** (1 / self.mesh.dim))
 
 
 def three(F):
@@ -121,41 +125,110 @@ def three(F):
     return F if F.dims[0] == 3 else ngs.CF((F[0, 0], F[0, 1], 0, F[1, 0], F[1, 1], 0, 0, 0, 1), dims=(3, 3))
 
 
-def refined(shape, maxh, levels, order, dim=3):
-    geometry = occ.OCCGeometry(shape, dim=dim)
-    mesh = geometry.GenerateMesh(maxh=maxh, parallel_meshing=False)
-    for _ in range(levels):
+def cylinder(level, curved, maxh=1.0, radius=1.0, length=1.0):
+    """Around z from z = 0; boundaries "bottom", "top", "side"."""
+    shape = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=radius, h=length)
+    shape.faces.name = "side"
+    shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "bottom", "top"
+    return refined(shape, level, curved, maxh)
+
+
+def eighth_of_a_shell(level, curved):
+    """Radii 1 and 2; boundaries "x", "y", "z" (planes of symmetry), "cavity", "outside"."""
+    shell = occ.Sphere(occ.Pnt(0, 0, 0), 2) - occ.Sphere(occ.Pnt(0, 0, 0), 1)
+    shape = shell * occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(3, 3, 3))
+    return refined(named(shape, shape.faces, (occ.X, occ.Y, occ.Z)), level, curved)
+
+
+def quarter_of_a_ring(level, curved):
+    """Radii 1 and 2 in the plane; boundaries "x", "y" (lines of symmetry), "cavity", "outside"."""
+    ring = occ.WorkPlane().Circle(2).Face() - occ.WorkPlane().Circle(1).Face()
+    shape = ring * occ.WorkPlane().Rectangle(3, 3).Face()
+    return refined(named(shape, shape.edges, (occ.X, occ.Y)), level, curved, dim=2)
+
+
+def named(shape, sides, axes):
+    sides.name = "outside"
+    for axis, name in zip(axes, "xyz", strict=False):
+        sides.Min(axis).name = name
+    for side in sides:
+        if side.name == "outside" and np.linalg.norm([side.center.x, side.center.y, side.center.z]) < 1.2:
+            side.name = CAVITY
+    return shape
+
+
+def refined(shape, level, curved, maxh=1.0, dim=3):
+    """Each level cuts every element into halves of its edges, new points on the geometry; `curved` 1 is straight."""
+    mesh = occ.OCCGeometry(shape, dim=dim).GenerateMesh(maxh=maxh, parallel_meshing=False)
+    for _ in range(level):
         mesh.Refine()
     mesh = ngs.Mesh(mesh)
-    if order > 1:
-        mesh.Curve(order)
+    if curved > 1:
+        mesh.Curve(curved)
     return mesh
 
 
-def cylinder(maxh, levels, order, length=1.0):
-    shape = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=1, h=length)
-    shape.faces.name = "side"
-    shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "bottom", "top"
-    return refined(shape, maxh, levels, order)
+def twisted(twist):
+    """Displacement of Rivlin's torsion: the section at z is turned by twist · z."""
+    c, s = ngs.cos(twist * ngs.z), ngs.sin(twist * ngs.z)
+    return ngs.CF(((c - 1) * ngs.x - s * ngs.y, s * ngs.x + (c - 1) * ngs.y, 0))
 
 
-def eighth_of_a_shell(maxh, levels, order):
-    shape = occ.Sphere(occ.Pnt(0, 0, 0), 2) - occ.Sphere(occ.Pnt(0, 0, 0), 1)
-    shape = shape * occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(3, 3, 3))
-    shape.faces.name = "outside"
-    for axis, name in ((occ.X, "x"), (occ.Y, "y"), (occ.Z, "z")):
-        shape.faces.Min(axis).name = name
-    near = [f for f in shape.faces if f.center.x**2 + f.center.y**2 + f.center.z**2 < 2 and f.name == "outside"]
-    near[0].name = CAVITY
-    return refined(shape, maxh, levels, order)
+def end_loads(u, forces):
+    """Torque and axial force on the boundary "top", by the virtual work of nodal `forces` (N) of u's space."""
+    motion = ngs.GridFunction(u.space)
+
+    def work(velocity):
+        motion.Set(velocity, definedon=u.space.mesh.Boundaries("top"))
+        return float(motion.vec.FV().NumPy() @ forces)
+
+    return work(ngs.CF((-ngs.y - u[1], ngs.x + u[0], 0))), work(ngs.CF((0, 0, 1)))
 
 
-def quarter_of_a_ring(maxh, levels, order):
-    shape = occ.WorkPlane().Circle(2).Face() - occ.WorkPlane().Circle(1).Face()
-    shape = shape * occ.WorkPlane().Rectangle(3, 3).Face()
-    shape.edges.name = "outside"
-    for axis, name in ((occ.X, "x"), (occ.Y, "y")):
-        shape.edges.Min(axis).name = name
-    near = [e for e in shape.edges if e.center.x**2 + e.center.y**2 < 2 and e.name == "outside"]
-    near[0].name = CAVITY
-    return refined(shape, maxh, levels, order, dim=2)
+def torsion(c1, c2, twist, radius=1.0):
+    """Torque and axial force of the incompressible cylinder, W = c1 (I₁ - 3) + c2 (I₂ - 3)."""
+    return pi * twist * radius**4 * (c1 + c2), -pi * twist**2 * radius**4 * (c1 + 2 * c2) / 2
+
+
+def sphere_pressure(c1, c2, stretch):
+    """Inner pressure that opens a sphere of radii 1 and 2 to `stretch`: ∫ W'(λ) / (λ³ - 1) dλ with W(λ, λ, λ⁻²)."""
+
+    def density(s):
+        return (4 * c1 * (s - s**-5) + 4 * c2 * (s**3 - s**-3)) / (s**3 - 1)
+
+    return quad(density, (1 + (stretch**3 - 1) / 8) ** (1 / 3), stretch, epsabs=1e-13)[0]
+
+
+def ring_pressure(mu, stretch):
+    """The same of a long cylinder of radii 1 and 2 in plane strain, Neo-Hooke."""
+    outer = np.sqrt((stretch**2 + 3) / 4)
+    return mu * (np.log(stretch / outer) + (outer**-2 - stretch**-2) / 2)
+
+
+def opened(solid, stretches):
+    """Pressures of a solid under volume control whose cavity is opened to one stretch after the other."""
+    pressures = []
+    for stretch in stretches:
+        reach(solid, solid.whole * stretch**solid.mesh.dim)
+        pressures.append(float(solid.state[-1]))
+    return np.array(pressures)
+
+
+def reach(solid, load):
+    """Equilibrium under a load by as many steps as it takes, each half of one that failed."""
+    at, step = solid.load.Get(), load - solid.load.Get()
+    while at != load:
+        target, state = (load if abs(load - at) <= abs(step) else at + step), solid.state
+        solid.load.Set(target)
+        record = solid.solve()
+        if record.converged:
+            at = target
+        else:
+            solid.state, step = state, step / 2
+            assert abs(step) > 1e-3 * abs(load), (load, at, record.reason)
+
+
+def orders(errors):
+    """Observed between one level and the next."""
+    errors = np.abs(errors)
+    return np.log2(errors[:-1] / errors[1:])
