@@ -30,7 +30,7 @@ class Solid:
             spaces.append(ngs.NumberSpace(mesh))
         self.fes = ngs.FESpace(spaces)
         self.gfu = ngs.GridFunction(self.fes)
-        self.u = self.gfu.components[0]
+        self.u, self.p = self.gfu.components[:2]
         u, p, *number = self.fes.TrialFunction()
         F = three(ngs.Id(u.dim) + ngs.Grad(u))
         energy = law.energy(isochoric(right_cauchy_green(F))) + perturbed_lagrangian(ngs.Det(F), p, inf)
@@ -188,6 +188,21 @@ def end_loads(u, forces):
 def torsion(c1, c2, twist, radius=1.0):
     """Torque and axial force of the incompressible cylinder, W = c1 (I₁ - 3) + c2 (I₂ - 3)."""
     return pi * twist * radius**4 * (c1 + c2), -pi * twist**2 * radius**4 * (c1 + 2 * c2) / 2
+
+
+def torsion_pressure(c1, c2, twist):
+    """Mean Cauchy stress in the cylinder of radius 1: σ_rr = -c1 ψ² (1 - r²) and (σ_θθ - σ_rr + σ_zz - σ_rr)/3."""
+    r2 = ngs.x**2 + ngs.y**2
+    return twist**2 * (c1 * (r2 - 1) + 2 / 3 * (c1 - c2) * r2)
+
+
+def distance(a, b, mesh):
+    """|a - b| / |b| in L2."""
+
+    def norm(c):
+        return ngs.sqrt(ngs.Integrate(ngs.InnerProduct(c, c), mesh, order=12))
+
+    return norm(a - b) / norm(b)
 
 
 def sphere_pressure(c1, c2, stretch):

@@ -5,6 +5,7 @@ import pytest
 from finite_strain import (
     Solid,
     cylinder,
+    distance,
     eighth_of_a_shell,
     end_loads,
     opened,
@@ -13,6 +14,7 @@ from finite_strain import (
     ring_pressure,
     sphere_pressure,
     torsion,
+    torsion_pressure,
     twisted,
 )
 
@@ -36,14 +38,16 @@ RING = {1.1: 0.131562, 1.2: 0.233370, 1.5: 0.428228, 2.0: 0.574053, 3.0: 0.66041
 
 
 def torsion_errors(name, order, level):
-    """Relative errors of torque and axial force."""
+    """Relative errors of torque, axial force, displacement and pressure (of the last two in L2)."""
     law, c1, c2 = LAWS[name]
     solid = Solid(cylinder(level, order), law, order, dirichlet="bottom|top")
     solid.u.Set(twisted(TWIST))
     record = solid.solve()
     assert record.converged, record.reason
     forces = solid.forces(solid.state)[solid.is_u]
-    return np.array(end_loads(solid.u, forces)) / torsion(c1, c2, TWIST) - 1
+    loads = np.array(end_loads(solid.u, forces)) / torsion(c1, c2, TWIST) - 1
+    u = distance(solid.u, twisted(TWIST), solid.mesh)
+    return np.array([*loads, u, distance(solid.p, torsion_pressure(c1, c2, TWIST), solid.mesh)])
 
 
 def sphere_errors(name, table, order, level):
@@ -63,9 +67,15 @@ def test_the_closed_forms_give_the_published_tables():
     assert [ring_pressure(1.0, s) for s in RING] == pytest.approx(list(RING.values()), abs=6e-7)
 
 
-# Order → errors of torque and axial force on the finest mesh, their orders.
-TORSION = {2: ((8e-4, 2e-2), (3.0, 2.8)), 3: ((1e-5, 6e-5), (4.5, 4.0))}
-FINE_TORSION = {2: ((1e-4, 3e-3), (3.0, 2.8)), 4: ((1e-6, 1e-5), (4.5, 4.5))}
+# Order → errors of torque, axial force, displacement and pressure on the finest mesh; their orders.
+TORSION = {
+    2: ((8e-4, 2e-2, 2e-3, 6e-2), (3.0, 2.8, 2.3, 1.8)),
+    3: ((1e-5, 6e-5, 4e-5, 1.5e-3), (4.5, 4.0, 3.3, 2.3)),
+}
+FINE_TORSION = {
+    2: ((1e-4, 3e-3, 3e-4, 1e-2), (3.0, 2.8, 2.5, 1.8)),
+    4: ((1e-6, 2e-6, 2e-6, 1e-4), (5.0, 5.0, 4.3, 3.3)),
+}
 
 
 def check_torsion(name, order, levels, sizes, rates):
