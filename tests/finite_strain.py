@@ -240,7 +240,7 @@ def reach(solid, load):
             at = target
         else:
             solid.state, step = state, step / 2
-            assert abs(step) > 1e-3 * abs(load), (load, at, record.reason)
+            assert abs(step) > 1e-2 * abs(load), (load, at, record.reason)
 
 
 def orders(errors):
