@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from ngbrain.materials import perturbed_lagrangian
 from ngbrain.solvers.newton import Newton
-from ngbrain.tensors import isochoric, right_cauchy_green
+from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 CAVITY = "cavity"
 
@@ -24,7 +24,7 @@ class Solid:
     """
 
     def __init__(self, mesh, law, order, control=None, bonus=2, **held):
-        self.mesh, self.order = mesh, order
+        self.mesh = mesh
         spaces = [ngs.VectorH1(mesh, order=order, **held), ngs.H1(mesh, order=order - 1)]
         if control == "volume":
             spaces.append(ngs.NumberSpace(mesh))
@@ -32,7 +32,7 @@ class Solid:
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p = self.gfu.components[:2]
         u, p, *number = self.fes.TrialFunction()
-        F = three(ngs.Id(u.dim) + ngs.Grad(u))
+        F = three(deformation_gradient(u))
         energy = law.energy(isochoric(right_cauchy_green(F))) + perturbed_lagrangian(ngs.Det(F), p, inf)
         self.form = ngs.BilinearForm(self.fes, symmetric=True)
         self.form += ngs.Variation(energy.Compile() * ngs.dx(bonus_intorder=bonus))
@@ -56,7 +56,7 @@ class Solid:
         self.weights = self.free / self.fes.ndof
         shape = ngs.TET if mesh.dim == 3 else ngs.TRIG
         self._points = mesh.MapToAllElements({shape: ngs.IntegrationRule(shape, 2 * order + bonus)}, ngs.VOL)
-        self._det = ngs.Det(ngs.Id(mesh.dim) + ngs.Grad(self.u)).Compile()
+        self._det = ngs.Det(deformation_gradient(self.u)).Compile()
         self._vec = self.gfu.vec.CreateVector()
 
     # What Newton's method asks.
@@ -97,10 +97,9 @@ class Solid:
 
     # What tests ask.
 
-    def solve(self, newton=None):
+    def solve(self):
         """Equilibrium from where the solid is; the record says whether it was reached."""
-        newton = newton or Newton(rtol=1e-9, xtol=1e-9)
-        self.state, record = newton.solve(self, self.state)
+        self.state, record = Newton(rtol=1e-9, xtol=1e-9).solve(self, self.state)
         return record
 
     def enclosed(self, u):
