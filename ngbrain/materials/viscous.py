@@ -21,6 +21,7 @@ from ngsolve import CoefficientFunction, exp
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Value, density, positive
+from ngbrain.materials.points import Points
 from ngbrain.tensors import lagrangian_deviator
 
 
@@ -39,6 +40,18 @@ class Branch:
         C = C.MakeVariable()
         return lagrangian_deviator(2 * density(self.law, Deformation.of_stretch(C)).Diff(C), C)
 
+    def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
+        """H (Pa), shape (histories, times, 3, 3), under given histories of C̄; at the first time H = S̄.
+
+        C holds its values at `points`: one history after the other. A branch of another kind has its own `overstress`.
+        """
+        S = points(self.stress(C).Compile()).T.reshape(-1, len(times), 3, 3)
+        H = S.copy()
+        e, beta = step_factors(np.diff(times), np.array(number(self.tau)))
+        for n in range(len(times) - 1):
+            H[:, n + 1] = e[n] * H[:, n] + beta[n] * (S[:, n + 1] - S[:, n])
+        return H
+
 
 @dataclass(frozen=True)
 class Viscous:
@@ -46,6 +59,11 @@ class Viscous:
 
     equilibrium: Law
     branches: tuple[Branch, ...] = ()
+
+    @property
+    def instantaneous(self) -> Law:
+        """W_∞ + Σ W_k, the elastic law of a fast deformation."""
+        return _Fixed(self, (1.0,) * len(self.branches))
 
     def density(self, at: Deformation, shares: Sequence[Value]) -> CoefficientFunction:
         """W_∞ + Σ β_k W_k(C̄) (Pa); `shares` are the β_k (1 for the instantaneous law, 0 for W_∞)."""
@@ -74,7 +92,12 @@ def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noq
     return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))
 
 
-def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def number(value: Value) -> float:
+    """What a number or a `Parameter` holds."""
+    return float(value.Get() if hasattr(value, "Get") else value)
+
+
+def step_factors(dt: float | np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of a step, to full precision for any Δt/τ ≥ 0 (β = 1 at 0).
 
     >>> e, beta = step_factors(1.0, np.array([1e9]))
