@@ -5,5 +5,6 @@ Everything is a nominal stress (first Piola-Kirchhoff, Pa) of an incompressible 
 """
 
 from ngbrain.materials.lab.elastic import ellipticity, initial_modulus, stress
+from ngbrain.materials.lab.relaxing import creep, history, relaxation, storage_loss
 
-__all__ = ["ellipticity", "initial_modulus", "stress"]
+__all__ = ["creep", "ellipticity", "history", "initial_modulus", "relaxation", "storage_loss", "stress"]

@@ -1,0 +1,189 @@
+"""What a relaxing material answers in a homogeneous test: histories, relaxation, creep, small oscillations."""
+
+from __future__ import annotations
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.materials.base import Deformation
+from ngbrain.materials.lab.elastic import initial_modulus
+from ngbrain.materials.lab.modes import Mode, mode_named
+from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed
+from ngbrain.materials.viscous import Branch, Viscous, number, step_factors
+
+RAMP_STEPS = 200
+
+
+def history(material: Viscous, mode: str, times: np.ndarray, stretches: np.ndarray) -> np.ndarray:
+    """Nominal stress (Pa) over time, of the shape of `stretches`: (times,), or (histories, times) for many at once.
+
+    times      s, increasing from 0 on
+    stretches  at these times; what is there at time 0 was put on suddenly (every branch starts with H = S̄)
+
+    Exact where the branches' stresses are linear in time within each step, else second order in the steps.
+
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> material = Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0])
+    >>> history(material, "shear", [0.0, 2.0, 100.0], [0.1, 0.1, 0.1])
+    array([100.   ,  68.394,  50.   ])
+    """
+    test, times = _test(material, mode), _checked_times(times)
+    values = test.checked(stretches)
+    if values.ndim not in (1, 2) or values.shape[-1] != len(times):
+        raise InputError("stretches", f"of shape {values.shape}", f"({len(times)},) or (histories, {len(times)})")
+    rows = values.reshape(-1, len(times))
+    answer = _symmetric(material, test, times, rows)
+    if answer is None:
+        answer = _stepped(material, test, times, rows)
+    return answer.reshape(values.shape)
+
+
+def relaxation(material: Viscous, mode: str, stretch: float, times: np.ndarray, rise: float = 0.0) -> np.ndarray:
+    """Nominal stress (Pa) at `times` (s, increasing, ≥ 0) of a stretch that is held, after a ramp from rest of `rise` s.
+
+    Without `rise` the stretch is sudden, and the answer is exact at any times.
+
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> relaxation(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), "shear", 0.1, [2.0, 100.0])
+    array([68.394, 50.   ])
+    """
+    test, wanted = _test(material, mode), _checked_times(times, from_rest=False)
+    if not (np.isfinite(rise) and rise >= 0):
+        raise InputError("rise", rise, "a time of at least 0 s")
+    ramp = np.linspace(0, rise, RAMP_STEPS + 1) if rise else np.zeros(1)
+    grid = np.union1d(ramp, wanted)
+    share = np.minimum(grid / rise, 1.0) if rise else np.ones_like(grid)
+    stretches = test.rest + (float(test.checked(stretch)) - test.rest) * share
+    return history(material, mode, grid, stretches)[np.searchsorted(grid, wanted)]
+
+
+def creep(material: Viscous, mode: str, stress: float, times: np.ndarray) -> np.ndarray:
+    """Stretch (or shear) at `times` (s, increasing from 0) under a sudden nominal stress (Pa) that stays.
+
+    Each time is one step, second order in its length. An equibiaxial test carries the stress both ways.
+
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> creep(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), "shear", 100.0, np.linspace(0, 100, 2001))[[0, -1]]
+    array([0.1, 0.2])
+    """
+    test, times = _test(material, mode), _checked_times(times)
+    if not np.isfinite(stress):
+        raise InputError("stress", stress, "a finite number (Pa)")
+    march = _March(material, test, 1)
+    march.specimen.state = test.isotropic(np.array([test.rest]))
+    stretches = []
+    for dt in np.diff(times, prepend=times[0]):
+        march.begin(dt)
+        march.specimen.settle(0, load=stress)
+        march.end()
+        stretches.append(march.specimen.state[0, 0])
+    return np.array(stretches)
+
+
+def storage_loss(material: Viscous, omega: np.ndarray) -> np.ndarray:
+    """G*(ω) = μ_∞ + Σ μ_k iωτ_k/(1 + iωτ_k) (Pa), complex, of small strain; ω in rad/s, ≥ 0.
+
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> storage_loss(Prony(NeoHooke(1000.0), g=[0.5], tau=[2.0]), [0.5])
+    array([750.+250.j])
+    """
+    _test(material, "shear")
+    frequency = np.asarray(omega, dtype=float)
+    if not np.all(frequency >= 0):
+        raise InputError("omega", omega, "frequencies of at least 0 rad/s")
+    total = np.full(frequency.shape, initial_modulus(material.equilibrium), dtype=complex)
+    for branch in material.branches:
+        x = 1j * frequency * number(branch.tau)
+        total += initial_modulus(branch.law) * x / (1 + x)
+    return total
+
+
+def _test(material: Viscous, mode: str) -> Mode:
+    if not isinstance(material, Viscous):
+        raise InputError("material", named(material), "a relaxing one, such as Viscous(law) or Prony(law, g, tau)")
+    placed(material.instantaneous)
+    for branch in material.branches:
+        if isinstance(branch.tau, CoefficientFunction) and not hasattr(branch.tau, "Get"):
+            raise InputError("tau", "a CoefficientFunction", "a number or an ngsolve Parameter")
+    return mode_named(mode)
+
+
+def _checked_times(times: np.ndarray, from_rest: bool = True) -> np.ndarray:
+    values = np.asarray(times, dtype=float)
+    start = values.size and (values[0] == 0 if from_rest else values[0] >= 0)
+    if values.ndim != 1 or not start or not np.isfinite(values).all() or np.any(np.diff(values) <= 0):
+        raise InputError("times", times, f"seconds in increasing order, from {'0' if from_rest else '0 or later'} on")
+    return values
+
+
+def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray | None:
+    """All times at once in the symmetric state, or None where that is no equilibrium."""
+    specimen = Specimen.of_law(material.equilibrium, test, stretches.size)
+    specimen.state = test.isotropic(stretches.ravel())
+    force = specimen.force
+    specimen.demand_energy(stretches.ravel(), specimen.energy + force.sum(axis=0))
+    F, dF = specimen.motion()
+    for branch in material.branches:
+        H = branch.overstress(specimen.points, specimen.C, times).reshape(-1, 3, 3)
+        force = force + np.einsum("nij,njk,nika->an", F, H, dF, optimize=True)
+    specimen.demand_energy(stretches.ravel(), force.sum(axis=0))
+    transverse = force[test.given :]
+    if transverse.size and np.abs(transverse).max() > STATIONARY * np.abs(force).max():
+        return None
+    return force[0].reshape(stretches.shape)
+
+
+def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray:
+    """One time after the other, the body choosing its transverse strains in each."""
+    march = _March(material, test, len(stretches))
+    answer = np.empty_like(stretches)
+    for n, dt in enumerate(np.diff(times, prepend=times[0])):
+        march.begin(dt)
+        if n == 0:
+            march.specimen.stretch_to(stretches[:, 0])
+        else:
+            state = march.specimen.state.copy()
+            state[: test.given] = stretches[:, n]
+            march.specimen.state = state
+        march.specimen.settle(test.given)
+        answer[:, n] = march.specimen.stress
+        march.end()
+    return answer
+
+
+class _March:
+    """Time steps as energies: W_∞ + Σ β_k W_k + ½ Σ (e_k H_k - β_k S̄_k) : C; the first, of length 0, is W_∞ + Σ W_k."""
+
+    def __init__(self, material: Viscous, test: Mode, count: int) -> None:
+        for branch in material.branches:
+            if not isinstance(branch, Branch):
+                raise InputError("material", named(material), "hereditary branches (Branch) where transverse strains move")
+        self._tau = np.array([number(branch.tau) for branch in material.branches])
+        self._beta = [ngs.Parameter(1.0) for _ in material.branches]
+        self._memory = Specimen.of_law(material.equilibrium, test, count).points.field(np.zeros((9, count)))
+        memory = ngs.CF(tuple(self._memory[i] for i in range(9)), dims=(3, 3))
+
+        def energy(at: Deformation) -> CoefficientFunction:
+            return material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C)
+
+        self.specimen = Specimen(energy, test, count, named(material))
+        self._stress = [branch.stress(self.specimen.C).Compile() for branch in material.branches]
+        self._S = self._H = np.zeros((len(material.branches), 9, count))
+        self._factors = np.zeros((len(material.branches), 1, 1)), np.ones((len(material.branches), 1, 1))
+
+    def begin(self, dt: float) -> None:
+        """Set up the step of `dt` seconds from the state reached."""
+        e, beta = step_factors(dt, self._tau)
+        for parameter, value in zip(self._beta, beta, strict=True):
+            parameter.Set(value)
+        self._factors = e[:, None, None], beta[:, None, None]
+        memory = self._factors[0] * self._H - self._factors[1] * self._S
+        self.specimen.points.put(self._memory, memory.sum(axis=0))
+
+    def end(self) -> None:
+        """Carry the history over."""
+        e, beta = self._factors
+        S = np.array([self.specimen.points(stress) for stress in self._stress]).reshape(self._S.shape)
+        self._H, self._S = e * self._H + beta * (S - self._S), S
