@@ -4,7 +4,23 @@ Everything is a nominal stress (first Piola-Kirchhoff, Pa) of an incompressible 
 "equibiaxial", "planar" and "shear". Parameters of laws are numbers or ngsolve `Parameter`s.
 """
 
+from ngbrain.materials.lab.curves import Curve, budday
 from ngbrain.materials.lab.elastic import ellipticity, initial_modulus, stress
+from ngbrain.materials.lab.fit import Fit, fit
+from ngbrain.materials.lab.plot import plot
 from ngbrain.materials.lab.relaxing import creep, history, relaxation, storage_loss
 
-__all__ = ["creep", "ellipticity", "history", "initial_modulus", "relaxation", "storage_loss", "stress"]
+__all__ = [
+    "Curve",
+    "Fit",
+    "budday",
+    "creep",
+    "ellipticity",
+    "fit",
+    "history",
+    "initial_modulus",
+    "plot",
+    "relaxation",
+    "storage_loss",
+    "stress",
+]
