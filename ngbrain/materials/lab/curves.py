@@ -65,7 +65,7 @@ def checked_curves(data: Iterable[Curve]) -> list[Curve]:
 
 
 def budday(region: str) -> list[Curve]:
-    """Compression, tension and shear of human brain tissue, mean curves in Pa.
+    """Compression, tension and shear (either way, symmetric) of human brain tissue, mean curves in Pa.
 
     region   "cortex", "corona_radiata", "basal_ganglia" or "corpus_callosum"
 
@@ -83,5 +83,7 @@ def budday(region: str) -> list[Curve]:
     for name, mode in (("compression", "uniaxial"), ("tension", "uniaxial"), ("shear", "shear")):
         mine = [(float(row["stretch"]), float(row[region])) for row in rows if row["curve"] == name]
         stretches, kilopascals = np.array(mine).T
+        if mode == "shear":
+            stretches, kilopascals = (np.concatenate([-half[:0:-1], half]) for half in (stretches, kilopascals))
         curves.append(Curve(mode, stretches, 1e3 * kilopascals, name))
     return curves

@@ -200,7 +200,7 @@ class _Problem:
             r2={c.label: _r2(stress, c.stress) for stress, c in zip(stresses, self.curves, strict=True)},
             residual=float(np.sqrt(np.mean(result.fun**2))),
             active=active,
-            reached=reached,
+            reached=int(reached),
             starts=starts,
             law=self.law(**values),
         )

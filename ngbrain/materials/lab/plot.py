@@ -49,8 +49,9 @@ def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[st
     with require("matplotlib", "report").rc_context(STYLE):
         page = figures.Figure(figsize=(max(4.5, 3.6 * len(shown)), 3.9), dpi=150, layout="constrained")
         panels = page.subplots(1, len(shown), squeeze=False)[0]
+        marked = list(zip(curves, MARKS * (len(curves) // len(MARKS) + 1), strict=False))
         for axes, mode in zip(panels, shown, strict=True):
-            _panel(axes, mode, laws, [curve for curve in curves if curve.mode == mode])
+            _panel(axes, mode, laws, [(curve, mark) for curve, mark in marked if curve.mode == mode])
         panels[0].set_ylabel("nominal stress (kPa)")
         entries: dict[str, Any] = {}
         for axes in panels:
@@ -63,16 +64,16 @@ def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[st
     return page
 
 
-def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[Curve]) -> None:
+def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[tuple[Curve, str]]) -> None:
     rest = MODES[mode].rest
     low, high = RANGES[mode]
     if curves:
-        low = min(rest, *(curve.stretches.min() for curve in curves))
-        high = max(rest, *(curve.stretches.max() for curve in curves))
+        low = min(rest, *(curve.stretches.min() for curve, _ in curves))
+        high = max(rest, *(curve.stretches.max() for curve, _ in curves))
     stretches = np.linspace(low, high, SAMPLES)
     for (label, law), (colour, dash) in zip(laws.items(), LINES, strict=False):
         axes.plot(stretches, stress(law, mode, stretches) / 1e3, color=colour, ls=dash, lw=1.8, label=label)
-    for curve, mark in zip(curves, MARKS * len(curves), strict=False):
+    for curve, mark in curves:
         look = {"ls": "", "marker": mark, "ms": 4.5, "mfc": "white", "mec": "#222222", "mew": 1.0}
         axes.plot(curve.stretches, curve.stress / 1e3, label=f"data: {curve.label}", zorder=3, **look)
     axes.axhline(0, color="#999999", lw=0.6, zorder=0)
