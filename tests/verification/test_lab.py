@@ -47,7 +47,7 @@ def test_ogden_in_closed_form(alpha, mode):
     s = at(mode)
     power = {"uniaxial": -alpha / 2 - 1, "equibiaxial": -2 * alpha - 1, "planar": -alpha - 1}
     if mode == "shear":
-        g, s = s, s / 2 + np.sqrt(1 + s**2 / 4)
+        s = s / 2 + np.sqrt(1 + s**2 / 4)
         wanted = 2 * 1.3 / alpha * (s**alpha - s**-alpha) / (s + 1 / s)
     else:
         wanted = 2 * 1.3 / alpha * (s ** (alpha - 1) - s ** power[mode])
@@ -115,7 +115,9 @@ def test_parameters_may_change_between_calls():
     assert soft.shape == (2, 1) and np.allclose(lab.stress(NeoHooke(mu), "shear", [[0.1], [0.2]]), 3 * soft)
 
 
-@pytest.mark.parametrize("law", [*((law, mu) for law, _, _, mu in LAWS.values()), (Ogden([1.0, 2.0], [-20.0, 3.0]), 3.0)])
+@pytest.mark.parametrize(
+    "law", [*((law, mu) for law, _, _, mu in LAWS.values()), (Ogden([1.0, 2.0], [-20.0, 3.0]), 3.0)]
+)
 def test_initial_modulus(law):
     assert lab.initial_modulus(law[0]) == pytest.approx(law[1], rel=1e-9)
 
@@ -190,7 +192,7 @@ def test_confidence_intervals_cover_the_truth(rng):
         noisy = lab.Curve("uniaxial", stretches, exact + 0.03 * rng.standard_normal(15))
         found = lab.fit(MooneyRivlin, [noisy], {"c10": 0.5, "c01": 0.5}, starts=1)
         ends = np.array(list(found.confidence.values()))
-        covered += (ends[:, 0] < [0.3, 0.7]) & ([0.3, 0.7] < ends[:, 1])
+        covered += (ends[:, 0] < [0.3, 0.7]) & (ends[:, 1] > [0.3, 0.7])
     assert np.all(covered >= 85) and np.any(covered < 100), covered
 
 
@@ -226,7 +228,10 @@ def test_a_fit_never_tries_what_the_law_refuses():
     data = [lab.Curve("uniaxial", stretches, lab.stress(Ogden(500.0, -8.0), "uniaxial", stretches))]
     for guess in (50.0, 950.0):
         found = lab.fit(law, data, {"mu": guess, "alpha": -3.0}, starts=1)
-        assert found.parameters == pytest.approx({"mu": 500.0, "alpha": -8.0}, rel=1e-6) and found.r2["uniaxial"] > 1 - 1e-12
+        assert (
+            found.parameters == pytest.approx({"mu": 500.0, "alpha": -8.0}, rel=1e-6)
+            and found.r2["uniaxial"] > 1 - 1e-12
+        )
     assert len(tried) > 20
 
 

@@ -118,7 +118,9 @@ def work(material, mode, duration, strain, every=1):
     """∮ P dλ by the trapezoidal rule: of λ₁ only, so twice that in the equibiaxial test."""
     s = stretch(mode, strain[:, ::every])
     P = lab.history(material, mode, duration * np.linspace(0, 1, s.shape[1]), s)
-    return np.sum((P[:, 1:] + P[:, :-1]) / 2 * np.diff(s), axis=1), np.abs(P).max(axis=1) * np.abs(np.diff(s)).sum(axis=1)
+    return np.sum((P[:, 1:] + P[:, :-1]) / 2 * np.diff(s), axis=1), np.abs(P).max(axis=1) * np.abs(np.diff(s)).sum(
+        axis=1
+    )
 
 
 @pytest.mark.parametrize("name", CYCLED)
@@ -127,7 +129,9 @@ def test_no_closed_cycle_gives_work(name, rng):
         for duration in (0.1, 2.0, 40.0, 2000.0):
             strain = closed_cycles(rng, 63, 128)  # 63 × 4 × 4 = 1008 cycles
             fine, scale = work(CYCLED[name], mode, duration, strain)
-            error = np.abs(work(CYCLED[name], mode, duration, strain, every=2)[0] - fine)  # about 3 times that of `fine`
+            error = np.abs(
+                work(CYCLED[name], mode, duration, strain, every=2)[0] - fine
+            )  # about 3 times that of `fine`
             assert np.all(fine + error > 0), (mode, duration, (fine / scale).min(), (error / scale).max())
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ngsolve as ngs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ngbrain.materials.base import Deformation, Law, density
 from ngbrain.materials.lab.modes import MODES, mode_named
@@ -11,7 +12,7 @@ from ngbrain.materials.lab.specimen import Specimen, checked
 from ngbrain.materials.points import Points
 
 
-def stress(law: Law, mode: str, stretches: np.ndarray) -> np.ndarray:
+def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     """Nominal stress (Pa) of an incompressible body with free surfaces, of the shape of `stretches`.
 
     mode       "uniaxial", "equibiaxial" (P₁₁), "planar" (no strain along 2) or "shear" (P₁₂, of F = 1 + γ e₁⊗e₂)
@@ -43,7 +44,7 @@ def initial_modulus(law: Law) -> float:
     return float(specimen.stiffness[0, 0, 0])
 
 
-def ellipticity(law: Law, mode: str, stretches: np.ndarray) -> np.ndarray:
+def ellipticity(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     """Smallest eigenvalue (Pa) of the acoustic tensor over all directions n; waves and shear bands: see below.
 
     Q(n)_ik = A_iJkL (Fᵀn)_J (Fᵀn)_L with A = ∂²W/∂F∂F and |n| = 1, restricted to amplitudes perpendicular to n, where

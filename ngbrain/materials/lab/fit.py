@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import ngsolve as ngs
 import numpy as np
@@ -124,7 +125,9 @@ class _Problem:
         if not plain:
             return {}
         law = self.law(**self._parameters)
-        return {curve.label: Specimen.of_law(law, MODES[curve.mode], len(curve.stretches)) for curve in plain}
+        return {
+            curve.label: Specimen.of_law(cast(Law, law), MODES[curve.mode], len(curve.stretches)) for curve in plain
+        }
 
     def _curves(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Nominal stress (Pa) along each curve."""
@@ -138,7 +141,7 @@ class _Problem:
                 specimen.stretch_to(curve.stretches)
                 answers.append(specimen.stress)
             else:
-                answers.append(history(law, curve.mode, curve.times, curve.stretches))  # type: ignore[arg-type]
+                answers.append(history(cast(Viscous, law), curve.mode, curve.times, curve.stretches))
         return answers
 
     def _named(self, x: np.ndarray) -> dict[str, float]:

@@ -57,10 +57,9 @@ def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[st
         for axes in panels:
             entries |= {label: line for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         order = [*laws, *(label for label in entries if label not in laws)]
-        page.legend(
-            [entries[label] for label in order], order, loc="outside lower center", ncols=min(len(order), 4 if len(shown) > 1 else 2),
-            frameon=False,
-        )  # fmt: skip
+        columns = min(len(order), 4 if len(shown) > 1 else 2)
+        handles = [entries[label] for label in order]
+        page.legend(handles, order, loc="outside lower center", ncols=columns, frameon=False)
     return page
 
 

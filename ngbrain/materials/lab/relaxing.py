@@ -5,6 +5,7 @@ from __future__ import annotations
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
+from numpy.typing import ArrayLike
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
@@ -16,7 +17,7 @@ from ngbrain.materials.viscous import Branch, Viscous, number, step_factors
 RAMP_STEPS = 200
 
 
-def history(material: Viscous, mode: str, times: np.ndarray, stretches: np.ndarray) -> np.ndarray:
+def history(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) -> np.ndarray:
     """Nominal stress (Pa) over time, of the shape of `stretches`: (times,), or (histories, times) for many at once.
 
     times      s, increasing from 0 on
@@ -40,7 +41,7 @@ def history(material: Viscous, mode: str, times: np.ndarray, stretches: np.ndarr
     return answer.reshape(values.shape)
 
 
-def relaxation(material: Viscous, mode: str, stretch: float, times: np.ndarray, rise: float = 0.0) -> np.ndarray:
+def relaxation(material: Viscous, mode: str, stretch: float, times: ArrayLike, rise: float = 0.0) -> np.ndarray:
     """Nominal stress (Pa) at `times` (s, increasing, ≥ 0) of a stretch that is held, after a ramp from rest of `rise` s.
 
     Without `rise` the stretch is sudden, and the answer is exact at any times.
@@ -59,7 +60,7 @@ def relaxation(material: Viscous, mode: str, stretch: float, times: np.ndarray, 
     return history(material, mode, grid, stretches)[np.searchsorted(grid, wanted)]
 
 
-def creep(material: Viscous, mode: str, stress: float, times: np.ndarray) -> np.ndarray:
+def creep(material: Viscous, mode: str, stress: float, times: ArrayLike) -> np.ndarray:
     """Stretch (or shear) at `times` (s, increasing from 0) under a sudden nominal stress (Pa) that stays.
 
     Each time is one step, second order in its length. An equibiaxial test carries the stress both ways.
@@ -82,7 +83,7 @@ def creep(material: Viscous, mode: str, stress: float, times: np.ndarray) -> np.
     return np.array(stretches)
 
 
-def storage_loss(material: Viscous, omega: np.ndarray) -> np.ndarray:
+def storage_loss(material: Viscous, omega: ArrayLike) -> np.ndarray:
     """G*(ω) = μ_∞ + Σ μ_k iωτ_k/(1 + iωτ_k) (Pa), complex, of small strain; ω in rad/s, ≥ 0.
 
     >>> from ngbrain.materials import NeoHooke, Prony
@@ -110,7 +111,7 @@ def _test(material: Viscous, mode: str) -> Mode:
     return mode_named(mode)
 
 
-def _checked_times(times: np.ndarray, from_rest: bool = True) -> np.ndarray:
+def _checked_times(times: ArrayLike, from_rest: bool = True) -> np.ndarray:
     values = np.asarray(times, dtype=float)
     start = values.size and (values[0] == 0 if from_rest else values[0] >= 0)
     if values.ndim != 1 or not start or not np.isfinite(values).all() or np.any(np.diff(values) <= 0):
@@ -159,7 +160,9 @@ class _March:
     def __init__(self, material: Viscous, test: Mode, count: int) -> None:
         for branch in material.branches:
             if not isinstance(branch, Branch):
-                raise InputError("material", named(material), "hereditary branches (Branch) where transverse strains move")
+                raise InputError(
+                    "material", named(material), "hereditary branches (Branch) where transverse strains move"
+                )
         self._tau = np.array([number(branch.tau) for branch in material.branches])
         self._beta = [ngs.Parameter(1.0) for _ in material.branches]
         self._memory = Specimen.of_law(material.equilibrium, test, count).points.field(np.zeros((9, count)))
