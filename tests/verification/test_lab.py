@@ -132,6 +132,41 @@ def test_neo_hooke_is_elliptic_everywhere(mode):
     assert np.allclose(lab.ellipticity(NeoHooke(3.0), mode, s), least, rtol=1e-9)
 
 
+@pytest.mark.parametrize("mode", ["uniaxial", "equibiaxial", "planar", "shear"])
+def test_slowest_wave_of_mooney_rivlin(mode):
+    """Along the shortest axis, swinging along the longest: ρc² = 2 (c₁₀ + c₀₁ b₂) b₃, b₁ ≥ b₂ ≥ b₃ eigenvalues of FFᵀ."""
+    s = np.array([0.4, 0.9, 1.3, 2.0])
+    specimen = lab.specimen.Specimen.of_law(NeoHooke(1.0), MODES[mode], len(s))
+    specimen.stretch_to(s)
+    F = specimen.motion()[0]
+    b = np.linalg.eigvalsh(F @ F.transpose(0, 2, 1))
+    wanted = 2 * (0.7 + 0.4 * b[:, 1]) * b[:, 0]
+    assert np.allclose(lab.ellipticity(MooneyRivlin(0.7, 0.4), mode, s), wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["planar", "shear"])
+def test_no_rank_one_change_bends_less_than_the_slowest_wave(mode, rng):
+    """Second differences of the energy written out here, over F + ε a⊗(Fᵀn) with a ⟂ n."""
+    law = Fibres([0.3, -1.0, 0.6])
+    specimen = lab.specimen.Specimen.of_law(law, MODES[mode], 1)
+    specimen.stretch_to(np.array([1.3]))
+    F, eps = specimen.motion()[0][0], 1e-4
+
+    def energy(F):
+        E = np.sum((F @ law.a) ** 2, axis=-1) - 1
+        fibre = law.k1 / (2 * law.k2) * np.expm1(law.k2 * E**2) * (E > 0)
+        return law.mu / 2 * (np.sum(F**2, axis=(-2, -1)) - 3) + fibre
+
+    n, a = rng.standard_normal((2, 200_000, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    a -= np.sum(a * n, axis=1, keepdims=True) * n
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    change = eps * a[:, :, None] * (n @ F)[:, None, :]
+    bending = (energy(F + change) - 2 * energy(F) + energy(F - change)) / eps**2
+    least = lab.ellipticity(law, mode, 1.3)
+    assert least * (1 - 1e-6) < bending.min() < 1.02 * least
+
+
 def test_softening_law_loses_ellipticity_where_its_shear_curve_peaks():
     """W(I₁): elliptic in plane strain as long as τ(k) = 2k W'(3 + k²) rises, k = λ - 1/λ the amount of shear."""
     c1, c2 = 1.0, -0.15

@@ -176,6 +176,14 @@ def test_the_stretch_of_creep_gives_the_stress_back(mode, stress):
     assert np.all(np.diff(size) > 0) and size[-1] > 0.1
 
 
+@pytest.mark.parametrize("stress", [-20e3, 10e3])
+def test_creep_under_a_load_whose_first_newton_step_leaves_all_sense(stress):
+    """The small-strain answer to the load, λ - 1 = P/3μ, is -8 or 4."""
+    (found,) = lab.creep(MILLER, "uniaxial", stress, [0.0])
+    assert lab.stress(MILLER.instantaneous, "uniaxial", found) == pytest.approx(stress, rel=1e-8)
+    assert (found > 1) == (stress > 0)
+
+
 class Fibres:
     """Oblique fibres: the symmetric state is no equilibrium."""
 

@@ -142,6 +142,7 @@ class Specimen:
         Newton's method at all points at once, on the absolute curvature, each with its own step length. Stretches stay
         positive. Starts from `state`; `ConvergenceError` when it does not end.
         """
+        last = np.inf
         for _ in range(NEWTON_STEPS):
             x, slope, curvature = self.state, self._pull(load)[first:], self.stiffness[:, first:, first:]
             if not (np.isfinite(slope).all() and np.isfinite(curvature).all()):
@@ -151,7 +152,9 @@ class Specimen:
             step = np.zeros_like(x)
             along = np.einsum("nij,in->nj", vectors, slope) / size
             step[first:] = -np.einsum("nij,nj->in", vectors, along)
-            done = np.abs(step).max() <= 1e-9
+            moved = np.max(np.abs(step) / (1 + np.abs(x)))
+            done = moved <= 1e-9 or (moved <= 1e-5 and moved > last / 2)  # or as small as rounding lets it be
+            last = moved
             self._advance(step, load, np.einsum("in,in->n", slope, step[first:]), size.max(axis=1))
             if done:
                 return
