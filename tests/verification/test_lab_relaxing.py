@@ -129,10 +129,14 @@ def test_no_closed_cycle_gives_work(name, rng):
         for duration in (0.1, 2.0, 40.0, 2000.0):
             strain = closed_cycles(rng, 63, 128)  # 63 × 4 × 4 = 1008 cycles
             fine, scale = work(CYCLED[name], mode, duration, strain)
-            error = np.abs(
-                work(CYCLED[name], mode, duration, strain, every=2)[0] - fine
-            )  # about 3 times that of `fine`
-            assert np.all(fine + error > 0), (mode, duration, (fine / scale).min(), (error / scale).max())
+            coarse, _ = work(
+                CYCLED[name], mode, duration, strain, every=2
+            )  # its quadrature error: three times that of fine
+            assert np.all(fine > 0) and np.all(np.abs(coarse - fine) < 0.01 * scale), (
+                mode,
+                duration,
+                (fine / scale).min(),
+            )
 
 
 def test_storage_and_loss():
