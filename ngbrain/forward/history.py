@@ -65,7 +65,7 @@ class History:
     def _flow(self, k: int) -> Flow:
         """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
         branches = {name: r.law.flowing[k] for name, r in self.regions.items() if len(r.law.flowing) > k}
-        absent = ngs.CF((0.0, 0.0, 1.0, 0.0, 1.0))
+        absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 
         def slopes(strain: CoefficientFunction) -> CoefficientFunction:
             parts = {name: branch.slopes(strain) for name, branch in branches.items()}

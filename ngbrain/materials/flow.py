@@ -29,7 +29,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
-from ngbrain.materials.points import Points, initial_modulus
+from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.tensors import principal_values
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
@@ -38,6 +38,8 @@ TOLERANCE = 1e-12
 ITERATIONS = 60
 HALVINGS = 10
 SMALL = 1e-6
+SUDDEN = 1e-12
+"""Duration of a sudden change, in relaxation times."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Maxwell:
         return self.eta / initial_modulus(self.law)
 
     def slopes(self, strain: CoefficientFunction) -> CoefficientFunction:
-        """∂W (2 entries) and ∂²W (11, 12, 22) at elastic strains given by their two coordinates (see `PLANE`)."""
+        """W, ∂W (2 entries) and ∂²W (11, 12, 22) at elastic strains given by their two coordinates (see `PLANE`)."""
         first, second = ((1.0 * strain[i]).MakeVariable() for i in range(2))
         logs = [float(PLANE[0, i]) * first + float(PLANE[1, i]) * second for i in range(3)]
         zero = ngs.CF(0.0)
@@ -69,7 +71,29 @@ class Maxwell:
         of_logs = getattr(self.law, "of_logs", None)
         W = of_logs(logs) if of_logs else density(self.law, Deformation.of_stretch(stretch))
         by = W.Diff(first), W.Diff(second)
-        return ngs.CF((*by, by[0].Diff(first), by[0].Diff(second), by[1].Diff(second))).Compile()
+        return ngs.CF((W, *by, by[0].Diff(first), by[0].Diff(second), by[1].Diff(second))).Compile()
+
+    def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
+        """2 ∂W/∂C̄ (Pa), shape (histories, times, 3, 3), under given histories of C̄, the first value put on suddenly.
+
+        C holds its values at `points`: one history after the other.
+        """
+        histories = points(C).reshape(9, -1, len(times))
+        sample = Points.line(histories.shape[1])
+        flow = Flow(sample, self.slopes, number(self.eta))
+        shape = sample.field(histories[:, :, 0])
+        at = ngs.CF(tuple(shape[i] for i in range(9)), dims=(3, 3)).MakeVariable()
+        trial, by_C = flow.trial(at).Compile(), flow.energy(at).Diff(at)
+        stress, answer = (by_C + by_C.trans).Compile(), np.empty((*histories.shape[1:], 3, 3))
+        before = six_of(np.tile(np.eye(3).reshape(9, 1), histories.shape[1]))
+        for n, dt in enumerate(np.diff(times, prepend=times[0] - SUDDEN * number(self.tau))):
+            flow.begin(dt, before)
+            sample.put(shape, histories[:, :, n])
+            flow.relax(sample(trial))
+            answer[:, n] = sample(stress).T.reshape(-1, 3, 3)
+            before = six_of(histories[:, :, n])
+            flow.finish(before)
+        return answer
 
 
 class Flow:
@@ -83,7 +107,9 @@ class Flow:
     present state; `relax` sets them. Stress and tangent there are exact, without the law in the form that is assembled.
     """
 
-    def __init__(self, points: Points, slopes: Callable[[CoefficientFunction], CoefficientFunction], eta: np.ndarray):
+    def __init__(
+        self, points: Points, slopes: Callable[[CoefficientFunction], CoefficientFunction], eta: float | np.ndarray
+    ) -> None:
         n = len(points.mapped)
         self.points, self.eta = points, np.broadcast_to(np.asarray(eta, float), (n,))
         self.kappa = np.zeros(n)
@@ -92,8 +118,8 @@ class Flow:
         self._strain = points.field(np.zeros((2, n)))
         self._slopes = slopes(self._strain)
         self._G = points.field(np.tile(np.eye(3).reshape(9, 1), n))
-        self._frozen = points.field(np.zeros((7, n)))
-        self._modulus = self._at(self._elastic)[2] / 2
+        self._frozen = points.field(np.zeros((8, n)))
+        self._modulus = self._at(self._elastic)[3] / 2
         self._step = self.G
 
     def trial(self, C: CoefficientFunction) -> CoefficientFunction:
@@ -103,17 +129,17 @@ class Flow:
         return ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """s·(x - x*) + ½ (x - x*)·M (x - x*) with x*, s and M of the last `relax`: the minimum but for a constant."""
+        """The minimum, W* + s·(x - x*) + ½ (x - x*)·M (x - x*) with x*, W*, s and M of the last `relax`."""
         x, f = self.trial(C), self._frozen
         d1, d2 = x[0] - f[0], x[1] - f[1]
-        return f[2] * d1 + f[3] * d2 + (f[4] * d1 * d1 + f[6] * d2 * d2) / 2 + f[5] * d1 * d2
+        return f[2] + f[3] * d1 + f[4] * d2 + (f[5] * d1 * d1 + f[7] * d2 * d2) / 2 + f[6] * d1 * d2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at the shapes C̄ (`six` entries, n): half of it with the stress there."""
         C = tensors(shapes)
         vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ C @ self.G)
         e = PLANE @ logs
-        slope = self._at(e)[:2]
+        slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
         strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
         modulus = np.where(strained, squared / (2 * np.where(strained, along, 1.0)), self._modulus)
@@ -122,7 +148,7 @@ class Flow:
         self.kappa = self.eta / dt * factor
         flowed = -theta * dt / (4 * safe) * slope
         for _ in range(HALVINGS):  # still downhill at its end, a path of flow has not gone uphill: it dissipates
-            uphill = np.sum(self._at(e + flowed)[:2] * slope, axis=0) < 0
+            uphill = np.sum(self._at(e + flowed)[1:3] * slope, axis=0) < 0
             if not np.any(uphill):
                 break
             flowed = np.where(uphill, flowed / 2, flowed)
@@ -133,10 +159,10 @@ class Flow:
     def relax(self, x: np.ndarray) -> None:
         """Find the minimum at the coordinates x (2, n) that `trial` has now; NaN where there is none."""
         e, slopes = self._minimum(x)
-        (a, b, c), k = slopes[2:], 2 * self.kappa
+        W, (a, b, c), k = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0), slopes[3:], 2 * self.kappa
         det = (a + k) * (c + k) - b * b
         M = np.array([a * (c + k) - b * b, k * b, c * (a + k) - b * b]) * k / np.where(det != 0, det, 1.0)
-        self.points.put(self._frozen, np.array([*x, *slopes[:2], *np.where(np.isfinite(e[0]), M, np.nan)]))
+        self.points.put(self._frozen, np.array([*x, W, *slopes[1:3], *np.where(np.isfinite(e[0]), M, np.nan)]))
 
     def finish(self, shapes: np.ndarray) -> None:
         """End the step at the shapes C̄ (`six` entries, n)."""
@@ -165,9 +191,9 @@ class Flow:
         k = 2 * self.kappa
         e = self._elastic
         slopes = self._at(e)
-        gradient = slopes[:2] - k * (x - e)
+        gradient = slopes[1:3] - k * (x - e)
         for _ in range(ITERATIONS):
-            h11, h12, h22 = slopes[2] + k, slopes[3], slopes[4] + k
+            h11, h12, h22 = slopes[3] + k, slopes[4], slopes[5] + k
             det = h11 * h22 - h12 * h12
             safe = np.where(det > 0, det, np.inf)
             step = -np.array([h22 * gradient[0] - h12 * gradient[1], h11 * gradient[1] - h12 * gradient[0]]) / safe
@@ -178,7 +204,7 @@ class Flow:
             for _ in range(12):
                 tried = e + length * step
                 there = self._at(tried)
-                new = there[:2] - k * (x - tried)
+                new = there[1:3] - k * (x - tried)
                 worse = ~(np.sum(new * new, axis=0) <= np.sum(gradient * gradient, axis=0)) & (left > TOLERANCE)
                 if not np.any(worse):
                     break
@@ -188,6 +214,11 @@ class Flow:
             e = np.where(left > 1e-8, np.nan, e)
         self._elastic = np.where(np.isfinite(e), e, 0.0)
         return e, slopes
+
+
+def six_of(tensors: np.ndarray) -> np.ndarray:
+    """The `six` entries (6, n) of tensors given by rows (9, n)."""
+    return tensors[[0, 4, 8, 5, 2, 1]]
 
 
 def tensors(entries: np.ndarray) -> np.ndarray:

@@ -55,6 +55,11 @@ def _line(n: int) -> tuple[ngs.FESpace, np.ndarray]:
     return ngs.L2(mesh, order=0), mesh.MapToAllElements(middle, ngs.VOL)
 
 
+def number(value: Value) -> float:
+    """What a number, a `Parameter` or an expression of these holds."""
+    return float(Points.line(1)(value)[0, 0]) if isinstance(value, CoefficientFunction) else float(value)
+
+
 def initial_modulus(law: Law) -> Value:
     """Shear modulus (Pa) of an isotropic law at rest, ∂²W/∂γ² in simple shear γ; it may depend on place.
 

@@ -23,6 +23,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, checked, density, positive
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Polynomial
+from ngbrain.materials.points import Points, number
 from ngbrain.tensors import lagrangian_deviator
 
 
@@ -41,6 +42,18 @@ class Branch:
         C = C.MakeVariable()
         by_C = density(self.law, Deformation.of_stretch(C)).Diff(C)
         return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
+
+    def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
+        """H (Pa), shape (histories, times, 3, 3), under given histories of C̄; at the first time H = S̄.
+
+        C holds its values at `points`: one history after the other. A branch of another kind has its own `overstress`.
+        """
+        S = points(self.stress(C).Compile()).T.reshape(-1, len(times), 3, 3)
+        H = S.copy()
+        e, beta = step_factors(np.diff(times), np.array(number(self.tau)))
+        for n in range(len(times) - 1):
+            H[:, n + 1] = e[n] * H[:, n] + beta[n] * (S[:, n + 1] - S[:, n])
+        return H
 
 
 @dataclass(frozen=True)
@@ -158,7 +171,7 @@ def _shares_of(
     return shares, times
 
 
-def step_factors(dt: float, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def step_factors(dt: float | np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) of a step, to full precision for any Δt/τ ≥ 0 (β = 1 at 0).
 
     >>> e, beta = step_factors(1.0, np.array([1e9]))

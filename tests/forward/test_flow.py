@@ -29,6 +29,17 @@ def flowed(make_body, plate, rng):
     return body, before + x, dx
 
 
+def test_residual_is_the_gradient_of_the_least_energy(flowed):
+    body, x, dx = flowed
+
+    def energy(y):
+        body.residual(y)
+        return body.form.Energy(body.gfu.vec)
+
+    rates = taylor(energy, body.residual(x)[0], x, dx, first=1e-3)
+    assert np.all(np.abs(rates - 2) < 0.1), rates
+
+
 def test_tangent_is_the_derivative_of_the_residual(flowed):
     body, x, dx = flowed
     r = body.residual(x)[0]

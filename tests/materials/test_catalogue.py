@@ -10,7 +10,7 @@ from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError, RangeWarning
 from ngbrain.materials import BRAIN, CATALOGUE, NeoHooke, Ogden, OgdenBranches, Viscous, catalogue, constants, published
-from ngbrain.materials.modulus import initial_modulus
+from ngbrain.materials.points import initial_modulus
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 POINT = MESH(0.3, 0.3, 0.2)

@@ -7,7 +7,18 @@ from scipy.integrate import solve_ivp
 
 from ngbrain import adjoint
 from ngbrain.errors import InputError
-from ngbrain.materials import Flow, Maxwell, MooneyRivlin, NeoHooke, Ogden
+from ngbrain.materials import (
+    Flow,
+    HolzapfelGasserOgden,
+    Maxwell,
+    MooneyRivlin,
+    NeoHooke,
+    Ogden,
+    Prony,
+    Viscous,
+    fourier,
+    lab,
+)
 from ngbrain.materials.flow import PLANE
 from ngbrain.materials.points import Points
 
@@ -175,7 +186,7 @@ def test_stress_and_tangent_are_those_of_the_minimum(rng):
 
     def slope(x):
         sample.flow.relax(x[:, None])
-        return sample.flow._frozen.vec.FV().NumPy().reshape(7, -1)[2:4, 0].copy()
+        return sample.flow._frozen.vec.FV().NumPy().reshape(8, -1)[3:5, 0].copy()
 
     def minimum(x):
         from scipy.optimize import minimize
@@ -188,10 +199,60 @@ def test_stress_and_tangent_are_those_of_the_minimum(rng):
     x, dx = np.array([0.12, -0.05]), rng.standard_normal(2)
     assert np.all(np.abs(adjoint.check.taylor(minimum, slope(x), x, dx, steps=3) - 2) < 0.1)
     slope(x)
-    M = sample.flow._frozen.vec.FV().NumPy().reshape(7, -1)[4:, 0].copy()
+    M = sample.flow._frozen.vec.FV().NumPy().reshape(8, -1)[5:, 0].copy()
     curvature = np.array([[M[0], M[1]], [M[1], M[2]]])
     rates = adjoint.check.taylor(slope, lambda d: curvature @ d, x, dx, first=1e-3)
     assert np.all(np.abs(rates - 2) < 0.1), rates
+
+
+FLOWING = Viscous(Ogden(160.0, -25.0), (Maxwell(Ogden(970.0, -25.0), 2190.0), Maxwell(NeoHooke(250.0), 3e5)))
+
+
+@pytest.mark.parametrize("mode", ["uniaxial", "equibiaxial", "planar", "shear"])
+def test_laboratory_at_once_and_in_the_end(mode):
+    stretch = 1.2 if mode != "shear" else 0.2
+    stress = lab.relaxation(FLOWING, mode, stretch, [0.0, 1e11])
+    ends = [lab.stress(law, mode, [stretch])[0] for law in (FLOWING.instantaneous, FLOWING.equilibrium)]
+    assert stress == pytest.approx(ends, rel=1e-6)
+
+
+def test_laboratory_relaxes_faster_at_larger_strain_and_hereditary_branches_do_not():
+    # The overstress of a stiffening spring pushes its dashpot harder; a quasi-linear law has one curve for all strains.
+    times = np.concatenate([[0.0], np.geomspace(0.02, 4, 120)])
+    linear = Prony(Ogden(1000.0, -20.0), [0.7], [2.0])
+    finite = Viscous(Ogden(300.0, -20.0), (Maxwell(Ogden(700.0, -20.0), 1400.0),))
+
+    def relaxed(material, strain):
+        stress = lab.relaxation(material, "uniaxial", 1 - strain, times)
+        return stress[-1] / stress[0]
+
+    assert relaxed(linear, 0.2) == pytest.approx(relaxed(linear, 0.01), rel=1e-3)
+    assert relaxed(finite, 0.001) == pytest.approx(relaxed(linear, 0.001), rel=5e-3)
+    assert relaxed(finite, 0.2) < 0.9 * relaxed(finite, 0.01)
+
+
+def test_laboratory_creeps_to_equilibrium_and_back_to_the_same_stress():
+    times = np.linspace(0, 4000, 401)
+    stretches = lab.creep(FLOWING, "uniaxial", -60.0, times)
+    assert lab.stress(FLOWING.instantaneous, "uniaxial", stretches[:1]) == pytest.approx([-60.0], rel=1e-6)
+    assert np.all(np.diff(stretches) < 0)
+    back = lab.history(FLOWING, "uniaxial", times, stretches)
+    assert back == pytest.approx(np.full_like(back, -60.0), rel=1e-6)
+
+
+def test_small_oscillations_have_the_fourier_image():
+    omega, periods, steps = 2.0, 12, 200
+    t = np.arange(periods * steps + 1) * 2 * np.pi / omega / steps
+    material = Viscous(NeoHooke(300.0), (Maxwell(NeoHooke(700.0), 350.0),))
+    last = lab.history(material, "shear", t, 1e-3 * np.sin(omega * t))[-steps:]
+    G = 2 / steps * np.sum(last * np.exp(-1j * omega * t[-steps:])) * 1j / 1e-3
+    assert pytest.approx(fourier(material)(omega), rel=1e-3) == G
+
+
+def test_fibres_beside_branches_choose_their_transverse_strains():
+    material = FLOWING + HolzapfelGasserOgden(100.0, 500.0, 5.0, 0.0, (1, 1, 0))
+    end = lab.relaxation(material, "uniaxial", 1.1, [0.0, 1e11])[-1]
+    assert end == pytest.approx(lab.stress(material.equilibrium, "uniaxial", [1.1])[0], rel=1e-5)
 
 
 def test_refuses():

@@ -1,0 +1,27 @@
+"""The material laboratory: homogeneous tests of laws without a mesh, fits to measured curves, pictures of both.
+
+Everything is a nominal stress (first Piola-Kirchhoff, Pa) of an incompressible body in one of four tests, "uniaxial",
+"equibiaxial", "planar" and "shear". Parameters of laws are numbers or ngsolve `Parameter`s.
+"""
+
+from ngbrain.materials.lab.curves import Curve, budday
+from ngbrain.materials.lab.elastic import ellipticity, stress
+from ngbrain.materials.lab.fit import Fit, fit
+from ngbrain.materials.lab.plot import plot
+from ngbrain.materials.lab.relaxing import creep, history, relaxation, storage_loss
+from ngbrain.materials.points import initial_modulus
+
+__all__ = [
+    "Curve",
+    "Fit",
+    "budday",
+    "creep",
+    "ellipticity",
+    "fit",
+    "history",
+    "initial_modulus",
+    "plot",
+    "relaxation",
+    "storage_loss",
+    "stress",
+]

@@ -1,0 +1,83 @@
+"""Pictures of the laboratory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError, require
+from ngbrain.materials.base import Law
+from ngbrain.materials.lab.curves import Curve
+from ngbrain.materials.lab.elastic import stress
+from ngbrain.materials.lab.modes import MODES, mode_named
+
+LINES = (
+    ("#0072B2", "-"), ("#D55E00", (0, (5, 1.6))), ("#009E73", (0, (6, 1.4, 1.4, 1.4))), ("#CC79A7", (0, (1.5, 1.5))),
+    ("#8C6D00", (0, (8, 2))), ("#56B4E9", "-"),
+)  # fmt: skip
+MARKS = "osD^v"
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "figure.facecolor": "white",
+}
+RANGES = {"uniaxial": (0.8, 1.25), "equibiaxial": (0.85, 1.15), "planar": (0.8, 1.25), "shear": (-0.4, 0.4)}
+SAMPLES = 121
+
+
+def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[str] | None = None) -> Any:
+    """Nominal stress (kPa) against stretch, one panel for each mode: laws as lines, data as marks; a matplotlib Figure.
+
+    laws    label → elastic law
+    data    elastic curves; they set the modes and the ranges
+    modes   which panels; without, those of the data, or all four
+    """
+    curves = list(data)
+    if not laws and not curves:
+        raise InputError("laws", "empty", "at least one law or one curve")
+    if len(laws) > len(LINES):
+        raise InputError("laws", f"{len(laws)} laws", f"at most {len(LINES)}, so that lines can be told apart")
+    shown = [mode_named(m).name for m in modes or [m for m in MODES if not curves or m in {c.mode for c in curves}]]
+    figures = require("matplotlib.figure", "report")
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figures.Figure(figsize=(max(4.5, 3.6 * len(shown)), 3.9), dpi=150, layout="constrained")
+        panels = page.subplots(1, len(shown), squeeze=False)[0]
+        marked = list(zip(curves, MARKS * (len(curves) // len(MARKS) + 1), strict=False))
+        for axes, mode in zip(panels, shown, strict=True):
+            _panel(axes, mode, laws, [(curve, mark) for curve, mark in marked if curve.mode == mode])
+        panels[0].set_ylabel("nominal stress (kPa)")
+        entries: dict[str, Any] = {}
+        for axes in panels:
+            entries |= {label: line for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        order = [*laws, *(label for label in entries if label not in laws)]
+        columns = min(len(order), 4 if len(shown) > 1 else 2)
+        handles = [entries[label] for label in order]
+        page.legend(handles, order, loc="outside lower center", ncols=columns, frameon=False)
+    return page
+
+
+def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[tuple[Curve, str]]) -> None:
+    rest = MODES[mode].rest
+    low, high = RANGES[mode]
+    if curves:
+        low = min(rest, *(curve.stretches.min() for curve, _ in curves))
+        high = max(rest, *(curve.stretches.max() for curve, _ in curves))
+    stretches = np.linspace(low, high, SAMPLES)
+    for (label, law), (colour, dash) in zip(laws.items(), LINES, strict=False):
+        axes.plot(stretches, stress(law, mode, stretches) / 1e3, color=colour, ls=dash, lw=1.8, label=label)
+    for curve, mark in curves:
+        look = {"ls": "", "marker": mark, "ms": 4.5, "mfc": "white", "mec": "#222222", "mew": 1.0}
+        axes.plot(curve.stretches, curve.stress / 1e3, label=f"data: {curve.label}", zorder=3, **look)
+    axes.axhline(0, color="#999999", lw=0.6, zorder=0)
+    axes.axvline(rest, color="#999999", lw=0.6, zorder=0)
+    axes.grid(color="#e8e8e8", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.set_title(mode)
+    axes.set_xlabel("stretch λ" if rest else "amount of shear γ")
