@@ -14,7 +14,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.forces import Density, Forces
-from ngbrain.forward.history import History, Remembering
+from ngbrain.forward.history import History
 from ngbrain.forward.tangent import Solve, Tangent, bordered
 from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.materials.base import Deformation, Value
@@ -26,19 +26,16 @@ LENGTH_SCALE = 1e-3
 
 @dataclass(frozen=True)
 class Material:
-    """What a region is made of: how it resists a change of shape and of volume, and two helpers for hard scenes.
+    """What a region is made of: how it resists a change of shape and of volume, and a helper for hard scenes.
 
     law        W, a law of shape that relaxes or not
     bulk       K (Pa)
-    viscosity  η (Pa s), η/(8 Δt) |C̄ - C̄_n|² a step: a little of it keeps tissue that snaps from one shape to another
-               (reversed overstress in a tight corner) on a path that time steps can follow
     pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
                an element: corners of a cut need it, a smooth scene does without
     """
 
     law: Viscous | Law
     bulk: Value
-    viscosity: Value = 0.0
     pointwise: Value = 0.0
 
     @property
@@ -48,7 +45,7 @@ class Material:
 
 
 class Body:
-    """Energy Σ_regions W(C̄; history) + viscosity + p(J - 1) - p²/2K + contact, on P_k displacements and P_{k-1} pressures.
+    """Energy Σ_regions W(C̄; history) + p(J - 1) - p²/2K + contact, on P_k displacements and P_{k-1} pressures.
 
     mesh       NGSolve mesh, tetrahedra
     materials  region pattern → `Material`
@@ -78,8 +75,7 @@ class Body:
         self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p = self.gfu.components
-        remembered = {name: Remembering(m.viscous, m.viscosity) for name, m in materials.items()}
-        self.history = History(mesh, remembered, order - 1)
+        self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
         F = deformation_gradient(self.u)
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
@@ -118,7 +114,7 @@ class Body:
 
         def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
             shares = history.shares[: len(law.branches)]
-            energy = law.density(at, shares) + history.energy(history.regions[pattern], at.shape)
+            energy = law.density(at, shares) + history.energy(law, at.shape)
             energy += perturbed_lagrangian(at.J, p, material.bulk)
             return energy + barrier(at.J, material.pointwise) if material.pointwise else energy
 
@@ -202,9 +198,9 @@ class Body:
             self.history.relax()
             self._relaxed = x.copy()
 
-    def begin(self, dt: float, thicker: float = 1.0) -> None:
-        """Begin a time step of `dt` seconds with `thicker` times the viscosity; it ends with `history.finish`."""
-        self.history.begin(dt, thicker)
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds; it ends with `history.finish`."""
+        self.history.begin(dt)
         self._relaxed = np.empty(0)
 
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:

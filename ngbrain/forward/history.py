@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ngs
@@ -19,33 +18,24 @@ REST = 1e30
 """Relaxation time (s) that stands for 'does not relax', where a region has fewer branches than another."""
 
 
-@dataclass(frozen=True)
-class Remembering:
-    """What a region remembers: the branches of its law, and by its viscosity η (Pa s) the C̄ before the step."""
-
-    law: Viscous
-    viscosity: Value = 0.0
-
-
 class History:
     """H_k, S̄_k per hereditary branch, a `Flow` per Maxwell one, C̄; the part of a time step's energy made of them.
 
     mesh       NGSolve mesh
-    regions    region pattern → `Remembering`
+    regions    region pattern → `Viscous`
     order      order of the quadrature-point space (order 1: the 4-point rule on tetrahedra)
 
     Tensors are kept by their `six` entries: `stress` S̄_k and `overstress` H_k (branches, 6, points) in Pa, `strain` C̄.
     """
 
-    def __init__(self, mesh: ngs.Mesh, regions: dict[str, Remembering], order: int) -> None:
+    def __init__(self, mesh: ngs.Mesh, regions: dict[str, Viscous], order: int) -> None:
         self.mesh, self.regions = mesh, regions
         self.space = IntegrationRuleSpace(mesh, order=order)
         self.rules = self.space.GetIntegrationRules()
         tensors = ngs.VectorValued(self.space, 6)
         self.pull = ngs.GridFunction(tensors)
-        self.per_dt = ngs.Parameter(0.0)
         self._points = Points(self.space, mesh.MapToAllElements(dict(self.rules), ngs.VOL))
-        self.n_branches = max((len(region.law.hereditary) for region in regions.values()), default=0)
+        self.n_branches = max((len(region.hereditary) for region in regions.values()), default=0)
         points = self.space.ndof
         self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
         self.stress = np.zeros((self.n_branches, 6, points))
@@ -53,18 +43,17 @@ class History:
         self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         self._tau = np.full((self.n_branches, points), REST)
         for k in range(self.n_branches):
-            times = {name: r.law.hereditary[k].tau for name, r in regions.items() if len(r.law.hereditary) > k}
+            times = {name: r.hereditary[k].tau for name, r in regions.items() if len(r.hereditary) > k}
             self._tau[k] = self._values(times, REST)
-        self._viscosity = self._values({name: r.viscosity for name, r in regions.items()}, 0.0)
-        self.flows = [self._flow(k) for k in range(max((len(r.law.flowing) for r in regions.values()), default=0))]
+        self.flows = [self._flow(k) for k in range(max((len(r.flowing) for r in regions.values()), default=0))]
         self._stress_cf: list[CoefficientFunction] = []
         self._trial_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
-        self.dt, self.thicker = 0.0, 1.0
+        self.dt = 0.0
 
     def _flow(self, k: int) -> Flow:
         """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
-        branches = {name: r.law.flowing[k] for name, r in self.regions.items() if len(r.law.flowing) > k}
+        branches = {name: r.flowing[k] for name, r in self.regions.items() if len(r.flowing) > k}
         absent = ngs.CF((0.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 
         def slopes(strain: CoefficientFunction) -> CoefficientFunction:
@@ -78,17 +67,12 @@ class History:
         field.Interpolate(self.mesh.MaterialCF(by_region, default=default))
         return field.vec.FV().NumPy().copy()
 
-    def energy(self, region: Remembering, C: CoefficientFunction) -> CoefficientFunction:
-        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + η/8Δt |C̄ - C̄_n|² + Maxwell branches, but for a constant.
-
-        One `pull` holds all that is linear in C̄.
-        """
+    def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
+        """½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, but for a constant; one `pull` holds the sum over k."""
         energy = ngs.CF(0.0)
-        if region.law.hereditary or region.viscosity:
+        if region.hereditary:
             energy += 0.5 * ngs.InnerProduct(of_six(self.pull), C)
-        if region.viscosity:
-            energy += region.viscosity / 8 * self.per_dt * ngs.InnerProduct(C, C)
-        for flow in self.flows[: len(region.law.flowing)]:
+        for flow in self.flows[: len(region.flowing)]:
             energy += flow.energy(C)
         return energy
 
@@ -98,22 +82,16 @@ class History:
         self._stress_cf, self._shape_cf = [], six(C).Compile()
         for k in range(self.n_branches):
             by_region = {
-                name: six(r.law.hereditary[k].stress(C)).Compile()
+                name: six(r.hereditary[k].stress(C)).Compile()
                 for name, r in self.regions.items()
-                if len(r.law.hereditary) > k
+                if len(r.hereditary) > k
             }
             self._stress_cf.append(self.mesh.MaterialCF(by_region, default=ngs.CF((0.0,) * 6)))
 
-    @property
-    def viscous(self) -> bool:
-        """Whether any region has a viscosity."""
-        return bool(self._viscosity.any())
-
-    def begin(self, dt: float, thicker: float = 1.0) -> None:
-        """Set β_k and the pull for a step of `dt` seconds with `thicker` times the viscosity."""
-        self.dt, self.thicker = dt, thicker
-        self.per_dt.Set(thicker / dt)
-        pull = -thicker * self._viscosity / (2 * dt) * self.strain
+    def begin(self, dt: float) -> None:
+        """Set β_k, the pull and the inner states for a step of `dt` seconds."""
+        self.dt = dt
+        pull = np.zeros_like(self.strain)
         for k in range(self.n_branches):
             e, beta = step_factors(dt, self._tau[k])
             self.shares[k].vec.FV().NumPy()[:] = beta
@@ -160,11 +138,11 @@ class History:
     def frozen(self) -> dict[str, Any]:
         """All that the energy of the present step is made of, as `relax` left it."""
         pull = self.pull.vec.FV().NumPy().copy()
-        return {"dt": self.dt, "thicker": self.thicker, "pull": pull, "flows": [flow.frozen for flow in self.flows]}
+        return {"dt": self.dt, "pull": pull, "flows": [flow.frozen for flow in self.flows]}
 
     @frozen.setter
     def frozen(self, saved: dict[str, Any]) -> None:
-        self.begin(saved["dt"], saved["thicker"])
+        self.begin(saved["dt"])
         self.pull.vec.FV().NumPy()[:] = saved["pull"]
         for flow, kept in zip(self.flows, saved["flows"], strict=True):
             flow.frozen = kept

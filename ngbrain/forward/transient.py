@@ -34,10 +34,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class StepControl:
-    """Time steps, chosen beforehand from the motion; one that fails is cut, or made more viscous if nothing moves.
-
-    Both slow down tissue that snaps by itself, but a shorter step also holds up time: a snap of a second in a hold of an
-    hour would be followed through.
+    """Time steps, chosen beforehand from the motion; one that fails is cut.
 
     contact_dt   longest step (s) while a body moves in touch with the tissue
     first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
@@ -45,8 +42,6 @@ class StepControl:
     release_growth   the same while a body in touch withdraws
     growth       factor from step to step while nothing is pushed (holds, rests)
     dt_max       longest step (s) there
-    unpushed     factor on the stabilising viscosity while nothing is pushed
-    thickest     and the largest that a step that fails though nothing moves is tried with
     smallest     fraction of contact_dt below which the run gives up
     """
 
@@ -57,8 +52,6 @@ class StepControl:
     release_growth: float = 1.5
     growth: float = 2.0
     dt_max: float = 60.0
-    unpushed: float = 1.0
-    thickest: float = 1e3
     smallest: float = 1e-3
 
     def halved(self) -> StepControl:
@@ -76,7 +69,6 @@ class Progress:
     touching: bool = False
     rested: bool = True
     cut: bool = False
-    thicker: float = 1.0
     steps: int = 0
     rejected: int = 0
     newton: int = 0
@@ -115,13 +107,10 @@ class Transient:
             observe(self.body, self.progress, record)
 
     def step(self) -> NewtonRecord:
-        """One accepted step, cut or made more viscous as often as needed."""
+        """One accepted step, cut as often as needed."""
         at = self.progress
         start = self.body.state
         dt = self._propose()
-        travel = self.motion.travel(at.t, at.t + dt)
-        least = 1.0 if travel > 0 else self.control.unpushed
-        at.thicker = least if travel or at.rested else max(at.thicker, least)
         at.cut = False
         while True:
             record, problem = self._attempt(start, dt)
@@ -133,9 +122,6 @@ class Transient:
             at.rejected += 1
             self.body.state = start
             self.motion.set(at.t)
-            if not travel and self.body.history.viscous and at.thicker * 3 <= self.control.thickest:
-                at.thicker *= 3
-                continue
             at.cut = True
             dt = dt / 3
             if dt < self.control.smallest * self.control.contact_dt:
@@ -167,7 +153,7 @@ class Transient:
 
     def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
-        body.begin(dt, at.thicker)
+        body.begin(dt)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
         guess = start

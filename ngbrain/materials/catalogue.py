@@ -9,8 +9,9 @@ from typing import Literal, TypeAlias
 
 from ngbrain.errors import InputError, RangeWarning, nearest
 from ngbrain.materials.base import Law
+from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
-from ngbrain.materials.viscous import Branch, Prony, Viscous
+from ngbrain.materials.viscous import Prony, Viscous
 
 _warned: set[str] = set()
 
@@ -60,9 +61,9 @@ class Published:
 
 @dataclass(frozen=True)
 class OgdenBranches:
-    """Constants of a relaxing one-term Ogden tissue; moduli in Pa, viscosities in Pa s, τ_k = η_k/μ_k.
+    """Constants of a tissue in finite viscoelasticity: a one-term Ogden law that stays and `Maxwell` branches of such laws.
 
-    `mu`, `alpha`: first the part that stays, then the branches; `eta`: the branches.
+    `mu` (Pa), `alpha`: first the part that stays, then the branches; `eta` (Pa s): the branches. τ_k = η_k/μ_k.
     """
 
     mu: tuple[float, ...]
@@ -72,7 +73,7 @@ class OgdenBranches:
     def law(self) -> Viscous:
         """The material, ready for a solver."""
         branches = zip(self.mu[1:], self.alpha[1:], self.eta, strict=True)
-        return Viscous(Ogden(self.mu[0], self.alpha[0]), tuple(Branch(Ogden(m, a), eta / m) for m, a, eta in branches))
+        return Viscous(Ogden(self.mu[0], self.alpha[0]), tuple(Maxwell(Ogden(m, a), eta) for m, a, eta in branches))
 
     @property
     def initial_modulus(self) -> float:
@@ -118,7 +119,7 @@ def _griffiths() -> list[PublishedBranches]:
             protocol="compression, tension, shear and relaxation, ex vivo",
             stretch=(0.9, 1.1),
             evidence="source",
-            note="from the authors' parameter files (*_med.prm); there finite viscoelasticity with these τ = η/μ",
+            note="from the authors' parameter files (*_med.prm); finite viscoelasticity, there as here",
             poisson=0.49,
         )
         for region, values in constants.items()

@@ -25,7 +25,6 @@ LEFT_OUT = (
     "friction between blade and tissue",
     "blood flow and drainage of tissue fluid; ventricles are a soft drained filling",
     "damage: the tissue recovers whatever it was strained to",
-    "snaps from one shape to another: a viscosity of 0.3 s times the modulus slows them, and more where steps need it",
 )
 
 
@@ -86,7 +85,6 @@ def model(made: Model, runs: Runs) -> dict[str, Any]:
         "rejected": sum(run.rejected for run in runs.values()),
         "newton": sum(run.newton for run in runs.values()),
         "factorisations": sum(run.factorisations for run in runs.values()),
-        "thickest": max(float(run.column("thicker").max()) for run in runs.values()),
     }
 
 

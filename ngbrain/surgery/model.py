@@ -12,7 +12,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
-from ngbrain.materials import Branch, Law, Ogden, OgdenBranches, Viscous, after
+from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous, after
 from ngbrain.materials.base import Value
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.elements import centres
@@ -30,13 +30,6 @@ SOFTNESS = 0.02
 """Penetration up to which the contact pressure sets in softly, in openings."""
 MADE_UP = 0.95
 """Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
-STABILISING_TIME = 0.3
-"""Viscosity over initial shear modulus (s): small beside a ramp of ten seconds, 2 % of the fast idealised demo's peak."""
-UNPUSHED = 10.0
-"""Factor on it while the blade does not push. Tissue that is let go then keeps to a path: with 2 mm elements the first second
-of a release takes 5 steps instead of 18. With 4 mm (4, 10, 22 mm) the second peak moves by 0.1 %, holds by 0.8 % at first and
-0.1 % at their end, the gap at the end of a rest by 0.1 mm of 1.7; while the blade withdraws, pressure falls 10 mmHg sooner.
-"""
 POINTWISE = 0.2
 """Barrier against collapse at single points (`Material.pointwise`), in initial shear moduli,"""
 NEARLY_INCOMPRESSIBLE = 100.0
@@ -100,7 +93,7 @@ class Model:
     def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
         """The elastic laws that one step of `seconds` from rest amounts to."""
         return {
-            region: replace(m, law=after(m.law, seconds), viscosity=0.0) if isinstance(m.law, Viscous) else m
+            region: replace(m, law=after(m.law, seconds)) if isinstance(m.law, Viscous) else m
             for region, m in self.materials(order).items()
         }
 
@@ -126,7 +119,7 @@ class Model:
 
     def control(self) -> StepControl:
         """The scene's time steps."""
-        return StepControl(self.scene.steps.contact, dt_max=self.scene.steps.longest, unpushed=UNPUSHED)
+        return StepControl(self.scene.steps.contact, dt_max=self.scene.steps.longest)
 
     @staticmethod
     def program(scene: Scene, asked: SceneProtocol) -> Protocol:
@@ -153,26 +146,18 @@ def _mixed(shares: list[tuple[Tissue, Value]]) -> Material:
     """
     if len(shares) == 1:
         ((tissue, _),) = shares
-        return _material(tissue.law(), tissue.bulk, tissue.initial_modulus, _barrier(tissue))
+        return Material(tissue.law(), tissue.bulk, _barrier(tissue))
     parts = [(tissue.branches, share) for tissue, share in shares]
     most = max(len(part.eta) for part, _ in parts)
 
     def mean(values: Callable[[OgdenBranches], tuple[float, ...]], k: int, missing: float) -> Value:
         return sum(share * (values(part)[k] if k < len(values(part)) else missing) for part, share in parts)
 
-    mu, alpha = lambda c: c.mu, lambda c: c.alpha
-    terms = [Ogden(mean(mu, k, 0.0), mean(alpha, k, 2.0)) for k in range(most + 1)]
-    times = [mean(lambda c: tuple(e / m for e, m in zip(c.eta, c.mu[1:], strict=True)), k, 1.0) for k in range(most)]
-    law = Viscous(terms[0], tuple(Branch(term, time) for term, time in zip(terms[1:], times, strict=True)))
-    bulk, modulus, barrier = (
-        sum(share * value(tissue) for tissue, share in shares)
-        for value in (lambda t: t.bulk, lambda t: t.initial_modulus, _barrier)
-    )
-    return _material(law, bulk, modulus, barrier)
-
-
-def _material(law: Viscous | Law, bulk: Value, modulus: Value, barrier: Value) -> Material:
-    return Material(law, bulk, STABILISING_TIME * modulus, barrier)
+    terms = [Ogden(mean(lambda c: c.mu, k, 0.0), mean(lambda c: c.alpha, k, 2.0)) for k in range(most + 1)]
+    viscosities = [mean(lambda c: c.eta, k, 1.0) for k in range(most)]
+    law = Viscous(terms[0], tuple(Maxwell(term, eta) for term, eta in zip(terms[1:], viscosities, strict=True)))
+    bulk, barrier = (sum(share * value(tissue) for tissue, share in shares) for value in (lambda t: t.bulk, _barrier))
+    return Material(law, bulk, barrier)
 
 
 def _barrier(tissue: Tissue) -> float:

@@ -35,7 +35,6 @@ class Row:
     contact_energy: float
     tissue_work: float
     tissue_work_size: float
-    thicker: float
 
 
 class Observer:
@@ -46,8 +45,7 @@ class Observer:
     nodal force on the wall along the push, from the equilibrium residual without the contact term; `balance` is
     |blade + supports| / |blade| (0 without a force). Blade work is ∫ force d(advance) + ∫ (sum of contact pressures)
     d(offset); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that,
-    Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered. `thicker` is the
-    step's factor on the stabilising viscosity.
+    Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
     """
 
     def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
@@ -107,7 +105,6 @@ class Observer:
             self.body.contact_energy(),
             self.tissue_work,
             self.tissue_work_size,
-            self.body.history.thicker,
         )
 
     def checkpoint(self) -> dict[str, object]:
