@@ -20,6 +20,9 @@ from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
 from ngbrain.materials.base import Deformation, Value
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
+Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
+"""A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
+
 LENGTH_SCALE = 1e-3
 """Displacements (m) are judged against a millimetre in the size of a Newton correction."""
 
@@ -82,7 +85,7 @@ class Body:
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
         self._tissue_terms, contact = self._terms()
         self.contact_form, self.form = self._form(contact), self._form(self._tissue_terms, contact)
-        densities = {pattern: self._density(pattern, material) for pattern, material in materials.items()}
+        densities = {name: self._density(material, self.history.work) for name, material in materials.items()}
         self._tissue_forces = Forces(self.gfu, densities, self.history.space)
         self._gaps = [
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
@@ -102,19 +105,18 @@ class Body:
         tissue = []
         for pattern, material in self.materials.items():
             # Compiled: uncompiled, shared subexpressions are evaluated again at every use, without end.
-            energy = self._density(pattern, material)(state, p).Compile()
+            energy = self._density(material, self.history.energy)(state, p).Compile()
             term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
             tissue.append(term)
         return tissue, [ngs.Variation(body.energy(u).Compile() * body.measure()) for body in self.contacts]
 
-    def _density(self, pattern: str, material: Material) -> Density:
+    def _density(self, material: Material, remembered: Remembered) -> Density:
         law, history = material.viscous, self.history
 
         def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
-            shares = history.shares[: len(law.branches)]
-            energy = law.density(at, shares) + history.energy(law, at.shape)
+            energy = law.density(at, history.shares[: len(law.hereditary)]) + remembered(law, at.shape)
             energy += perturbed_lagrangian(at.J, p, material.bulk)
             return energy + barrier(at.J, material.pointwise) if material.pointwise else energy
 

@@ -46,6 +46,7 @@ class History:
             times = {name: r.hereditary[k].tau for name, r in regions.items() if len(r.hereditary) > k}
             self._tau[k] = self._values(times, REST)
         self.flows = [self._flow(k) for k in range(max((len(r.flowing) for r in regions.values()), default=0))]
+        self._flowing = [self._points.field(flow.stress) for flow in self.flows]
         self._stress_cf: list[CoefficientFunction] = []
         self._trial_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
@@ -69,16 +70,19 @@ class History:
 
     def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         """½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, but for a constant; one `pull` holds the sum over k."""
-        energy = ngs.CF(0.0)
-        if region.hereditary:
-            energy += 0.5 * ngs.InnerProduct(of_six(self.pull), C)
+        energy = 0.5 * ngs.InnerProduct(of_six(self.pull), C) if region.hereditary else ngs.CF(0.0)
         for flow in self.flows[: len(region.flowing)]:
             energy += flow.energy(C)
         return energy
 
+    def work(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
+        """½ S : C̄ with the stresses held: what has the slope of `energy` at the present state and is quicker to derive."""
+        held = [self.pull] * bool(region.hereditary) + self._flowing[: len(region.flowing)]
+        return sum((0.5 * ngs.InnerProduct(of_six(stress), C) for stress in held), ngs.CF(0.0))
+
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `relax` and `finish` evaluate the branches at."""
-        self._trial_cf = [flow.trial(C).Compile() for flow in self.flows]
+        self._trial_cf = [flow.trial(C) for flow in self.flows]
         self._stress_cf, self._shape_cf = [], six(C).Compile()
         for k in range(self.n_branches):
             by_region = {
@@ -102,8 +106,9 @@ class History:
 
     def relax(self) -> None:
         """Let the Maxwell branches flow to where they are at rest with the current state."""
-        for flow, trial in zip(self.flows, self._trial_cf, strict=True):
+        for flow, trial, stress in zip(self.flows, self._trial_cf, self._flowing, strict=True):
             flow.relax(self._points(trial))
+            self._points.put(stress, flow.stress)
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.

@@ -7,7 +7,7 @@ from ngbrain.materials.flow import Flow, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
 from ngbrain.materials.linear import LinearElastic, SaintVenant, TransverselyIsotropic
 from ngbrain.materials.modulus import fourier
-from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, after, step_factors
+from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, step_factors
 from ngbrain.materials.volumetric import (
     Compressible,
     barrier,
@@ -46,7 +46,6 @@ __all__ = [
     "TransverselyIsotropic",
     "Viscous",
     "Yeoh",
-    "after",
     "barrier",
     "constants",
     "density",

@@ -7,11 +7,13 @@ import warnings
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from ngbrain.errors import InputError, RangeWarning, nearest
 from ngbrain.materials.base import Law
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
-from ngbrain.materials.viscous import Prony, Viscous
+from ngbrain.materials.viscous import Prony, Viscous, step_factors
 
 _warned: set[str] = set()
 
@@ -61,19 +63,33 @@ class Published:
 
 @dataclass(frozen=True)
 class OgdenBranches:
-    """Constants of a tissue in finite viscoelasticity: a one-term Ogden law that stays and `Maxwell` branches of such laws.
+    """Constants of a tissue in finite viscoelasticity: Ogden terms that stay, then a `Maxwell` branch of one for each η.
 
-    `mu` (Pa), `alpha`: first the part that stays, then the branches; `eta` (Pa s): the branches. τ_k = η_k/μ_k.
+    `mu` (Pa), `alpha`: of all terms; `eta` (Pa s): of the last ones, τ_k = η_k/μ_k.
     """
 
     mu: tuple[float, ...]
     alpha: tuple[float, ...]
     eta: tuple[float, ...]
 
+    @property
+    def stay(self) -> int:
+        """Number of terms that stay."""
+        return len(self.mu) - len(self.eta)
+
     def law(self) -> Viscous:
-        """The material, ready for a solver."""
-        branches = zip(self.mu[1:], self.alpha[1:], self.eta, strict=True)
-        return Viscous(Ogden(self.mu[0], self.alpha[0]), tuple(Maxwell(Ogden(m, a), eta) for m, a, eta in branches))
+        """The material, ready for a solver; Neo-Hooke for a term of exponent 2."""
+        stay = self.stay
+        terms = [NeoHooke(m) if a == 2 else Ogden(m, a) for m, a in zip(self.mu, self.alpha, strict=True)]
+        law = terms[0] if stay == 1 else Ogden(self.mu[:stay], self.alpha[:stay])
+        return Viscous(law, tuple(Maxwell(term, eta) for term, eta in zip(terms[stay:], self.eta, strict=True)))
+
+    def after(self, dt: float) -> OgdenBranches:
+        """The elastic tissue that one step of `dt` > 0 seconds from rest amounts to at small strain: β_k μ_k."""
+        stay = self.stay
+        shares = (step_factors(dt, np.array(e / m))[1] for m, e in zip(self.mu[stay:], self.eta, strict=True))
+        relaxed = (float(beta) * m for beta, m in zip(shares, self.mu[stay:], strict=True))
+        return OgdenBranches((*self.mu[:stay], *relaxed), self.alpha, ())
 
     @property
     def initial_modulus(self) -> float:

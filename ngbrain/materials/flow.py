@@ -21,7 +21,7 @@ Source: Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ort
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -30,7 +30,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
 from ngbrain.materials.points import Points, initial_modulus, number
-from ngbrain.tensors import principal_values
+from ngbrain.tensors import deviator, principal_values, six, split_principal_values
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 """Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
@@ -82,15 +82,14 @@ class Maxwell:
         sample = Points.line(histories.shape[1])
         flow = Flow(sample, self.slopes, number(self.eta))
         shape = sample.field(histories[:, :, 0])
-        at = ngs.CF(tuple(shape[i] for i in range(9)), dims=(3, 3)).MakeVariable()
-        trial, by_C = flow.trial(at).Compile(), flow.energy(at).Diff(at)
-        stress, answer = (by_C + by_C.trans).Compile(), np.empty((*histories.shape[1:], 3, 3))
+        trial = flow.trial(ngs.CF(tuple(shape[i] for i in range(9)), dims=(3, 3)))
+        answer = np.empty((*histories.shape[1:], 3, 3))
         before = six_of(np.tile(np.eye(3).reshape(9, 1), histories.shape[1]))
         for n, dt in enumerate(np.diff(times, prepend=times[0] - SUDDEN * number(self.tau))):
             flow.begin(dt, before)
             sample.put(shape, histories[:, :, n])
             flow.relax(sample(trial))
-            answer[:, n] = sample(stress).T.reshape(-1, 3, 3)
+            answer[:, n] = tensors(flow.stress)
             before = six_of(histories[:, :, n])
             flow.finish(before)
         return answer
@@ -105,6 +104,7 @@ class Flow:
 
     The energy of a step is a quadratic function of x, with the slope and the curvature that the minimum has at the
     present state; `relax` sets them. Stress and tangent there are exact, without the law in the form that is assembled.
+    `stress` is 2 ∂W/∂C̄ of the last `relax`, `six` entries (6, n) in Pa.
     """
 
     def __init__(
@@ -115,6 +115,7 @@ class Flow:
         self.kappa = np.zeros(n)
         self.G = np.tile(np.eye(3), (n, 1, 1))
         self._elastic = np.zeros((2, n))
+        self.stress = np.zeros((6, n))
         self._strain = points.field(np.zeros((2, n)))
         self._slopes = slopes(self._strain)
         self._G = points.field(np.tile(np.eye(3).reshape(9, 1), n))
@@ -122,15 +123,35 @@ class Flow:
         self._modulus = self._at(self._elastic)[3] / 2
         self._step = self.G
 
-    def trial(self, C: CoefficientFunction) -> CoefficientFunction:
+    def strain(self, C: CoefficientFunction) -> CoefficientFunction:
         """The two coordinates of x at the isochoric C̄, with the G of the step."""
-        G = ngs.CF(tuple(self._G[i] for i in range(9)), dims=(3, 3))
-        logs = [ngs.log(value) / 2 for value in principal_values(G.trans * C * G)]
-        return ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
+        G = self._tensor
+        return _coordinates(principal_values(G.trans * C * G))
+
+    def trial(self, C: CoefficientFunction) -> CoefficientFunction:
+        """What `relax` has to know of C̄: x, and the `six` entries each of ∂x₁/∂C̄ and ∂x₂/∂C̄.
+
+        Derived by B = dev A with A = GᵀC̄G: by C̄ itself it takes NGSolve several times as long.
+        """
+        G = self._tensor
+        A = G.trans * C * G
+        q, B = (ngs.Trace(A) / 3).MakeVariable(), deviator(A).MakeVariable()
+        x = _coordinates(split_principal_values(q, B))
+        by_B, by_q = x.Diff(B).Reshape((2, 9)), x.Diff(q)
+        slopes = []
+        for i in range(2):
+            of_B = ngs.CF(tuple(by_B[i, j] for j in range(9)), dims=(3, 3))
+            by_A = deviator(of_B + of_B.trans) / 2 + by_q[i] / 3 * ngs.Id(3)
+            slopes.append(six(G * by_A * G.trans))
+        return ngs.CF((x, *slopes)).Compile()
+
+    @property
+    def _tensor(self) -> CoefficientFunction:
+        return ngs.CF(tuple(self._G[i] for i in range(9)), dims=(3, 3))
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """The minimum, W* + s·(x - x*) + ½ (x - x*)·M (x - x*) with x*, W*, s and M of the last `relax`."""
-        x, f = self.trial(C), self._frozen
+        x, f = self.strain(C), self._frozen
         d1, d2 = x[0] - f[0], x[1] - f[1]
         return f[2] + f[3] * d1 + f[4] * d2 + (f[5] * d1 * d1 + f[7] * d2 * d2) / 2 + f[6] * d1 * d2
 
@@ -156,9 +177,11 @@ class Flow:
         self._step = self.G @ _compose(vectors, PLANE.T @ flowed)
         self.points.put(self._G, self._step.reshape(-1, 9).T)
 
-    def relax(self, x: np.ndarray) -> None:
-        """Find the minimum at the coordinates x (2, n) that `trial` has now; NaN where there is none."""
+    def relax(self, trial: np.ndarray) -> None:
+        """Find the minimum at what `trial` says now (14, n); NaN where there is none. `stress` is that there."""
+        x = trial[:2]
         e, slopes = self._minimum(x)
+        self.stress = 2 * (slopes[1] * trial[2:8] + slopes[2] * trial[8:])
         W, (a, b, c), k = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0), slopes[3:], 2 * self.kappa
         det = (a + k) * (c + k) - b * b
         M = np.array([a * (c + k) - b * b, k * b, c * (a + k) - b * b]) * k / np.where(det != 0, det, 1.0)
@@ -214,6 +237,12 @@ class Flow:
             e = np.where(left > 1e-8, np.nan, e)
         self._elastic = np.where(np.isfinite(e), e, 0.0)
         return e, slopes
+
+
+def _coordinates(squares: Iterable[CoefficientFunction]) -> CoefficientFunction:
+    """The two coordinates of ½ ln (squared stretches)."""
+    logs = [ngs.log(value) / 2 for value in squares]
+    return ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
 
 
 def six_of(tensors: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ngsolve import CoefficientFunction, exp
+from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, Value, checked, density, positive
@@ -181,18 +181,3 @@ def step_factors(dt: float | np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, n
     x = dt / tau
     safe = np.where(x > 0, x, 1.0)
     return np.exp(-x), np.where(x > 0, -np.expm1(-safe) / safe, 1.0)
-
-
-def after(material: Viscous, dt: float) -> Law:
-    """The elastic law that one step of `dt` > 0 seconds from rest amounts to, W_∞ + Σ β_k W_k.
-
-    Exact for hereditary branches; for Maxwell branches their share at small strain.
-    """
-    relaxing = (Scaled(branch.law, _share(dt, branch.tau)) for branch in material.branches)
-    return Sum((material.equilibrium, *relaxing))
-
-
-def _share(dt: float, tau: Value) -> Value:
-    if isinstance(tau, CoefficientFunction):
-        return (1 - exp(-dt / tau)) * tau / dt
-    return float(step_factors(dt, np.array([tau]))[1][0])

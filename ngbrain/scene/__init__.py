@@ -20,7 +20,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Section, brief, choice, entries, number, pattern, read_toml, table, text, to_toml, whole
-from ngbrain.materials import BRAIN, NeoHooke, OgdenBranches, Viscous
+from ngbrain.materials import BRAIN, OgdenBranches, Viscous
 from ngbrain.mesh.cleft import Cleft as Slot
 from ngbrain.mesh.shapes import Ellipsoids
 from ngbrain.scene.programs import Protocol, Retraction
@@ -109,9 +109,9 @@ class Tissue(Section):
             return BRAIN[self.constants]
         return OgdenBranches(self.mu or (), self.alpha or (), self.eta or ())
 
-    def law(self) -> Viscous | NeoHooke:
+    def law(self) -> Viscous:
         """The law of shape."""
-        return self._constants.law() if self._constants.alpha else NeoHooke(self.initial_modulus)
+        return self.branches.law()
 
     @property
     def initial_modulus(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import ngsolve as ngs
 
@@ -12,7 +12,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.transient import StepControl, Transient
-from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous, after
+from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Value
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.elements import centres
@@ -44,6 +44,9 @@ FOCUS = 28e-3
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
 
+Constants = Callable[[Tissue], OgdenBranches]
+"""A tissue's constants, as they are or as a question needs them."""
+
 
 @dataclass
 class Model:
@@ -71,9 +74,19 @@ class Model:
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
         """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
+        return self._materials(lambda tissue: tissue.branches, order)
+
+    def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
+        """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
+        return self._materials(lambda tissue: tissue.branches.after(seconds), order)
+
+    def _materials(self, constants: Constants, order: int | None) -> dict[str, Material]:
         mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
-        return {region: _mixed([(tissues[n], s) for n, s in shares.items()]) for region, shares in mixtures.items()}
+        return {
+            region: _mixed([(tissues[name], share) for name, share in shares.items()], constants)
+            for region, shares in mixtures.items()
+        }
 
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
         """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
@@ -89,13 +102,6 @@ class Model:
         if bare := sorted(set(names) - set(found)):
             raise InputError("tissue", f"not given for {', '.join(bare)}", "a tissue for every region of the head")
         return found
-
-    def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
-        """The elastic laws that one step of `seconds` from rest amounts to."""
-        return {
-            region: replace(m, law=after(m.law, seconds)) if isinstance(m.law, Viscous) else m
-            for region, m in self.materials(order).items()
-        }
 
     def run(
         self,
@@ -139,25 +145,30 @@ class Model:
         return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
 
 
-def _mixed(shares: list[tuple[Tissue, Value]]) -> Material:
+def _mixed(shares: list[tuple[Tissue, Value]], constants: Constants) -> Material:
     """One material whose constants are those of the tissue that is there; shares are 0 or 1 at quadrature points.
 
     Constants are mixed instead of energies, which costs no more than one tissue does.
     """
     if len(shares) == 1:
         ((tissue, _),) = shares
-        return Material(tissue.law(), tissue.bulk, _barrier(tissue))
-    parts = [(tissue.branches, share) for tissue, share in shares]
-    most = max(len(part.eta) for part, _ in parts)
+        return Material(constants(tissue).law(), tissue.bulk, _barrier(tissue))
+    parts = [(constants(tissue), share) for tissue, share in shares]
 
-    def mean(values: Callable[[OgdenBranches], tuple[float, ...]], k: int, missing: float) -> Value:
-        return sum(share * (values(part)[k] if k < len(values(part)) else missing) for part, share in parts)
+    def means(values: Callable[[OgdenBranches], tuple[float, ...]], missing: float) -> list[Value]:
+        longest = max(len(values(part)) for part, _ in parts)
+        padded = [(values(part) + (missing,) * longest, share) for part, share in parts]
+        return [sum(share * numbers[k] for numbers, share in padded) for k in range(longest)]
 
-    terms = [Ogden(mean(lambda c: c.mu, k, 0.0), mean(lambda c: c.alpha, k, 2.0)) for k in range(most + 1)]
-    viscosities = [mean(lambda c: c.eta, k, 1.0) for k in range(most)]
-    law = Viscous(terms[0], tuple(Maxwell(term, eta) for term, eta in zip(terms[1:], viscosities, strict=True)))
+    stays = Ogden(means(lambda c: c.mu[: c.stay], 0.0), means(lambda c: c.alpha[: c.stay], 2.0))
+    relaxing = [
+        means(lambda c: c.mu[c.stay :], 0.0),
+        means(lambda c: c.alpha[c.stay :], 2.0),
+        means(lambda c: c.eta, 1.0),
+    ]
+    branches = (Maxwell(Ogden(mu, alpha), eta) for mu, alpha, eta in zip(*relaxing, strict=True))
     bulk, barrier = (sum(share * value(tissue) for tissue, share in shares) for value in (lambda t: t.bulk, _barrier))
-    return Material(law, bulk, barrier)
+    return Material(Viscous(stays, tuple(branches)), bulk, barrier)
 
 
 def _barrier(tissue: Tissue) -> float:

@@ -173,7 +173,7 @@ class _March:
         self.specimen = Specimen(energy, test, count, named(material))
         C = self.specimen.C
         self._stress = [branch.stress(C).Compile() for branch in hereditary]
-        self._shape, self._trial = six(C).Compile(), [flow.trial(C).Compile() for flow in self._flows]
+        self._shape, self._trial = six(C).Compile(), [flow.trial(C) for flow in self._flows]
         self._before = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(count))
         self._S = self._H = np.zeros((len(hereditary), 9, count))
         self._factors = np.zeros((len(hereditary), 1, 1)), np.ones((len(hereditary), 1, 1))
