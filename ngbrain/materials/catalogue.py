@@ -391,7 +391,7 @@ def constants(name: str) -> Entry:
     return CATALOGUE[name]
 
 
-def published(law: Law | Viscous) -> Entry | None:
+def published(law: object) -> Entry | None:
     """The entry whose law equals this one, or None.
 
     >>> published(Ogden(670.0, -19.0)).name

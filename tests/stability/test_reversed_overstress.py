@@ -6,6 +6,8 @@ import pytest
 
 from ngbrain.materials import Branch, Viscous, constants, lab
 
+pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
+
 FLOWING = constants("griffiths2024:white_matter").law()
 HEREDITARY = Viscous(FLOWING.equilibrium, tuple(Branch(branch.law, branch.tau) for branch in FLOWING.branches))
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from netgen.occ import unit_square
 
-from ngbrain.errors import InputError
-from ngbrain.materials import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Prony, Yeoh, lab
+from ngbrain.errors import InputError, RangeWarning
+from ngbrain.materials import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Prony, Yeoh, catalogue, constants, lab
 from ngbrain.materials.lab.modes import MODES
 
 # Law, W₁ = ∂W/∂I₁ and W₂ = ∂W/∂I₂ as functions of I₁ - 3, initial shear modulus.
@@ -332,3 +332,17 @@ LINE = lab.Curve("shear", [0.1, 0.2, 0.3], [1.0, 2.0, 3.0])
 def test_refuses(call, says):
     with pytest.raises(InputError, match=says):
         call()
+
+
+def test_a_published_law_warns_once_beyond_its_data_and_in_shear_by_principal_stretches(monkeypatch):
+    monkeypatch.setattr(catalogue, "_warned", set())
+    law = constants("budday2017:corona_radiata").law()
+    lab.stress(law, "uniaxial", [0.9, 1.1])
+    lab.stress(law, "shear", [-0.19, 0.19])
+    lab.stress(Ogden(1.0, -3.0), "uniaxial", [0.5])
+    with pytest.warns(RangeWarning, match=r"budday2017:corona_radiata has data for stretches 0.9 to 1.1; met: 0.8.*"):
+        lab.stress(law, "shear", [0.0, 0.4])
+    lab.stress(law, "uniaxial", [0.7])
+    relaxing = constants("griffiths2024:cortex").law()
+    with pytest.warns(RangeWarning, match=r"griffiths2024:cortex .* met: 0\.8 to 1$"):
+        lab.relaxation(relaxing, "uniaxial", 0.8, [1.0], rise=0.5)

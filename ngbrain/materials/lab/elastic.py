@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ngbrain.materials.base import Deformation, Law, density
 from ngbrain.materials.lab.modes import mode_named
-from ngbrain.materials.lab.specimen import Specimen, checked
+from ngbrain.materials.lab.specimen import Specimen, checked, warn_beyond
 from ngbrain.materials.points import Points
 
 
@@ -21,6 +21,8 @@ def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     F = [[λ, a, b], [0, l, c], [0, 0, 1/(λ l)]] in uniaxial tests, where l, a, b, c take their least energy; so do b and
     c in the equibiaxial [[λ, 0, b], [0, λ, c], [0, 0, 1/λ²]] and the planar [[λ, 0, b], [0, 1, c], [0, 0, 1/λ]].
 
+    A law of the catalogue warns once beyond the stretches of its data (`RangeWarning`); principal ones count in shear.
+
     >>> from ngbrain.materials import NeoHooke
     >>> stress(NeoHooke(mu=1000.0), "uniaxial", [0.5, 1.0, 2.0])
     array([-3500.,     0.,  1750.])
@@ -28,6 +30,7 @@ def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     test = mode_named(mode)
     values = test.checked(stretches)
     specimen = Specimen.of_law(law, test, values.size)
+    warn_beyond(law, test, values)
     specimen.stretch_to(values.ravel())
     return specimen.stress.reshape(values.shape)
 

@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.flow import SUDDEN, Flow
 from ngbrain.materials.lab.modes import Mode, mode_named
-from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed
+from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed, warn_beyond
 from ngbrain.materials.modulus import PronySeries
 from ngbrain.materials.points import Points, initial_modulus, number
 from ngbrain.materials.viscous import Viscous, step_factors
@@ -37,6 +37,7 @@ def history(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike
     values = test.checked(stretches)
     if values.ndim not in (1, 2) or values.shape[-1] != len(times):
         raise InputError("stretches", f"of shape {values.shape}", f"({len(times)},) or (histories, {len(times)})")
+    warn_beyond(material, test, values)
     rows = values.reshape(-1, len(times))
     answer = _symmetric(material, test, times, rows)
     if answer is None:

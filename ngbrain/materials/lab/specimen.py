@@ -13,6 +13,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.materials.base import Deformation, Law, density
+from ngbrain.materials.catalogue import published
 from ngbrain.materials.lab.modes import Mode
 from ngbrain.materials.points import Points
 
@@ -202,6 +203,16 @@ def checked(law: Law) -> None:
     if not isinstance(law, Law):
         raise InputError("law", repr(law), "an object with energy(C)")
     placed(law)
+
+
+def warn_beyond(material: object, mode: Mode, stretches: np.ndarray) -> None:
+    """Warn, once for each entry, if a material of the catalogue is taken beyond the stretches of its data."""
+    entry = published(material)
+    if entry:
+        half = stretches / 2 if mode.rest == 0 else 0.0
+        along = stretches if mode.rest else np.abs(half) + np.sqrt(1 + half * half)
+        across = along if mode.rest else 1 / along
+        entry.check(float(across.min()), float(along.max()))
 
 
 def placed(law: Law) -> None:
