@@ -334,11 +334,11 @@ def test_refuses(call, says):
         call()
 
 
-def test_a_published_law_warns_once_beyond_its_data_and_in_shear_by_principal_stretches(monkeypatch):
+def test_a_published_law_warns_once_beyond_its_data(monkeypatch):
     monkeypatch.setattr(catalogue, "_warned", set())
     law = constants("budday2017:corona_radiata").law()
     lab.stress(law, "uniaxial", [0.9, 1.1])
-    lab.stress(law, "shear", [-0.19, 0.19])
+    lab.stress(law, "shear", [-0.2, 0.2])
     lab.stress(Ogden(1.0, -3.0), "uniaxial", [0.5])
     with pytest.warns(RangeWarning, match=r"budday2017:corona_radiata has data for stretches 0.9 to 1.1; met: 0.8.*"):
         lab.stress(law, "shear", [0.0, 0.4])

@@ -21,7 +21,7 @@ def stress(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     F = [[λ, a, b], [0, l, c], [0, 0, 1/(λ l)]] in uniaxial tests, where l, a, b, c take their least energy; so do b and
     c in the equibiaxial [[λ, 0, b], [0, λ, c], [0, 0, 1/λ²]] and the planar [[λ, 0, b], [0, 1, c], [0, 0, 1/λ]].
 
-    A law of the catalogue warns once beyond the stretches of its data (`RangeWarning`); principal ones count in shear.
+    A law of the catalogue warns once beyond the stretches of its data (`RangeWarning`); a shear γ counts as 1 ± γ/2.
 
     >>> from ngbrain.materials import NeoHooke
     >>> stress(NeoHooke(mu=1000.0), "uniaxial", [0.5, 1.0, 2.0])

@@ -206,13 +206,10 @@ def checked(law: Law) -> None:
 
 
 def warn_beyond(material: object, mode: Mode, stretches: np.ndarray) -> None:
-    """Warn, once for each entry, if a material of the catalogue is taken beyond the stretches of its data."""
-    entry = published(material)
-    if entry:
-        half = stretches / 2 if mode.rest == 0 else 0.0
-        along = stretches if mode.rest else np.abs(half) + np.sqrt(1 + half * half)
-        across = along if mode.rest else 1 / along
-        entry.check(float(across.min()), float(along.max()))
+    """Warn, once for each entry, if a material of the catalogue is taken beyond its data; a shear γ counts as 1 ± γ/2."""
+    if entry := published(material):
+        met = stretches if mode.rest else 1 + np.outer([-0.5, 0.5], stretches.ravel())
+        entry.check(float(met.min()), float(met.max()))
 
 
 def placed(law: Law) -> None:
