@@ -28,23 +28,26 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
-from ngbrain.materials.points import Points, initial_modulus, number
+from ngbrain.materials.points import Points, initial_modulus, isotropic, number, varies
 from ngbrain.tensors import deviator, principal_values, six, split_principal_values
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 """Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
 TOLERANCE = 1e-12
+"""Of elastic strains, in a step's minimum."""
 ITERATIONS = 60
 HALVINGS = 10
 SMALL = 1e-6
+"""Elastic strain below which a branch has its modulus at rest."""
 SUDDEN = 1e-12
 """Duration of a sudden change, in relaxation times."""
 
 
 @dataclass(frozen=True)
 class Maxwell:
-    """A spring and a dashpot in series: an isotropic law W and a viscosity η (Pa s).
+    """A spring and a dashpot in series: an isotropic law W and a viscosity η (Pa s); `InputError` for a law with fibres.
 
     >>> from ngbrain.materials import NeoHooke, Viscous
     >>> tissue = Viscous(NeoHooke(160.0), (Maxwell(NeoHooke(970.0), eta=2190.0),))
@@ -55,6 +58,8 @@ class Maxwell:
 
     def __post_init__(self) -> None:
         positive(self.eta, "Maxwell.eta")
+        if not varies(self.law) and not isotropic(self.law):
+            raise InputError("Maxwell.law", self.law, "an isotropic law; fibres can stand beside it, in what stays")
 
     @property
     def tau(self) -> Value:

@@ -70,14 +70,29 @@ def initial_modulus(law: Law) -> Value:
     shear = ngs.Parameter(0.0)
     F = ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3))
     curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
-    return curvature if _varies(law) else float(Points.line(1)(curvature)[0, 0])
+    return curvature if varies(law) else float(Points.line(1)(curvature)[0, 0])
 
 
-def _varies(part: object) -> bool:
+def varies(part: object) -> bool:
     """Whether anything but numbers is among the parameters of a law."""
     if isinstance(part, CoefficientFunction):
         return True
     if isinstance(part, (list, tuple)):
-        return any(map(_varies, part))
+        return any(map(varies, part))
     fields = part if isinstance(part, dict) else getattr(part, "__dict__", {})
-    return any(map(_varies, fields.values()))
+    return any(map(varies, fields.values()))
+
+
+def isotropic(law: Law) -> bool:
+    """Whether a law has the same energy for a shape and the shape turned.
+
+    >>> from ngbrain.materials import Guccione, NeoHooke
+    >>> isotropic(NeoHooke(1.0)), isotropic(Guccione(1.0, 8.0, 2.0, 4.0, (1, 0, 0)))
+    (True, False)
+    """
+    turn, _ = np.linalg.qr(np.array([[2.0, 1.0, 0.0], [1.0, -1.0, 3.0], [0.5, 2.0, 1.0]]))
+    stretch = np.diag([1.1, 1.0, 1 / 1.1])
+    points = Points.line(2)
+    C = points.field(np.array([stretch.ravel(), (turn @ stretch @ turn.T).ravel()]).T)
+    plain, turned = points(density(law, Deformation.of_stretch(ngs.CF(tuple(C[i] for i in range(9)), dims=(3, 3)))))[0]
+    return bool(abs(turned - plain) <= 1e-8 * (abs(plain) + abs(turned)))

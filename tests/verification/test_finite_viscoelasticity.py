@@ -255,3 +255,8 @@ def test_fibres_beside_branches_choose_their_transverse_strains():
 def test_refuses():
     with pytest.raises(InputError, match=r"Maxwell\.eta is -1.0"):
         Maxwell(NeoHooke(1.0), -1.0)
+    fibres = HolzapfelGasserOgden(1.0, 5.0, 2.0, 0.1, (1, 0, 0))
+    for law in (fibres, NeoHooke(1.0) + fibres):
+        with pytest.raises(InputError, match=r"Maxwell\.law is .* wanted: an isotropic law"):
+            Maxwell(law, 1.0)
+    assert Maxwell(HolzapfelGasserOgden(1.0, 5.0, 2.0, 1 / 3, (1, 0, 0)), 1.0).eta == 1.0
