@@ -3,6 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
+import states
 from netgen.occ import unit_cube
 
 from ngbrain import adjoint
@@ -134,6 +135,48 @@ def test_stress_is_the_derivative_of_energy(law, rng):
 
     rates = adjoint.check.taylor(lambda F: energy(law, F.T @ F), first_piola(F), F, dF)
     assert np.all(np.abs(rates - 2) < 0.2), rates
+
+
+@pytest.mark.parametrize("law", [*(entry[0] for entry in LAWS.values()), Ogden([1.0, 0.4], [-15.0, 3.0])])
+def test_tangent_is_the_derivative_of_stress_and_symmetric(law, rng):
+    F, dF = np.eye(3) + 0.1 * rng.standard_normal((3, 3)), rng.standard_normal((3, 3))
+    K = states.tangent(law, F)[0]
+    assert np.abs(K - K.T).max() < 1e-10 * np.abs(K).max()
+    rates = adjoint.check.taylor(lambda F: states.stress(law, F)[0].ravel(), lambda d: K @ d.ravel(), F, dF, first=3e-3)
+    assert np.all(np.abs(rates - 2) < 0.2), rates
+
+
+PARAMETERS = {
+    "Neo-Hooke": (NeoHooke, [2.0]),
+    "Mooney-Rivlin": (MooneyRivlin, [0.7, 0.4]),
+    "Yeoh": (Yeoh, [0.5, -0.05, 0.02]),
+    "Gent": (Gent, [2.0, 5.0]),
+    "Demiray": (Demiray, [2.0, 0.3]),
+    "Ogden": (Ogden, [1.3, -12.0]),
+}
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_parameters_may_be_fields_and_have_derivatives(name, rng):
+    make, values = PARAMETERS[name]
+    F = states.some(rng, 1)[0]
+    C = ngs.CF(tuple(np.ravel(F.T @ F / np.cbrt(np.linalg.det(F) ** 2))), dims=(3, 3))
+    space = ngs.L2(MESH, order=0)
+    for k, value in enumerate(values):
+        field = ngs.GridFunction(space)
+        law = make(*values[:k], field, *values[k + 1 :])
+
+        def W(theta, law=law, field=field):
+            field.vec[:] = float(theta[0])
+            return law.energy(C)(POINT)
+
+        W([value])
+        slope = np.array([law.energy(C).Diff(field)(POINT)])
+        assert W([value]) == pytest.approx(make(*values).energy(C)(POINT), rel=1e-14)
+        x, dx = np.array([value]), np.array([0.3 * abs(value)])
+        if W(x + dx) - W(x) == pytest.approx(slope[0] * dx[0], rel=1e-10):  # linear in it
+            continue
+        assert np.all(np.abs(adjoint.check.taylor(W, slope, x, dx, first=0.1) - 2) < 0.2), (name, k)
 
 
 def test_gent_has_no_energy_beyond_its_limit():
