@@ -9,23 +9,13 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import require
+from ngbrain.look import STYLE
 from ngbrain.report.peak import Peak
 from ngbrain.report.surface import Floats
 
 DPI = 150
 WIDTH = 9.0
 """Of every picture, in inches: 1350 pixels, shown at 900 or less."""
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.8,
-    "axes.titlesize": 10.5,
-    "axes.titlelocation": "left",
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-}
 COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00", "staged": "#009E73"}
 SPARE = ("#CC79A7", "#8C6D00", "#56B4E9", "#000000")
 DASHES = {"continuous": "-", "intermittent": (0, (5, 1.6)), "staged": (0, (6, 1.4, 1.4, 1.4))}

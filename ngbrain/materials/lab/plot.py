@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError, require
+from ngbrain.look import STYLE
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve
 from ngbrain.materials.lab.elastic import stress
@@ -18,16 +19,6 @@ LINES = (
     ("#8C6D00", (0, (8, 2))), ("#56B4E9", "-"),
 )  # fmt: skip
 MARKS = "osD^v"
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.8,
-    "axes.titlesize": 10.5,
-    "axes.titlelocation": "left",
-    "figure.facecolor": "white",
-}
 RANGES = {"uniaxial": (0.8, 1.25), "equibiaxial": (0.85, 1.15), "planar": (0.8, 1.25), "shear": (-0.4, 0.4)}
 SAMPLES = 121
 
