@@ -79,13 +79,7 @@ def principal_values(C: CoefficientFunction) -> tuple[CoefficientFunction, Coeff
     Source: Smith 1961, 10.1145/355578.366316.
     """
     q = ngs.Trace(C) / 3
-    return split_principal_values(q, C - q * ngs.Id(3))
-
-
-def split_principal_values(
-    q: CoefficientFunction, B: CoefficientFunction
-) -> tuple[CoefficientFunction, CoefficientFunction, CoefficientFunction]:
-    """`principal_values` of q1 + B with B traceless: derived by B alone, NGSolve never makes a derivative of 81 entries."""
+    B = C - q * ngs.Id(3)
     p_squared = ngs.InnerProduct(B, B) / 6 + EQUAL_STRETCH_GUARD
     p = ngs.sqrt(p_squared)
     phi = ngs.acos(ngs.Det(B) / (2 * p * p_squared)) / 3

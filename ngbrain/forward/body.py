@@ -94,7 +94,7 @@ class Body:
         trial = self.fes.TrialFunction()[0]
         self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in contacts if contact.share]
         self._vec = self.gfu.vec.CreateVector()
-        self._relaxed = np.empty(0)
+        self._relaxed, self._stiff = np.empty(0), False
         self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
@@ -178,7 +178,7 @@ class Body:
         """
         solve = None if r is None else self.refactorise(x, r)
         self.partial = solve is not None
-        self._relax(x)
+        self._stiffen(x)
         return solve or self._bordered(self._tangent.renew(self.gfu.vec))
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
@@ -186,7 +186,7 @@ class Body:
 
         None without a focus or a factorisation, and if what it gives for r is too rough.
         """
-        self._relax(x)
+        self._stiffen(x)
         solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
         return solve and self._bordered(solve)
 
@@ -198,7 +198,14 @@ class Body:
         self.state = x
         if self.history.flows and not np.array_equal(x, self._relaxed):
             self.history.relax()
-            self._relaxed = x.copy()
+            self._relaxed, self._stiff = x.copy(), False
+
+    def _stiffen(self, x: np.ndarray) -> None:
+        """The same, with the branches' stiffness for the tangent."""
+        self._relax(x)
+        if self.history.flows and not self._stiff:
+            self.history.flows.stiffen()
+            self._stiff = True
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds; it ends with `history.finish`."""
@@ -207,7 +214,7 @@ class Body:
 
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:
         """Go back to a state x and what the energy (`History.frozen`) was made of there."""
-        self.history.frozen, self._relaxed = energy, x.copy()
+        self.history.frozen, self._relaxed, self._stiff = energy, x.copy(), True
         self.state = x
 
     def min_det(self, x: np.ndarray) -> float:

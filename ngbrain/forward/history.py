@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.materials import Flow, Viscous, step_factors
+from ngbrain.materials import Flow, Flows, Viscous, step_factors
 from ngbrain.materials.base import Value
 from ngbrain.materials.points import Points
 from ngbrain.tensors import of_six, six
@@ -19,7 +19,7 @@ REST = 1e30
 
 
 class History:
-    """H_k, S̄_k per hereditary branch, a `Flow` per Maxwell one, C̄; the part of a time step's energy made of them.
+    """H_k, S̄_k per hereditary branch, `Flows` of the Maxwell ones, C̄; the part of a time step's energy made of them.
 
     mesh       NGSolve mesh
     regions    region pattern → `Viscous`
@@ -45,10 +45,9 @@ class History:
         for k in range(self.n_branches):
             times = {name: r.hereditary[k].tau for name, r in regions.items() if len(r.hereditary) > k}
             self._tau[k] = self._values(times, REST)
-        self.flows = [self._flow(k) for k in range(max((len(r.flowing) for r in regions.values()), default=0))]
-        self._flowing = [self._points.field(flow.stress) for flow in self.flows]
+        most = max((len(region.flowing) for region in regions.values()), default=0)
+        self.flows = Flows(self._points, [self._flow(k) for k in range(most)])
         self._stress_cf: list[CoefficientFunction] = []
-        self._trial_cf: list[CoefficientFunction] = []
         self._shape_cf: CoefficientFunction = six(ngs.Id(3))
         self.dt = 0.0
 
@@ -70,19 +69,17 @@ class History:
 
     def energy(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
         """½ Σ (e_k H_k - β_k S̄_k) : C̄ + Maxwell branches, but for a constant; one `pull` holds the sum over k."""
-        energy = 0.5 * ngs.InnerProduct(of_six(self.pull), C) if region.hereditary else ngs.CF(0.0)
-        for flow in self.flows[: len(region.flowing)]:
-            energy += flow.energy(C)
-        return energy
+        return self._pulled(region, C) + (self.flows.energy(C) if region.flowing else 0.0)
 
     def work(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
-        """½ S : C̄ with the stresses held: what has the slope of `energy` at the present state and is quicker to derive."""
-        held = [self.pull] * bool(region.hereditary) + self._flowing[: len(region.flowing)]
-        return sum((0.5 * ngs.InnerProduct(of_six(stress), C) for stress in held), ngs.CF(0.0))
+        """What has the slope of `energy` at the present state, for forces alone."""
+        return self._pulled(region, C) + (self.flows.work(C) if region.flowing else 0.0)
+
+    def _pulled(self, region: Viscous, C: CoefficientFunction) -> CoefficientFunction:
+        return 0.5 * ngs.InnerProduct(of_six(self.pull), C) if region.hereditary else ngs.CF(0.0)
 
     def follow(self, C: CoefficientFunction) -> None:
         """Set the isochoric C̄ (of the current state) that `relax` and `finish` evaluate the branches at."""
-        self._trial_cf = [flow.trial(C) for flow in self.flows]
         self._stress_cf, self._shape_cf = [], six(C).Compile()
         for k in range(self.n_branches):
             by_region = {
@@ -101,14 +98,11 @@ class History:
             self.shares[k].vec.FV().NumPy()[:] = beta
             pull += e * self.overstress[k] - beta * self.stress[k]
         self.pull.vec.FV().NumPy()[:] = pull.ravel()
-        for flow in self.flows:
-            flow.begin(dt, self.strain)
+        self.flows.begin(dt, self.strain)
 
     def relax(self) -> None:
         """Let the Maxwell branches flow to where they are at rest with the current state."""
-        for flow, trial, stress in zip(self.flows, self._trial_cf, self._flowing, strict=True):
-            flow.relax(self._points(trial))
-            self._points.put(stress, flow.stress)
+        self.flows.relax(self._points(self._shape_cf))
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.
@@ -116,8 +110,7 @@ class History:
         What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
         """
         self.strain = self._points(self._shape_cf)
-        for flow in self.flows:
-            flow.finish(self.strain)
+        self.flows.finish(self.strain)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
             new = self._points(self._stress_cf[k])
@@ -129,25 +122,24 @@ class History:
     @property
     def memory(self) -> dict[str, Any]:
         """All that decides the steps to come."""
-        inner = [flow.G for flow in self.flows]
+        inner = [flow.G for flow in self.flows.flows]
         return {"stress": self.stress, "overstress": self.overstress, "strain": self.strain, "inner": inner}
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
         self.stress, self.overstress = np.array(saved["stress"]), np.array(saved["overstress"])
         self.strain = np.array(saved["strain"])
-        for flow, G in zip(self.flows, saved["inner"], strict=True):
+        for flow, G in zip(self.flows.flows, saved["inner"], strict=True):
             flow.G = np.array(G)
 
     @property
     def frozen(self) -> dict[str, Any]:
         """All that the energy of the present step is made of, as `relax` left it."""
         pull = self.pull.vec.FV().NumPy().copy()
-        return {"dt": self.dt, "pull": pull, "flows": [flow.frozen for flow in self.flows]}
+        return {"dt": self.dt, "pull": pull, "flows": self.flows.frozen}
 
     @frozen.setter
     def frozen(self, saved: dict[str, Any]) -> None:
         self.begin(saved["dt"])
         self.pull.vec.FV().NumPy()[:] = saved["pull"]
-        for flow, kept in zip(self.flows, saved["flows"], strict=True):
-            flow.frozen = kept
+        self.flows.frozen = saved["flows"]

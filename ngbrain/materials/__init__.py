@@ -3,7 +3,7 @@
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
 from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constants, published
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
-from ngbrain.materials.flow import Flow, Maxwell
+from ngbrain.materials.flow import Flow, Flows, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
 from ngbrain.materials.linear import LinearElastic, SaintVenant, TransverselyIsotropic
 from ngbrain.materials.modulus import fourier
@@ -26,6 +26,7 @@ __all__ = [
     "Deformation",
     "Demiray",
     "Flow",
+    "Flows",
     "Fung",
     "Gent",
     "Guccione",

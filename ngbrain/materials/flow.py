@@ -21,7 +21,7 @@ Source: Reese & Govindjee 1998, 10.1016/S0020-7683(97)00217-5; as a minimum: Ort
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -31,10 +31,16 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
 from ngbrain.materials.points import Points, initial_modulus, isotropic, number, varies
-from ngbrain.tensors import deviator, principal_values, six, split_principal_values
+from ngbrain.tensors import of_six, principal_values, six
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 """Two unit vectors that span the traceless strains; a strain's coordinates are PLANE @ (e₁, e₂, e₃)."""
+ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Of a symmetric tensor, in the order of `six`."""
+REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+HALF = np.array([[1.0], [1.0], [1.0], [0.5], [0.5], [0.5]])
+"""From a derivative by the six entries to that by a tensor, which has each shear twice."""
+UPPER = np.triu_indices(6)
 TOLERANCE = 1e-12
 """Of elastic strains, in a step's minimum."""
 ITERATIONS = 60
@@ -83,33 +89,28 @@ class Maxwell:
 
         C holds its values at `points`: one history after the other.
         """
-        histories = points(C).reshape(9, -1, len(times))
-        sample = Points.line(histories.shape[1])
-        flow = Flow(sample, self.slopes, number(self.eta))
-        shape = sample.field(histories[:, :, 0])
-        trial = flow.trial(ngs.CF(tuple(shape[i] for i in range(9)), dims=(3, 3)))
+        histories = points(six(C)).reshape(6, -1, len(times))
+        flow = Flow(Points.line(histories.shape[1]), self.slopes, number(self.eta))
         answer = np.empty((*histories.shape[1:], 3, 3))
-        before = six_of(np.tile(np.eye(3).reshape(9, 1), histories.shape[1]))
+        before = np.outer(REST, np.ones(histories.shape[1]))
         for n, dt in enumerate(np.diff(times, prepend=times[0] - SUDDEN * number(self.tau))):
             flow.begin(dt, before)
-            sample.put(shape, histories[:, :, n])
-            flow.relax(sample(trial))
+            before = histories[:, :, n]
+            flow.relax(before)
             answer[:, n] = tensors(flow.stress)
-            before = six_of(histories[:, :, n])
             flow.finish(before)
         return answer
 
 
 class Flow:
-    """A Maxwell branch at n points: what it remembers, and its part of a step's energy.
+    """A Maxwell branch at n points: what it remembers, and what it answers to a shape.
 
     points   `Points`
     slopes   elastic strain → `Maxwell.slopes` there
     eta      η (n,) in Pa s, 0 where there is no such branch
 
-    The energy of a step is a quadratic function of x, with the slope and the curvature that the minimum has at the
-    present state; `relax` sets them. Stress and tangent there are exact, without the law in the form that is assembled.
-    `stress` is 2 ∂W/∂C̄ of the last `relax`, `six` entries (6, n) in Pa.
+    Shapes C̄ are arrays of their `six` entries (6, n). `energy` (n,) is the least W + κ|x - e|² at the shapes of the last
+    `relax`, `stress` 2 ∂/∂C̄ of it (6, n), in Pa; both for a given step, so that they are a potential and its derivative.
     """
 
     def __init__(
@@ -118,52 +119,23 @@ class Flow:
         n = len(points.mapped)
         self.points, self.eta = points, np.broadcast_to(np.asarray(eta, float), (n,))
         self.kappa = np.zeros(n)
-        self.G = np.tile(np.eye(3), (n, 1, 1))
+        self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
+        self.energy, self.stress = np.zeros(n), np.zeros((6, n))
         self._elastic = np.zeros((2, n))
-        self.stress = np.zeros((6, n))
         self._strain = points.field(np.zeros((2, n)))
         self._slopes = slopes(self._strain)
-        self._G = points.field(np.tile(np.eye(3).reshape(9, 1), n))
-        self._frozen = points.field(np.zeros((8, n)))
         self._modulus = self._at(self._elastic)[3] / 2
-        self._step = self.G
-
-    def strain(self, C: CoefficientFunction) -> CoefficientFunction:
-        """The two coordinates of x at the isochoric C̄, with the G of the step."""
-        G = self._tensor
-        return _coordinates(principal_values(G.trans * C * G))
-
-    def trial(self, C: CoefficientFunction) -> CoefficientFunction:
-        """What `relax` has to know of C̄: x, and the `six` entries each of ∂x₁/∂C̄ and ∂x₂/∂C̄.
-
-        Derived by B = dev A with A = GᵀC̄G: by C̄ itself it takes NGSolve several times as long.
-        """
-        G = self._tensor
-        A = G.trans * C * G
-        q, B = (ngs.Trace(A) / 3).MakeVariable(), deviator(A).MakeVariable()
-        x = _coordinates(split_principal_values(q, B))
-        by_B, by_q = x.Diff(B).Reshape((2, 9)), x.Diff(q)
-        slopes = []
-        for i in range(2):
-            of_B = ngs.CF(tuple(by_B[i, j] for j in range(9)), dims=(3, 3))
-            by_A = deviator(of_B + of_B.trans) / 2 + by_q[i] / 3 * ngs.Id(3)
-            slopes.append(six(G * by_A * G.trans))
-        return ngs.CF((x, *slopes)).Compile()
-
-    @property
-    def _tensor(self) -> CoefficientFunction:
-        return ngs.CF(tuple(self._G[i] for i in range(9)), dims=(3, 3))
-
-    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
-        """The minimum, W* + s·(x - x*) + ½ (x - x*)·M (x - x*) with x*, W*, s and M of the last `relax`."""
-        x, f = self.strain(C), self._frozen
-        d1, d2 = x[0] - f[0], x[1] - f[1]
-        return f[2] + f[3] * d1 + f[4] * d2 + (f[5] * d1 * d1 + f[7] * d2 * d2) / 2 + f[6] * d1 * d2
+        self._pulled = points.field(np.outer(REST, np.ones(n)))
+        a = ngs.CF(tuple(self._pulled[i] for i in range(6))).MakeVariable()
+        logs = [ngs.log(value) / 2 for value in principal_values(of_six(a))]
+        x = ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
+        by_a = x.Diff(a)
+        self._first = ngs.CF((x, by_a.Reshape((12,)))).Compile()
+        self._second = by_a.Diff(a).Reshape((72,)).Compile()
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
-        """Start a step of `dt` seconds at the shapes C̄ (`six` entries, n): half of it with the stress there."""
-        C = tensors(shapes)
-        vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ C @ self.G)
+        """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
+        vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ tensors(shapes) @ self.G)
         e = PLANE @ logs
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
@@ -180,35 +152,34 @@ class Flow:
             flowed = np.where(uphill, flowed / 2, flowed)
         self._elastic = e + flowed
         self._step = self.G @ _compose(vectors, PLANE.T @ flowed)
-        self.points.put(self._G, self._step.reshape(-1, 9).T)
+        self._pull = _congruence(self._step)
 
-    def relax(self, trial: np.ndarray) -> None:
-        """Find the minimum at what `trial` says now (14, n); NaN where there is none. `stress` is that there."""
-        x = trial[:2]
+    def relax(self, shapes: np.ndarray) -> None:
+        """Find the minimum at these shapes; NaN where there is none."""
+        self.points.put(self._pulled, np.einsum("nij,jn->in", self._pull, shapes))
+        answer = self.points(self._first)
+        x, by_a = answer[:2], answer[2:].reshape(2, 6, -1)
         e, slopes = self._minimum(x)
-        self.stress = 2 * (slopes[1] * trial[2:8] + slopes[2] * trial[8:])
-        W, (a, b, c), k = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0), slopes[3:], 2 * self.kappa
+        self._here = x, by_a, slopes
+        self.energy = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0)
+        self.stress = 2 * HALF * np.einsum("nij,in->jn", self._pull, np.einsum("kn,kin->in", slopes[1:3], by_a))
+
+    def stiffness(self) -> np.ndarray:
+        """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the shapes of the last `relax`."""
+        (_, by_a, slopes), k = self._here, 2 * self.kappa
+        a, b, c = slopes[3:]
         det = (a + k) * (c + k) - b * b
-        M = np.array([a * (c + k) - b * b, k * b, c * (a + k) - b * b]) * k / np.where(det != 0, det, 1.0)
-        self.points.put(self._frozen, np.array([*x, W, *slopes[1:3], *np.where(np.isfinite(e[0]), M, np.nan)]))
+        M = np.array([[a * (c + k) - b * b, k * b], [k * b, c * (a + k) - b * b]]) * k / np.where(det != 0, det, 1.0)
+        bent = np.einsum("kn,kijn->nij", slopes[1:3], self.points(self._second).reshape(2, 6, 6, -1))
+        bent += np.einsum("kln,kin,ljn->nij", M, by_a, by_a)
+        return np.swapaxes(self._pull, 1, 2) @ bent @ self._pull
 
     def finish(self, shapes: np.ndarray) -> None:
-        """End the step at the shapes C̄ (`six` entries, n)."""
-        C = tensors(shapes)
-        vectors, logs = _spectrum(np.swapaxes(self._step, 1, 2) @ C @ self._step)
+        """End the step at these shapes."""
+        vectors, logs = _spectrum(np.swapaxes(self._step, 1, 2) @ tensors(shapes) @ self._step)
         x = PLANE @ logs
         e, _ = self._minimum(x)
         self.G = self._step @ _compose(vectors, PLANE.T @ (e - x))
-
-    @property
-    def frozen(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the energy is made of now, G and what `relax` set, to be put back as it was."""
-        return self._G.vec.FV().NumPy().copy(), self._frozen.vec.FV().NumPy().copy()
-
-    @frozen.setter
-    def frozen(self, values: tuple[np.ndarray, np.ndarray]) -> None:
-        for field, value in zip((self._G, self._frozen), values, strict=True):
-            field.vec.FV().NumPy()[:] = value
 
     def _at(self, e: np.ndarray) -> np.ndarray:
         self.points.put(self._strain, e)
@@ -244,20 +215,87 @@ class Flow:
         return e, slopes
 
 
-def _coordinates(squares: Iterable[CoefficientFunction]) -> CoefficientFunction:
-    """The two coordinates of ½ ln (squared stretches)."""
-    logs = [ngs.log(value) / 2 for value in squares]
-    return ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
+class Flows:
+    """All Maxwell branches at the same points, as one part of a step's energy.
 
+    The energy is a quadratic function a + b·d + ½ d·Dd of the six entries of C̄ less those of the present state, d, with
+    the value, slope and curvature that the sum of the branches has there: `relax` sets value and slope, `stiffen` the
+    curvature. Forces and tangent are exact there, and the form costs the same for any laws and any number of branches.
+    """
 
-def six_of(tensors: np.ndarray) -> np.ndarray:
-    """The `six` entries (6, n) of tensors given by rows (9, n)."""
-    return tensors[[0, 4, 8, 5, 2, 1]]
+    def __init__(self, points: Points, flows: Sequence[Flow]) -> None:
+        n = len(points.mapped)
+        self.points, self.flows = points, tuple(flows)
+        self._stiffness = np.zeros((n, 6, 6))
+        self._energy = points.field(np.zeros((34, n)))  # state, a, b, upper half of D: one field, for each costs time
+        self._stress = points.field(np.zeros((6, n)))
+
+    def __bool__(self) -> bool:
+        return bool(self.flows)
+
+    def energy(self, C: CoefficientFunction) -> CoefficientFunction:
+        """a + b·d + ½ d·Dd (Pa) of the isochoric C̄."""
+        here, slope = (ngs.CF(tuple(self._energy[i] for i in part)) for part in (range(6), range(7, 13)))
+        index = np.zeros((6, 6), int)
+        index[UPPER] = index.T[UPPER] = np.arange(13, 34)
+        D = ngs.CF(tuple(self._energy[int(i)] for i in index.ravel()), dims=(6, 6))
+        d = six(C) - here
+        return self._energy[6] + ngs.InnerProduct(slope + D * d / 2, d)
+
+    def work(self, C: CoefficientFunction) -> CoefficientFunction:
+        """½ S:C̄: what has the slope of `energy` at the present state, for forces alone."""
+        return 0.5 * ngs.InnerProduct(of_six(self._stress), C)
+
+    def begin(self, dt: float, shapes: np.ndarray) -> None:
+        """Start a step of `dt` seconds at these shapes."""
+        for flow in self.flows:
+            flow.begin(dt, shapes)
+
+    def relax(self, shapes: np.ndarray) -> None:
+        """Let all branches flow at these shapes."""
+        for flow in self.flows:
+            flow.relax(shapes)
+        self._shapes = shapes
+        self._set()
+
+    def stiffen(self) -> None:
+        """Set the curvature, of the shapes of the last `relax`."""
+        self._stiffness = np.sum([flow.stiffness() for flow in self.flows], axis=0)
+        self._set()
+
+    def _set(self) -> None:
+        stress = np.sum([flow.stress for flow in self.flows], axis=0)
+        level = np.sum([flow.energy for flow in self.flows], axis=0)
+        half = self._stiffness[:, *UPPER].T
+        self.points.put(self._energy, np.vstack([self._shapes, level, stress / (2 * HALF), half]))
+        self.points.put(self._stress, stress)
+
+    def finish(self, shapes: np.ndarray) -> None:
+        """End the step at these shapes."""
+        for flow in self.flows:
+            flow.finish(shapes)
+
+    @property
+    def frozen(self) -> list[np.ndarray]:
+        """What the energy is made of now, to be put back as it was."""
+        return [field.vec.FV().NumPy().copy() for field in (self._energy, self._stress)]
+
+    @frozen.setter
+    def frozen(self, values: list[np.ndarray]) -> None:
+        for field, value in zip((self._energy, self._stress), values, strict=True):
+            field.vec.FV().NumPy()[:] = value
 
 
 def tensors(entries: np.ndarray) -> np.ndarray:
     """Symmetric tensors (n, 3, 3) from their `six` entries (6, n)."""
     return np.moveaxis(entries[np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])], 2, 0)
+
+
+def _congruence(G: np.ndarray) -> np.ndarray:
+    """The matrices (n, 6, 6) that take the six entries of C to those of GᵀCG."""
+    units = tensors(np.eye(6))
+    pulled = np.swapaxes(G, 1, 2)[:, None] @ units @ G[:, None]
+    return np.stack([pulled[:, :, i, j] for i, j in ENTRIES], axis=1)
 
 
 def half_step_factors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation
-from ngbrain.materials.flow import SUDDEN, Flow
+from ngbrain.materials.flow import REST, SUDDEN, Flow, Flows
 from ngbrain.materials.lab.modes import Mode, mode_named
 from ngbrain.materials.lab.specimen import STATIONARY, Specimen, named, placed, warn_beyond
 from ngbrain.materials.modulus import PronySeries
@@ -164,18 +164,18 @@ class _March:
         points = Points.line(count)
         self._memory = points.field(np.zeros((9, count)))
         memory = ngs.CF(tuple(self._memory[i] for i in range(9)), dims=(3, 3))
-        self._flows = [Flow(points, branch.slopes, number(branch.eta)) for branch in material.flowing]
+        self._flows = Flows(points, [Flow(points, branch.slopes, number(branch.eta)) for branch in material.flowing])
         self._sudden = SUDDEN * min((number(branch.tau) for branch in material.flowing), default=1.0)
 
         def energy(at: Deformation) -> CoefficientFunction:
-            flowing = sum((flow.energy(at.C) for flow in self._flows), ngs.CF(0.0))
-            return material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C) + flowing
+            hereditary = material.density(at, self._beta) + 0.5 * ngs.InnerProduct(memory, at.C)
+            return hereditary + self._flows.energy(at.C) if self._flows else hereditary
 
         self.specimen = Specimen(energy, test, count, named(material))
         C = self.specimen.C
         self._stress = [branch.stress(C).Compile() for branch in hereditary]
-        self._shape, self._trial = six(C).Compile(), [flow.trial(C) for flow in self._flows]
-        self._before = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(count))
+        self._shape = six(C).Compile()
+        self._before = np.outer(REST, np.ones(count))
         self._S = self._H = np.zeros((len(hereditary), 9, count))
         self._factors = np.zeros((len(hereditary), 1, 1)), np.ones((len(hereditary), 1, 1))
 
@@ -187,14 +187,14 @@ class _March:
         self._factors = e[:, None, None], beta[:, None, None]
         memory = self._factors[0] * self._H - self._factors[1] * self._S
         self.specimen.points.put(self._memory, memory.sum(axis=0))
-        for flow in self._flows:
-            flow.begin(dt or self._sudden, self._before)
-        self.specimen.follow = [self._relax]
-        self._relax()
+        if self._flows:
+            self._flows.begin(dt or self._sudden, self._before)
+            self.specimen.follow = [self._relax]
+            self._relax()
 
     def _relax(self) -> None:
-        for flow, trial in zip(self._flows, self._trial, strict=True):
-            flow.relax(self.specimen.points(trial))
+        self._flows.relax(self.specimen.points(self._shape))
+        self._flows.stiffen()
 
     def end(self) -> None:
         """Carry the history over."""
@@ -203,5 +203,4 @@ class _March:
         S = np.array([points(stress) for stress in self._stress]).reshape(self._S.shape)
         self._H, self._S = e * self._H + beta * (S - self._S), S
         self._before = points(self._shape)
-        for flow in self._flows:
-            flow.finish(self._before)
+        self._flows.finish(self._before)
