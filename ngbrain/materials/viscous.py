@@ -99,7 +99,7 @@ class Viscous:
         return sum(relaxing, density(self.equilibrium, at))
 
 
-def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noqa: N802  (reads as a law)
+def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noqa: N802  (reads as a law)
     """Quasi-linear viscoelasticity: W_k = g_k W, W_∞ = (1 - Σ g_k) W, with W the instantaneous law.
 
     g     fractions of the initial modulus that relax, each > 0, sum < 1
@@ -113,7 +113,7 @@ def Prony(law: Law, g: Sequence[float], tau: Sequence[float]) -> Viscous:  # noq
         raise InputError("Prony.tau", f"{len(tau)} values", f"as many as g has: {len(g)}")
     for value in g:
         positive(value, "Prony.g")
-    if not sum(g) < 1:
+    if all(isinstance(value, (int, float)) for value in g) and not sum(g) < 1:
         raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
     rest = Scaled(law, 1 - sum(g))
     return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))

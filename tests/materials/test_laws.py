@@ -126,6 +126,13 @@ def test_prony_splits_the_instantaneous_law():
     assert np.allclose(stress(At([0, 0]), C), stress(NeoHooke(842.0 * 0.185), C))
 
 
+def test_prony_takes_parameters():
+    share, C = ngs.Parameter(0.3), np.diag([1.2, 1.0, 1 / 1.2])
+    material = Prony(NeoHooke(842.0), g=[share], tau=[ngs.Parameter(0.5)])
+    share.Set(0.4)
+    assert np.allclose(stress(material.equilibrium, C), stress(NeoHooke(842.0 * 0.6), C))
+
+
 def test_catalogue_has_the_published_sums():
     initial = {name: entry.initial_modulus for name, entry in BRAIN.items()}
     assert initial == {
