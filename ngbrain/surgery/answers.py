@@ -20,6 +20,9 @@ Runs = dict[str, "Outcome"]
 THRESHOLDS_MMHG = (20.0, 30.0)
 """Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6, after 15 minutes in the rat."""
 
+APART = 1e-9
+"""Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
+
 LEFT_OUT = (
     "inertia: the blade moves at less than a millimetre per second",
     "friction between blade and tissue",
@@ -96,7 +99,7 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
         energy.append(abs(gone[-1]) / run.column("tissue_work_size")[-1])
         parts = np.array(list(run.peak.volume.values()))
         volume.append(abs(parts.sum()) / np.abs(parts).max())
-        away = run.column("gap") > 0
+        away = run.column("gap") > APART
         away[0] = False  # the start, in touch without force
         off_force.append(float(np.abs(run.column("force")[away]).max(initial=0.0)))
         if away.any():
