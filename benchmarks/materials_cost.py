@@ -178,6 +178,9 @@ def chart(records: list[dict], path: str) -> None:
     axes.set(xscale="log", yscale="log", ylabel="1 - R², mean over regions and curves")
     axes.set_xlabel("time of one assembly, Neo-Hooke compiled = 1      (full: compiled; hollow: not)")
     axes.set_title("What a law costs, and how well it fits human brain (Budday 2017)")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=8.5, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     figure.savefig(path, dpi=150)

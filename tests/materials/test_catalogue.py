@@ -189,3 +189,14 @@ def test_law_is_found_again_unless_changed():
 def test_unknown_name_is_answered_with_the_nearest(name, hint):
     with pytest.raises(InputError, match=f"constants is '{name}'; wanted: .*{hint}"):
         constants(name)
+
+
+def test_elastic_after_a_time_has_the_share_of_every_branch_that_is_left():
+    tissue = OgdenBranches((160.0, 970.0, 250.0), (-25.0, -24.0, -23.0), (2190.0, 3e5))
+    assert tissue.after(1e-9).mu == pytest.approx(tissue.mu) and tissue.after(1e12).mu[1:] == pytest.approx(
+        (0, 0), abs=1e-3
+    )
+    left = tissue.after(2190.0 / 970.0)
+    assert left.mu[1] == pytest.approx(970.0 * (1 - np.exp(-1)))
+    assert left.law() == Viscous(Ogden(left.mu, left.alpha)) and left.stay == 3
+    assert tissue.law().equilibrium == Ogden(160.0, -25.0) and [b.eta for b in tissue.law().branches] == [2190.0, 3e5]
