@@ -3,6 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
+import states
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
@@ -10,6 +11,7 @@ from ngbrain.materials import (
     BRAIN,
     Branch,
     Deformation,
+    MooneyRivlin,
     NeoHooke,
     Ogden,
     Prony,
@@ -54,6 +56,16 @@ def test_ogden_two_is_neo_hooke_also_at_nearly_equal_stretches(gap):
     C = np.diag([1.2 + gap, 1.2, 1 / 1.44])
     C[0, 1] = C[1, 0] = gap / 3
     assert np.allclose(stress(Ogden(1.0, 2.0), C), stress(NeoHooke(1.0), C), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-8, 1e-4])
+@pytest.mark.parametrize(("alpha", "twin"), [(2.0, NeoHooke(1.0)), (-2.0, MooneyRivlin(0.0, 0.5))])
+def test_ogdens_tangent_is_its_twins_also_at_nearly_equal_stretches(alpha, twin, gap):
+    F = np.diag([1.2 + gap, 1.2, 1 / 1.44])
+    K, exact = (states.tangent(law, F)[0] for law in (Ogden(1.0, alpha), twin))
+    assert np.abs(K - exact).max() < 1e-6 * np.abs(exact).max()
+    K, exact = (states.tangent(law, np.eye(3) * (1 + gap))[0] for law in (Ogden(1.0, alpha), twin))
+    assert np.abs(K - exact).max() < 1e-6 * np.abs(exact).max()
 
 
 def test_ogden_minus_two_is_mooney_rivlin():
