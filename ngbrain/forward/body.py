@@ -242,6 +242,7 @@ class Body:
 
     def tissue_forces(self) -> np.ndarray:
         """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""
+        self._relax(self.state)
         return self._tissue_forces()[self.is_u]
 
     def contact_forces(self) -> np.ndarray:

@@ -57,6 +57,15 @@ def test_tangent_is_the_derivative_of_the_residual(flowed):
     assert product.FV().NumPy() * (body.weights > 0) == pytest.approx(r, rel=1e-9, abs=1e-9 * np.abs(r).max())
 
 
+def test_tissue_forces_are_those_of_the_state_that_stands(flowed):
+    body, x, _ = flowed
+    body.residual(x)
+    there = body.tissue_forces()
+    body.residual(0.5 * x)
+    body.state = x
+    assert body.tissue_forces() == pytest.approx(there, rel=1e-9, abs=1e-9 * np.abs(there).max())
+
+
 def test_a_region_without_branches_is_not_touched_by_one_with(rng):
     low, high = Box((0, 0, 0), (0.02, 0.02, 0.01)), Box((0, 0, 0.01), (0.02, 0.02, 0.02))
     low.mat("low"), high.mat("high")
