@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Complex
 from typing import Protocol, TypeAlias, cast, runtime_checkable
 
 import ngsolve as ngs
@@ -133,8 +134,12 @@ class Scaled(Composite):
 
 
 def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str) -> Value:
-    """The value itself, or an `InputError` naming the parameter when it is a number that does not fit."""
-    if isinstance(value, (int, float)) and not fits(value):
+    """The value itself, or an `InputError` naming the parameter when it is a number that does not fit, or none."""
+    if isinstance(value, CoefficientFunction):
+        return value
+    if not isinstance(value, Complex):
+        raise InputError(name, repr(value), "a number, a Parameter, a CoefficientFunction or a GridFunction")
+    if not fits(float(value.real)):  # of a complex modulus, as linear laws take it, what it stores
         raise InputError(name, value, wanted)
     return value
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import ngsolve as ngs
+import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Addable, Value, positive
+from ngbrain.materials.base import Addable, Value, checked, positive
 from ngbrain.tensors import principal_values
 
 
@@ -168,8 +169,7 @@ class Ogden(Addable):
             raise InputError("Ogden.alpha", f"{len(alpha)} values", f"as many as mu has: {len(mu)}")
         for m, a in zip(mu, alpha, strict=True):
             positive(m, "Ogden.mu")
-            if isinstance(a, (int, float)) and a == 0:
-                raise InputError("Ogden.alpha", a, "a number other than 0")
+            checked(a, "Ogden.alpha", lambda exponent: exponent != 0, "a number other than 0")
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
@@ -206,9 +206,9 @@ def _power(base: CoefficientFunction, exponent: int) -> CoefficientFunction:
 
 def _stiff(law: str, name: str, *parts: Value) -> None:
     """Raise `InputError` if numbers add up to no initial stiffness."""
-    if all(isinstance(part, (int, float)) for part in parts):
+    if not any(isinstance(part, CoefficientFunction) for part in parts):
         positive(sum(parts), f"{law}.{name}")
 
 
 def _terms(value: Value | Sequence[Value]) -> list[Value]:
-    return list(value) if isinstance(value, (list, tuple)) else [value]
+    return list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]

@@ -117,5 +117,6 @@ def _quadratic(strain: CoefficientFunction, mu: Value, lam: Value) -> Coefficien
 
 def _elastic(law: str, mu: Value, lam: Value) -> None:
     positive(mu, f"{law}.mu")
-    if isinstance(mu, (int, float)):
-        checked(lam, f"{law}.lam", lambda value: value > -2 / 3 * mu, f"a number above -2/3 mu, {-2 / 3 * mu:.6g}")
+    if not isinstance(mu, CoefficientFunction):
+        least = -2 / 3 * mu.real
+        checked(lam, f"{law}.lam", lambda value: value > least, f"a number above -2/3 mu, {least:.6g}")

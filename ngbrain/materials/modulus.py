@@ -23,7 +23,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Law, Value, positive
+from ngbrain.materials.base import Law, Value, checked, positive
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous
 
@@ -139,8 +139,7 @@ class Springpot(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.kappa, "Springpot.kappa")
-        if isinstance(self.exponent, (int, float)) and not 0 < self.exponent < 1:
-            raise InputError("Springpot.exponent", self.exponent, "a number between 0 and 1")
+        checked(self.exponent, "Springpot.exponent", lambda a: 0 < a < 1, "a number between 0 and 1")
 
     def __call__(self, omega: Frequency) -> Complex:
         """G* (Pa) at ω (rad/s)."""
@@ -207,7 +206,7 @@ class PronySeries(Modulus):
         for g, tau in zip(self.g, self.tau, strict=True):
             positive(g, "PronySeries.g")
             positive(tau, "PronySeries.tau")
-        numbers = [g for g in self.g if isinstance(g, (int, float))]
+        numbers = [g for g in self.g if not isinstance(g, CoefficientFunction)]
         if not sum(numbers) < 1:
             raise InputError("PronySeries.g", list(numbers), "fractions that add up to less than 1")
 
@@ -295,5 +294,4 @@ def _checked(omega: Frequency) -> Frequency:
 
 
 def _not_negative(value: Value, name: str) -> None:
-    if isinstance(value, (int, float)) and not value >= 0:
-        raise InputError(name, value, "a number of at least 0")
+    checked(value, name, lambda number: number >= 0, "a number of at least 0")

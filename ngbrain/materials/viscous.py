@@ -113,7 +113,7 @@ def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noq
         raise InputError("Prony.tau", f"{len(tau)} values", f"as many as g has: {len(g)}")
     for value in g:
         positive(value, "Prony.g")
-    if all(isinstance(value, (int, float)) for value in g) and not sum(g) < 1:
+    if not any(isinstance(value, CoefficientFunction) for value in g) and not sum(g) < 1:
         raise InputError("Prony.g", list(g), "fractions that add up to less than 1")
     rest = Scaled(law, 1 - sum(g))
     return Viscous(rest, tuple(Branch(Scaled(law, gk), tk) for gk, tk in zip(g, tau, strict=True)))

@@ -68,6 +68,13 @@ def test_ogdens_tangent_is_its_twins_also_at_nearly_equal_stretches(alpha, twin,
     assert np.abs(K - exact).max() < 1e-6 * np.abs(exact).max()
 
 
+def test_constants_may_come_from_numpy():
+    C = np.diag([1.2, 1.0, 1 / 1.2])
+    arrays, lists = Ogden(np.array([1.0, 2.0]), np.array([-5, 4])), Ogden([1.0, 2.0], [-5.0, 4.0])
+    assert np.allclose(stress(arrays, C), stress(lists, C), rtol=1e-14)
+    assert np.allclose(stress(NeoHooke(np.float32(2)), C), stress(NeoHooke(2.0), C), rtol=1e-14)
+
+
 def test_ogden_minus_two_is_mooney_rivlin():
     C = np.array([[1.3, 0.2, 0.1], [0.2, 0.9, -0.1], [0.1, -0.1, 1.0]])
     inverse = np.linalg.inv(C)
@@ -163,6 +170,10 @@ def test_catalogue_has_the_published_sums():
         (lambda: NeoHooke(-1.0), "NeoHooke.mu"),
         (lambda: Ogden(0.0, 2.0), "Ogden.mu"),
         (lambda: Ogden(1.0, 0), "Ogden.alpha"),
+        (lambda: Ogden(np.array([1.0, -2.0]), np.array([3.0, 4.0])), "Ogden.mu"),
+        (lambda: NeoHooke(np.int64(-5)), "NeoHooke.mu is -5"),
+        (lambda: NeoHooke("500"), "NeoHooke.mu is '500'"),
+        (lambda: NeoHooke(float("nan")), "NeoHooke.mu is nan"),
         (lambda: Ogden([1.0, 2.0], [3.0]), "Ogden.alpha"),
         (lambda: Branch(NeoHooke(1.0), 0.0), "Branch.tau"),
         (lambda: Prony(NeoHooke(1.0), [0.6, 0.5], [1.0, 2.0]), "Prony.g"),
