@@ -120,6 +120,7 @@ class Flow:
         self.points, self.eta = points, np.broadcast_to(np.asarray(eta, float), (n,))
         self.kappa = np.zeros(n)
         self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
+        self._pull = _congruence(self._step)
         self.energy, self.stress = np.zeros(n), np.zeros((6, n))
         self._elastic = np.zeros((2, n))
         self._strain = points.field(np.zeros((2, n)))

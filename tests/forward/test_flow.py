@@ -66,6 +66,11 @@ def test_tissue_forces_are_those_of_the_state_that_stands(flowed):
     assert body.tissue_forces() == pytest.approx(there, rel=1e-9, abs=1e-9 * np.abs(there).max())
 
 
+def test_a_body_has_no_forces_before_its_first_step(make_body):
+    body = make_body(FLOWING)
+    assert np.abs(body.tissue_forces()).max() < 1e-12
+
+
 def test_a_region_without_branches_is_not_touched_by_one_with(rng):
     low, high = Box((0, 0, 0), (0.02, 0.02, 0.01)), Box((0, 0, 0.01), (0.02, 0.02, 0.02))
     low.mat("low"), high.mat("high")
