@@ -237,6 +237,7 @@ class Transient:
             self._now = factor["t"]
             self.motion.set(self._now)
             self.newton.inverse = make(factor["x"])
+        self._factored = list(saved["factors"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         body.history.memory = saved["history"]
         self.follow = np.array(saved["follow"])

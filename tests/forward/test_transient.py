@@ -89,6 +89,21 @@ def test_restart_goes_on_with_the_same_bits(make_body, plate):
     assert other.progress.steps == whole.progress.steps
 
 
+def test_a_run_restored_is_saved_as_it_was(make_body, plate):
+    # One stopped again before its next factorisation, or followed by another protocol, has the same factors to go on from.
+    drive = plate(*PRESS)
+
+    def made():
+        return Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10), 1e-3)
+
+    first, second = made(), made()
+    first.run(lambda *_: None, until=10.0)
+    saved = first.checkpoint()
+    assert saved["factors"]
+    second.restore(saved)
+    np.testing.assert_equal(second.checkpoint(), saved)
+
+
 def test_too_deep_a_penetration_is_rejected_and_named(make_body, plate):
     drive = plate((0, 4), (0, 4e-3))
     body = make_body(contacts=[drive.contact(penalty=1e5)])
