@@ -1,0 +1,156 @@
+"""Error against time: a line for each method, the front of the best, and what failed; and where the time went."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from itertools import cycle
+from typing import Any
+
+from ngbrain.errors import require
+from ngbrain.look import STYLE
+
+OURS = "ngbrain:"
+STRONG = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+MUTED = {"NGSolve": "#4d4d4d", "dolfinx": "#8c7853", "FElupe": "#8a7a9b", "scikit-fem": "#7f9a8a"}
+SPARE = ("#a3a3a3", "#b09a8a", "#8fa3b3")
+MARKERS = {"peer": "sv^D<>P*", "ours": "oooo"}
+LINES = ("-", "--", ":", "-.")
+PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73", "other": "#bdbdbd"}
+
+
+def looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Colour, line and marker of each method: ours strong, others muted and one colour for each library."""
+    strong, spare, known, seen = cycle(STRONG), cycle(SPARE), dict(MUTED), defaultdict(int)
+    found = {}
+    for method in dict.fromkeys(methods):
+        if method.startswith(OURS):
+            style = {"color": next(strong), "marker": "o", "linestyle": "-", "lw": 2.2, "ms": 6, "zorder": 4}
+        else:
+            library = method.split()[0]
+            k = seen[library]
+            seen[library] += 1
+            style = {"color": known.setdefault(library, next(spare)), "linestyle": LINES[k % len(LINES)]}
+            marker = MARKERS["peer"][(list(known).index(library) + 4 * k) % len(MARKERS["peer"])]
+            style |= {"marker": marker, "lw": 1.2, "ms": 4.5, "zorder": 3}
+        found[method] = style
+    return found
+
+
+def pareto(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those that no other point beats in both, from the left."""
+    best: list[tuple[float, float]] = []
+    for x, y in sorted(points):
+        if not best or y < best[-1][1]:
+            best.append((x, y))
+    return best
+
+
+def front(
+    records: list[dict],
+    axes: Any,
+    x: str = "cpu_s",
+    xlabel: str = "CPU time, one thread (s)",
+    ylabel: str = "relative error",
+    title: str = "",
+    styles: dict[str, dict[str, Any]] | None = None,
+    size: Callable[[dict], Any] | None = lambda r: r.get("n"),
+    legend: bool = True,
+) -> None:
+    """Draw `error` against `x` on log axes; a marker is a mesh, `size` of it is written at the ends of our lines.
+
+    What did not converge is a cross above the frame at its time (without one: at the right), its reason in the legend.
+    Records whose reason begins "not offered" or "not installed" are left out.
+    """
+    records = [r for r in records if not str(r.get("reason", "")).startswith(("not offered", "not installed"))]
+    styles = styles or looks(r["method"] for r in records)
+    good = [r for r in records if r["converged"] and r["error"]]
+    if not good:
+        raise ValueError("no record converged: nothing to draw")
+    best = pareto((r[x], r["error"]) for r in good)
+    low, high = min(r["error"] for r in good), max(r["error"] for r in good)
+    left = min(r[x] for r in good)
+    right = max(r[x] for r in records if r[x])
+    if len(best) > 1:
+        across, down = zip(*best, strict=True)
+        axes.plot(
+            across, down, color="#f2d35b", lw=9, alpha=0.45, solid_capstyle="round", zorder=1, label="best for the time"
+        )
+    for method, style in styles.items():
+        rows = sorted((r for r in records if r["method"] == method), key=lambda r: (r["ndof"] or 0, r.get("n") or 0))
+        if not rows:
+            continue
+        done = [r for r in rows if r in good]
+        bad = [r for r in rows if not r["converged"]]
+        label = method + _failures(bad, size)
+        axes.loglog([r[x] for r in done], [r["error"] for r in done], label=label, **style)
+        if size and method.startswith(OURS):
+            for r in done[:1] + done[1:][-1:]:
+                axes.annotate(
+                    f"{size(r)}",
+                    (r[x], r["error"]),
+                    (5, 4),
+                    textcoords="offset points",
+                    fontsize=7,
+                    color=style["color"],
+                )
+        for r in bad:
+            place = r[x] or 1.6 * right
+            axes.plot(place, 3 * high, "x", color=style["color"], ms=8, mew=2, clip_on=False, zorder=5)
+    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel, title=title)
+    axes.set(ylim=(low / 2, 3 * high), xlim=(left / 1.5, 2 * right))
+    axes.grid(alpha=0.25, lw=0.6)
+    if legend:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=8, frameon=False, handlelength=3)
+
+
+def _failures(bad: list[dict], size: Callable[[dict], Any] | None) -> str:
+    """What a legend says of the crosses, one line for each reason."""
+    reasons = defaultdict(list)
+    for r in bad:
+        reasons[short(r.get("reason", ""))].append(str(size(r)) if size else "")
+    return "".join(f"\n   × {', '.join(filter(None, who))}: {why}" for why, who in reasons.items())
+
+
+def short(reason: str) -> str:
+    """A reason in a few words."""
+    for sign, words in {
+        "finite": "diverged",
+        "NaN": "diverged",
+        "DIVERGED": "diverged",
+        "iterations": "no end",
+    }.items():
+        if sign in reason:
+            return words
+    return reason if len(reason) <= 40 else reason[:39] + "…"
+
+
+def bars(records: list[dict], axes: Any, labels: Iterable[str] | None = None, title: str = "") -> None:
+    """Where the CPU time went, a bar for each record; what its phases do not name is "other"."""
+    rows = [r for r in records if r["converged"] and r.get("cpu_s")]
+    names = list(labels) if labels is not None else [f"{r['method']}, n = {r['n']}" for r in rows]
+    start = [0.0] * len(rows)
+    for phase, colour in PHASES.items():
+        known = [sum(r.get("phases", {}).values()) for r in rows]
+        if phase == "other":
+            widths = [max(0.0, r["cpu_s"] - k) for r, k in zip(rows, known, strict=True)]
+        else:
+            widths = [r.get("phases", {}).get(phase, 0.0) for r in rows]
+        axes.barh(names, widths, left=start, color=colour, label=phase, height=0.65)
+        start = [s + w for s, w in zip(start, widths, strict=True)]
+    for name, r in zip(names, rows, strict=True):
+        axes.annotate(
+            f"{r['cpu_s']:.2g} s", (r["cpu_s"], name), (4, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    axes.invert_yaxis()
+    axes.set(xlabel="CPU time, one thread (s)", title=title)
+    axes.margins(x=0.12)
+    axes.legend(fontsize=8, frameon=False, ncols=5, loc="upper left", bbox_to_anchor=(0, -0.12))
+
+
+def figure(width: float, height: float, panels: int = 1, **options: Any) -> tuple[Any, Any, Any]:
+    """pyplot, a figure in the house style and its panels."""
+    plt = require("matplotlib.pyplot", "report")
+    plt.rcParams.update(STYLE)
+    made, axes = plt.subplots(1, panels, figsize=(width, height), layout="constrained", **options)
+    return plt, made, axes
