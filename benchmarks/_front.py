@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import cycle
 from typing import Any
 
@@ -14,26 +14,27 @@ OURS = "ngbrain:"
 STRONG = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 MUTED = {"NGSolve": "#4d4d4d", "dolfinx": "#8c7853", "FElupe": "#8a7a9b", "scikit-fem": "#7f9a8a"}
 SPARE = ("#a3a3a3", "#b09a8a", "#8fa3b3")
-MARKERS = {"peer": "sv^D<>P*", "ours": "oooo"}
+MARKERS = "sv^D<>P*X"
 LINES = ("-", "--", ":", "-.")
 PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73", "other": "#bdbdbd"}
 
 
 def looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Colour, line and marker of each method: ours strong, others muted and one colour for each library."""
-    strong, spare, known, seen = cycle(STRONG), cycle(SPARE), dict(MUTED), defaultdict(int)
-    found = {}
-    for method in dict.fromkeys(methods):
+    """How each method is drawn: ours strong and first, others muted; colour says the library, marker the element."""
+    methods = list(dict.fromkeys(methods))
+    strong, spare, known = cycle(STRONG), cycle(SPARE), dict(MUTED)
+    found: dict[str, dict[str, Any]] = {}
+    for method in methods:
         if method.startswith(OURS):
-            style = {"color": next(strong), "marker": "o", "linestyle": "-", "lw": 2.2, "ms": 6, "zorder": 4}
-        else:
-            library = method.split()[0]
-            k = seen[library]
-            seen[library] += 1
-            style = {"color": known.setdefault(library, next(spare)), "linestyle": LINES[k % len(LINES)]}
-            marker = MARKERS["peer"][(list(known).index(library) + 4 * k) % len(MARKERS["peer"])]
-            style |= {"marker": marker, "lw": 1.2, "ms": 4.5, "zorder": 3}
-        found[method] = style
+            found[method] = {"color": next(strong), "marker": "o", "linestyle": "-", "lw": 2.2, "ms": 6, "zorder": 4}
+    others = sorted((m for m in methods if m not in found), key=lambda m: m.split()[0].lower())
+    elements = list(dict.fromkeys(m.partition(" ")[2] for m in methods if m in others))
+    for method in others:
+        library, _, element = method.partition(" ")
+        k = elements.index(element)
+        colour = known.setdefault(library, next(spare) if library not in known else "")
+        style = {"color": colour, "marker": MARKERS[k % len(MARKERS)], "linestyle": LINES[k % len(LINES)]}
+        found[method] = style | {"lw": 1.2, "ms": 4.5, "zorder": 3}
     return found
 
 
@@ -54,12 +55,12 @@ def front(
     ylabel: str = "relative error",
     title: str = "",
     styles: dict[str, dict[str, Any]] | None = None,
-    size: Callable[[dict], Any] | None = lambda r: r.get("n"),
+    size: str = "n",
     legend: bool = True,
 ) -> None:
-    """Draw `error` against `x` on log axes; a marker is a mesh, `size` of it is written at the ends of our lines.
+    """Draw `error` against `x` on log axes; a marker is a mesh, its `size` is written at the ends of our lines.
 
-    What did not converge is a cross above the frame at its time (without one: at the right), its reason in the legend.
+    What did not converge is a cross on top at its time (without one: at the right), its reason in the legend.
     Records whose reason begins "not offered" or "not installed" are left out.
     """
     records = [r for r in records if not str(r.get("reason", "")).startswith(("not offered", "not installed"))]
@@ -69,12 +70,12 @@ def front(
         raise ValueError("no record converged: nothing to draw")
     best = pareto((r[x], r["error"]) for r in good)
     low, high = min(r["error"] for r in good), max(r["error"] for r in good)
-    left = min(r[x] for r in good)
+    left = min(r[x] for r in records if r[x])
     right = max(r[x] for r in records if r[x])
     if len(best) > 1:
         across, down = zip(*best, strict=True)
         axes.plot(
-            across, down, color="#f2d35b", lw=9, alpha=0.45, solid_capstyle="round", zorder=1, label="best for the time"
+            across, down, color="#f2d35b", lw=7, alpha=0.45, solid_capstyle="round", zorder=1, label="best for the time"
         )
     for method, style in styles.items():
         rows = sorted((r for r in records if r["method"] == method), key=lambda r: (r["ndof"] or 0, r.get("n") or 0))
@@ -84,10 +85,10 @@ def front(
         bad = [r for r in rows if not r["converged"]]
         label = method + _failures(bad, size)
         axes.loglog([r[x] for r in done], [r["error"] for r in done], label=label, **style)
-        if size and method.startswith(OURS):
+        if method.startswith(OURS):
             for r in done[:1] + done[1:][-1:]:
                 axes.annotate(
-                    f"{size(r)}",
+                    f"{r.get(size)}",
                     (r[x], r["error"]),
                     (5, 4),
                     textcoords="offset points",
@@ -96,20 +97,27 @@ def front(
                 )
         for r in bad:
             place = r[x] or 1.6 * right
-            axes.plot(place, 3 * high, "x", color=style["color"], ms=8, mew=2, clip_on=False, zorder=5)
+            axes.plot(place, 3.5 * high, "x", color=style["color"], ms=8, mew=2, zorder=5)
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel, title=title)
-    axes.set(ylim=(low / 2, 3 * high), xlim=(left / 1.5, 2 * right))
+    failed = any(not r["converged"] for r in records)
+    axes.set(ylim=(low / 2, (8 if failed else 2) * high), xlim=(left / 1.5, 2 * right))
+    if failed:
+        axes.axhline(2 * high, color="#999999", lw=0.6)
+        axes.annotate("failed", (0.01, 5.8 * high), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     axes.grid(alpha=0.25, lw=0.6)
     if legend:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=8, frameon=False, handlelength=3)
+        many = sum(text.count("\n") + 1 for text in axes.get_legend_handles_labels()[1]) > 18
+        axes.legend(
+            loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=6.5 if many else 8, frameon=False, handlelength=3
+        )
 
 
-def _failures(bad: list[dict], size: Callable[[dict], Any] | None) -> str:
+def _failures(bad: list[dict], size: str) -> str:
     """What a legend says of the crosses, one line for each reason."""
     reasons = defaultdict(list)
     for r in bad:
-        reasons[short(r.get("reason", ""))].append(str(size(r)) if size else "")
-    return "".join(f"\n   × {', '.join(filter(None, who))}: {why}" for why, who in reasons.items())
+        reasons[short(r.get("reason", ""))].append(str(r.get(size)))
+    return "".join(f"\n   × {size} = {', '.join(who)}: {why}" for why, who in reasons.items())
 
 
 def short(reason: str) -> str:

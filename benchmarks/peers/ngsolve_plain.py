@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from math import pi
 
 import _case as c
@@ -113,4 +114,5 @@ def solve(task: c.Task) -> dict:
 
 
 if __name__ == "__main__":
-    c.main("NGSolve", solve, {"ngsolve": ngs.__version__})
+    with ngs.TaskManager() if int(c.THREADS) > 1 else nullcontext():
+        c.main("NGSolve", solve, {"ngsolve": ngs.__version__})
