@@ -1,0 +1,79 @@
+"""Direct factorisations by name, each asked whether it has really inverted the matrix."""
+
+from __future__ import annotations
+
+import importlib.metadata
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import MissingExtra, require
+from ngbrain.solvers.condensed import Array, Condensed, Core
+
+NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps")
+
+ROUGH = 1e-3
+"""A correction by iterative refinement larger than this part of the solution: the factor is of some other matrix."""
+
+
+def require_package(name: str) -> None:
+    """Raise `MissingExtra` if the package behind a name is not installed."""
+    if name == "mumps":
+        require("mumps", "mumps")
+    if name == "pardiso":
+        try:
+            importlib.metadata.version("mkl")  # a library without a module, which NGSolve loads itself
+        except importlib.metadata.PackageNotFoundError as error:
+            raise MissingExtra("mkl", "pardiso") from error
+
+
+def factorise(name: str, condensed: Condensed) -> Core:
+    """Factor of the condensed matrix; FloatingPointError if there is none, or none that is any good.
+
+    A Cholesky factor of a singular matrix is finite and answers 5e17. So one random right-hand side is solved for, and
+    then for its residual: what comes back is rounding, or as large as the solution if the factor is not an inverse. No
+    units enter the ratio, field by field.
+    """
+    try:
+        core = _mumps(condensed) if name == "mumps" else _ngsolve(name, condensed)
+    except Exception as error:  # NGSolve and MUMPS raise bare exceptions of several kinds here
+        raise FloatingPointError(f"the tangent cannot be factorised: {name}: {error}") from error
+    b = np.random.default_rng(0).normal(size=len(condensed.free)) * condensed.free
+    x = core(b)
+    with np.errstate(all="ignore"):
+        correction = core(b - condensed.apply(x))
+        sizes = [(np.linalg.norm(correction[field]), np.linalg.norm(x[field])) for field in condensed.fields]
+    if not all(np.isfinite(size) and wrong <= ROUGH * size for wrong, size in sizes):
+        raise FloatingPointError(f"the tangent cannot be factorised: {name} gives no solution, the matrix is singular")
+    return core
+
+
+def _ngsolve(name: str, condensed: Condensed) -> Core:
+    form, where = condensed.form, condensed.free
+    inverse = form.mat.Inverse(form.space.FreeDofs(form.condense), inverse=name)
+    right, left = form.mat.CreateColVector(), form.mat.CreateRowVector()
+
+    def core(r: Array) -> Array:
+        right.FV().NumPy()[:] = r
+        left.data = inverse * right
+        return left.FV().NumPy() * where
+
+    return core
+
+
+def _mumps(condensed: Condensed) -> Core:
+    mumps, where = require("mumps", "mumps"), condensed.free
+    values, columns, rows = (np.asarray(part) for part in condensed.matrix.CSR())
+    matrix = sp.csr_array((values, columns, rows), shape=condensed.matrix.shape)[where][:, where]
+    symmetric = bool(condensed.form.flags.ToDict().get("symmetric", False))
+    context = mumps.Context()
+    context.set_matrix(sp.triu(matrix, format="coo") if symmetric else matrix.tocoo(), symmetric=symmetric)
+    context.factor()
+
+    def core(r: Array) -> Array:
+        x = np.zeros_like(r)
+        x[where] = context.solve(r[where])
+        return x
+
+    return core

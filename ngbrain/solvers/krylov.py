@@ -1,0 +1,93 @@
+"""Krylov methods on numpy arrays. They stop by name where NGSolve's and scipy's go on: no convergence, no definiteness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+Array = np.ndarray
+Apply = Callable[[Array], Array]
+
+
+def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:
+    """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
+    x, r = np.zeros_like(b), b.copy()
+    z = precondition(r)
+    p, start = z, _definite(r @ z, "preconditioner")
+    now = start
+    for k in range(most + 1):
+        if now <= rtol * rtol * start:
+            return x, k
+        q = apply(p)
+        alpha = now / _definite(p @ q, "matrix")
+        x += alpha * p
+        r -= alpha * q
+        z = precondition(r)
+        before, now = now, _definite(r @ z, "preconditioner")
+        p = z + now / before * p
+    raise FloatingPointError(f"no convergence in {most} iterations (residual {np.sqrt(now / start):.1e} of its start)")
+
+
+def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:
+    """Solution of Ax = b with A symmetric and the preconditioner P positive definite, and iterations; stops as `cg` does.
+
+    Source: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), algorithm 4.1.
+    """
+    x, v_old, w_old, w = (np.zeros_like(b) for _ in range(4))
+    v = b.copy()
+    z = precondition(v)
+    gamma = np.sqrt(_definite(v @ z, "preconditioner"))
+    start = eta = gamma
+    gamma_old, s_old, s, c_old, c = 1.0, 0.0, 0.0, 1.0, 1.0
+    for k in range(most + 1):
+        if abs(eta) <= rtol * start:
+            return x, k
+        z = z / gamma
+        q = apply(z)
+        delta = q @ z
+        v, v_old = q - delta / gamma * v - gamma / gamma_old * v_old, v
+        z_new = precondition(v)
+        gamma_old, gamma = gamma, np.sqrt(_definite(v @ z_new, "preconditioner"))
+        a0 = c * delta - c_old * s * gamma_old
+        a1 = np.hypot(a0, gamma)
+        a2 = s * delta + c_old * c * gamma_old
+        a3 = s_old * gamma_old
+        if a1 == 0:
+            raise FloatingPointError("the matrix is singular")
+        c_old, c, s_old, s = c, a0 / a1, s, gamma / a1
+        w, w_old = (z - a3 * w_old - a2 * w) / a1, w
+        x += c * eta * w
+        eta, z = -s * eta, z_new
+    raise FloatingPointError(f"no convergence in {most} iterations (residual {abs(eta) / start:.1e} of its start)")
+
+
+def gmres(apply: Apply, precondition: Apply, b: Array, scale: Array, rtol: float, most: int) -> tuple[Array, int, float]:
+    """Solution of PAx = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
+    first = scale * precondition(b)
+    beta = float(np.linalg.norm(first))
+    if beta == 0:
+        return np.zeros_like(b), 0, 0.0
+    basis, h = [first / beta], np.zeros((most + 1, most))
+    for k in range(most):
+        v = scale * precondition(apply(basis[k] / scale))
+        for i, other in enumerate(basis):
+            h[i, k] = v @ other
+            v = v - h[i, k] * other
+        h[k + 1, k] = np.linalg.norm(v)
+        target = np.zeros(k + 2)
+        target[0] = beta
+        y, *_ = np.linalg.lstsq(h[: k + 2, : k + 1], target)
+        left = float(np.linalg.norm(h[: k + 2, : k + 1] @ y - target)) / beta
+        if left <= rtol or not h[k + 1, k] > 0 or k + 1 == most:
+            break
+        basis.append(v / h[k + 1, k])
+    return sum(a * v for a, v in zip(y, basis, strict=True)) / scale, k + 1, left
+
+
+def _definite(product: float, what: str) -> float:
+    if not np.isfinite(product):
+        raise FloatingPointError("the iteration is not finite")
+    if product < 0:
+        raise FloatingPointError(f"the {what} is not positive definite")
+    return float(product)

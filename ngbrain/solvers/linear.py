@@ -1,0 +1,189 @@
+"""Linear solvers by name for linearised statics, and the choice between them.
+
+    sparsecholesky, umfpack, pardiso, mumps    direct
+    cg-bddc, cg-amg           for positive definite matrices: a displacement form, or a discontinuous pressure condensed
+    minres-bddc, minres-amg   for displacements with a continuous pressure, at any K/μ: the displacement block by BDDC or
+                              multigrid, the pressure block by the mass matrix over μ, which the Schur complement is
+                              equivalent to whatever K is
+
+Source: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers (2014), section 4.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.solvers import direct, krylov
+from ngbrain.solvers import preconditioners as pre
+from ngbrain.solvers.condensed import Condensed, Core, fields, free
+
+Array = np.ndarray
+Solve = Callable[[Array], Array]
+"""r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
+FormKind = Literal["displacement", "continuous pressure", "discontinuous pressure"]
+
+NAMES = (*direct.NAMES, "cg-bddc", "cg-amg", "minres-bddc", "minres-amg")
+
+RTOL = 1e-8
+MOST = 500
+"""Relative residual, in the preconditioner's norm, at which an iteration stops, and the iterations it may take."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The name of a solver, and in one line why."""
+
+    name: str
+    why: str
+
+
+def choose(
+    form_kind: FormKind, n_free: int, ratio: float, symmetric: bool = True, dim: int = 3, order: int = 2
+) -> Choice:
+    """The solver for a problem of `n_free` unknowns after condensation, with `ratio` the largest K/μ (inf allowed).
+
+    A factor serves several solves of Newton's method, and an iteration starts anew each time; seconds of one thread, order 2.
+    """
+    if not symmetric:
+        return Choice("umfpack", "the matrix is not symmetric, which only a factor with pivots is for")
+    if form_kind == "continuous pressure":
+        name, needed = "minres-amg", MIXED_ITERATIONS
+    else:
+        name, needed = "cg-bddc" if order >= 4 else "cg-amg", 10 + 3 * math.sqrt(max(ratio, 1.0))
+    size = f"{n_free} unknowns, K/μ {ratio:.2g}"
+    cheaper, most = (WORTH[dim] * needed, DIRECT_MOST[dim])
+    if n_free <= min(cheaper, most):
+        return Choice("sparsecholesky", f"{size}: a factor serves several solves, {name} would take {needed:.0f} iterations each")
+    if needed <= MOST:
+        return Choice(name, f"{size}: about {needed:.0f} iterations, cheaper than a factor beyond {min(cheaper, most):.0f} unknowns")
+    return Choice("sparsecholesky", f"{size}: {name} would need {needed:.0f} iterations; a factor takes; a pressure would ...")
+
+
+@dataclass
+class Direct:
+    """Solves with a factor; without the form (which may have been assembled again since), `core` is still good."""
+
+    condensed: Condensed
+    core: Core
+    iterations: int = 1
+
+    def __call__(self, r: Array) -> Array:
+        return self.condensed.solve(self.core, r)
+
+
+@dataclass
+class Iterative:
+    """Solves to `rtol` in at most `most` iterations, or raises FloatingPointError; `iterations` of the last solve."""
+
+    name: str
+    condensed: Condensed
+    precondition: Core
+    rtol: float = RTOL
+    most: int = MOST
+    iterations: int = 0
+
+    def __call__(self, r: Array) -> Array:
+        return self.condensed.solve(self._core, r)
+
+    def _core(self, r: Array) -> Array:
+        method = krylov.cg if self.name.startswith("cg") else krylov.minres
+        try:
+            x, self.iterations = method(self.condensed.apply, self.precondition, r, self.rtol, self.most)
+        except FloatingPointError as error:
+            raise FloatingPointError(f"{self.name}: {error}") from error
+        return x
+
+
+@dataclass
+class Reused:
+    """Solves with a form's matrix by GMRES around an older factor; what it found first is kept for who asks again."""
+
+    condensed: Condensed
+    old: Core
+    scale: Array
+    rtol: float
+    most: int
+    iterations: int = 0
+    left: float = 0.0
+    _last: tuple[Array, Array] | None = None
+
+    def __call__(self, r: Array) -> Array:
+        if self._last is None or not np.array_equal(self._last[0], r):
+            self._last = r.copy(), self.condensed.solve(self._core, r)
+        return self._last[1].copy()
+
+    def _core(self, r: Array) -> Array:
+        x, self.iterations, self.left = krylov.gmres(
+            self.condensed.apply, self.old, r, self.scale, self.rtol, self.most
+        )
+        return x
+
+
+def prepare(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction | float = 1.0) -> Callable[[], Solve]:
+    """What makes a solver for the form's matrix each time after it is assembled.
+
+    To be called when the form's terms are added and before its first assembly, in which BDDC takes part.
+
+    modulus  shear modulus (Pa), for the blocks of the mixed preconditioners
+
+    Raises `InputError` for an unknown name or a form that it cannot be for, `MissingExtra` if a package is missing; what
+    it returns raises FloatingPointError when a factorisation fails, as the solvers do when an iteration fails.
+    """
+    if name not in NAMES:
+        raise InputError("solver", repr(name), nearest(name, NAMES))
+    if name in direct.NAMES:
+        direct.require_package(name)
+
+        def factorised() -> Solve:
+            condensed = Condensed(form)
+            return Direct(condensed, direct.factorise(name, condensed))
+
+        return factorised
+    block = _block(name, form, modulus)
+
+    def iterative() -> Solve:
+        return Iterative(name, Condensed(form), block())
+
+    return iterative
+
+
+def reused(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, most: int = 12) -> Solve | None:
+    """Solver with the matrix of a new assembly by an older factor; None if that does not reach `rtol` for r.
+
+    Later right-hand sides are solved as well as `most` iterations can. Errors are measured as the old factor sees them,
+    M₀⁻¹(r - Mx), each field by its own size, so that forces beside volumes do not matter.
+    """
+    if not isinstance(kept, Direct):
+        return None
+    condensed = Condensed(form)
+    solve = Reused(condensed, kept.core, np.ones(len(r)), rtol, most)
+    first = condensed.solve(kept.core, r)
+    for field in condensed.fields:
+        size = np.linalg.norm(first[field] * condensed.free[field])
+        solve.scale[field] = 1 / size if size > 0 else 1.0
+    solve(r)
+    return solve if solve.left <= rtol else None
+
+
+def _block(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction | float) -> Callable[[], Core]:
+    """What makes the preconditioner of an iterative method after each assembly."""
+    space, unknown, parts = form.space, free(form), fields(form.space)
+    if name.startswith("cg"):
+        if any(unknown[part].any() for part in parts[1:]):
+            raise InputError("solver", repr(name), "minres-amg or a direct one: the pressure is not condensed")
+        return pre.bddc(form) if name.endswith("bddc") else pre.multigrid(form)
+    if len(parts) != 2 or not unknown[parts[1]].any():
+        raise InputError("solver", repr(name), "cg-amg, cg-bddc or a direct one: there is no pressure to solve for")
+    displacement = (
+        pre.elastic_bddc(space.components[0], modulus, form.condense)
+        if name.endswith("bddc")
+        else pre.multigrid(form)
+    )
+    return pre.diagonal(displacement, pre.mass(space.components[1], modulus, form.condense), parts)
