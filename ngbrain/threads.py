@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import ngsolve as ngs
@@ -34,3 +36,18 @@ def set_threads(n: int) -> None:
         for name in _SETTERS:
             if hasattr(library, name):
                 getattr(library, name)(1)
+
+
+@contextmanager
+def threads(n: int | None) -> Iterator[None]:
+    """Work inside on `n` threads, NGSolve's task manager entered if there are several; None leaves all as it is."""
+    if n is None:
+        yield
+        return
+    before = ngs.ngsglobals.numthreads
+    set_threads(n)
+    try:
+        with ngs.TaskManager() if n > 1 else nullcontext():
+            yield
+    finally:
+        set_threads(before)

@@ -16,8 +16,9 @@ from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
 from ngbrain.forward.tangent import Solve, Tangent, bordered
-from ngbrain.materials import Law, Viscous, barrier, perturbed_lagrangian
+from ngbrain.materials import Law, Viscous, barrier, quadratic
 from ngbrain.materials.base import Deformation, Value
+from ngbrain.materials.volumetric import COUPLED
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
@@ -35,11 +36,13 @@ class Material:
     bulk       K (Pa)
     pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
                an element: corners of a cut need it, a smooth scene does without
+    change     U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form
     """
 
     law: Viscous | Law
     bulk: Value
     pointwise: Value = 0.0
+    change: Callable[[CoefficientFunction, Value], CoefficientFunction] = quadratic
 
     @property
     def viscous(self) -> Viscous:
@@ -117,7 +120,7 @@ class Body:
 
         def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
             energy = law.density(at, history.shares[: len(law.hereditary)]) + remembered(law, at.shape)
-            energy += perturbed_lagrangian(at.J, p, material.bulk)
+            energy += COUPLED[material.change](at.J, p, material.bulk)
             return energy + barrier(at.J, material.pointwise) if material.pointwise else energy
 
         return density

@@ -43,6 +43,10 @@ def squared_log(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
     return bulk / 2 * log * log
 
 
+COUPLED = {quadratic: perturbed_lagrangian, squared_log: perturbed_logarithm}
+"""U(J) → the energy of J and a pressure that is stationary where U's is: the same law in mixed form."""
+
+
 @dataclass(frozen=True)
 class Compressible(Addable):
     """W = U(J): what a law of shape needs, added to it, for a body without pressure unknowns; bulk modulus K (Pa) at J = 1.

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 
@@ -35,3 +39,62 @@ class NewtonRecord:
     corrections: list[float] = field(default_factory=list)
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
+
+
+@dataclass
+class PathRecord:
+    """Outcome of a solve in load steps.
+
+    factor   load factor that was reached; `converged` if it is 1, else `reason` says why not
+    steps    (load factor, record) of each step that succeeded
+    cuts     steps that failed and were halved, with their `reasons`
+    tried    Newton iterations of all steps, failed ones too
+    seconds  CPU time by phase: assemble, factor, solve, residual, check
+    form, solver   what was chosen, and why
+    """
+
+    converged: bool = False
+    reason: str = ""
+    factor: float = 0.0
+    steps: list[tuple[float, NewtonRecord]] = field(default_factory=list)
+    cuts: int = 0
+    reasons: list[str] = field(default_factory=list)
+    tried: int = 0
+    work: Work = field(default_factory=Work)
+    seconds: dict[str, float] = field(default_factory=dict)
+    ndof: int = 0
+    form: str = ""
+    solver: str = ""
+
+    @property
+    def min_det_F(self) -> float:  # noqa: N802
+        """Smallest det F over all quadrature points of the last state."""
+        return self.steps[-1][1].min_det_F if self.steps else float("nan")
+
+    @property
+    def residuals(self) -> list[float]:
+        """Norms of the residual at all iterates of the steps that succeeded."""
+        return [norm for _, step in self.steps for norm in step.residuals]
+
+
+class Clock:
+    """CPU seconds by phase.
+
+    >>> clock = Clock()
+    >>> with clock("assemble"):
+    ...     pass
+    >>> list(clock.seconds)
+    ['assemble']
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+
+    @contextmanager
+    def __call__(self, phase: str) -> Iterator[None]:
+        """Count what is done inside."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[phase] += time.process_time() - start

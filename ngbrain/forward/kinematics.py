@@ -1,0 +1,68 @@
+"""How a displacement of the mesh is a deformation in space: solids, plane strain, bodies of revolution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import ngsolve as ngs
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A mesh in space."""
+
+    dim = 3
+
+    def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """F, 3×3, of a displacement and its gradient (on a boundary, the tangential one)."""
+        return ngs.Id(3) + grad
+
+    def weight(self) -> CoefficientFunction | float:
+        """Volume in space for a volume of the mesh, and area for an area."""
+        return 1.0
+
+    def position(self, u: CoefficientFunction) -> CoefficientFunction:
+        """x = X + u in the mesh's coordinates."""
+        return ngs.CF((ngs.x, ngs.y, ngs.z)[: self.dim]) + u
+
+
+@dataclass(frozen=True)
+class PlaneStrain(Solid):
+    """A mesh in the plane, a metre thick, that stays as thick: forces are per metre."""
+
+    dim = 2
+
+    def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """F with F₃₃ = 1."""
+        return _plane(grad, 0.0)
+
+
+@dataclass(frozen=True)
+class Axisymmetric(Solid):
+    """A mesh in the half plane (r, z) = (x, y), x ≥ 0, that is turned around the y axis."""
+
+    dim = 2
+
+    def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """F with F₃₃ = 1 + u_r/r, the stretch of circles."""
+        return _plane(grad, u[0] / ngs.x)
+
+    def weight(self) -> CoefficientFunction:
+        """2πr."""
+        return 2 * pi * ngs.x
+
+
+def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:
+    return ngs.CF((1 + grad[0, 0], grad[0, 1], 0, grad[1, 0], 1 + grad[1, 1], 0, 0, 0, 1 + third), dims=(3, 3))
+
+
+def kinematics_of(mesh: ngs.Mesh, asked: Solid | None) -> Solid:
+    """What was asked for if the mesh fits it; unasked a solid in space and plane strain in the plane."""
+    found = asked or (Solid() if mesh.dim == 3 else PlaneStrain())
+    if found.dim != mesh.dim:
+        raise InputError("mesh", f"{mesh.dim}-dimensional", f"{found.dim} dimensions for {type(found).__name__}")
+    return found

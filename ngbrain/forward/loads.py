@@ -1,0 +1,173 @@
+"""What acts on a body: each load says its part of the energy, or, where it has none, of the virtual work.
+
+All loads but springs grow with the load factor t from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.forward.kinematics import Solid
+from ngbrain.materials.base import Value
+
+Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
+Terms: TypeAlias = ngs.comp.SumOfIntegrals
+
+BONUS = 2
+"""Orders of quadrature beyond a boundary element's own: follower loads are products of many factors."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where loads act: the mesh, how it deforms, the load factor t, trial and test displacement."""
+
+    mesh: ngs.Mesh
+    kinematics: Solid
+    factor: ngs.Parameter
+    u: CoefficientFunction
+    v: CoefficientFunction
+
+    def on(self, boundary: str) -> ngs.comp.DifferentialSymbol:
+        """Reference area."""
+        return ngs.ds(boundary, bonus_intorder=BONUS)
+
+    def area(self, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
+        """cof F N, in the mesh's dimensions: current outward normal times current over reference area."""
+        F = self.kinematics.gradient(u, ngs.Grad(u).Trace())
+        normal = outward(self.mesh, boundary)
+        if self.mesh.dim == 3:
+            # The cofactor's normal column holds tangential derivatives only, which is all that a boundary knows.
+            return ngs.Cof(F) * normal
+        flat = ngs.CF((F[0, 0], F[0, 1], F[1, 0], F[1, 1]), dims=(2, 2))
+        return F[2, 2] * ngs.Cof(flat) * normal
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A dead load: a force (Pa, per reference area) that keeps its direction; -∫ t·u dA."""
+
+    boundary: str
+    value: Vector
+
+    def energy(self, at: Place) -> Terms:
+        """Its potential (J)."""
+        return -at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u) * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
+class Weight:
+    """A force per reference volume (N/m³), such as ρg; -∫ f·u dV."""
+
+    value: Vector
+    region: str = ".*"
+
+    def energy(self, at: Place) -> Terms:
+        """Its potential (J)."""
+        work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
+        return -work * ngs.dx(definedon=at.mesh.Materials(self.region))
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Springs (Pa/m) that hold a boundary where it was; ∫ k/2 u·u dA."""
+
+    boundary: str
+    stiffness: Value
+
+    def energy(self, at: Place) -> Terms:
+        """What they store (J)."""
+        stored = self.stiffness / 2 * ngs.InnerProduct(at.u, at.u)
+        return at.kinematics.weight() * stored * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """A follower load: a pressure (Pa) on the current area of any boundary; virtual work -∫ P n·δu da.
+
+    It has an energy only where the boundary's rim is held (or encloses a volume, see `CavityPressure`), so the tangent is
+    not symmetric.
+    """
+
+    boundary: str
+    value: Value
+
+    def work(self, at: Place) -> Terms:
+        """Its part of the residual, internal less external virtual work (J)."""
+        pushed = ngs.InnerProduct(at.area(at.u, self.boundary), at.v)
+        return at.factor * at.kinematics.weight() * self.value * pushed * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
+class CavityPressure:
+    """A pressure (Pa) in a cavity, which a boundary encloses alone or with planes of symmetry through the origin; -P V."""
+
+    boundary: str
+    value: Value
+
+    def energy(self, at: Place) -> Terms:
+        """-P V (J), V the enclosed volume."""
+        return -at.factor * self.value * enclosed(at, at.u, self.boundary) * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
+class CavityVolume:
+    """A cavity whose volume grows by `change` (m³, as far as the mesh goes); its pressure P is one more unknown.
+
+    Energy -P (V - V₀ - t change): a limit point of the pressure is none of the volume.
+    """
+
+    boundary: str
+    change: float
+
+    def energy(self, at: Place, pressure: CoefficientFunction) -> Terms:
+        """Of u and the pressure (J)."""
+        area = ngs.Integrate(ngs.CF(1) * at.on(self.boundary), at.mesh)
+        wanted = (volume(at, None, self.boundary) + at.factor * self.change) / area
+        return -pressure * (enclosed(at, at.u, self.boundary) - wanted) * at.on(self.boundary)
+
+
+Load: TypeAlias = Traction | Weight | Spring | Pressure | CavityPressure | CavityVolume
+
+
+def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
+    """Density on a cavity's wall whose integral is the volume between it and the origin: -x·n da/3, in the plane area."""
+    dims = 2 if at.mesh.dim == 2 and at.kinematics.weight() == 1.0 else 3
+    x = at.kinematics.position(u)
+    return -at.kinematics.weight() * ngs.InnerProduct(x, at.area(u, boundary)) / dims
+
+
+def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
+    """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
+    u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
+    return float(ngs.Integrate(enclosed(at, u, boundary) * at.on(boundary), at.mesh))
+
+
+def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
+    """Unit normal of a boundary out of the body; NGSolve's own points as its geometry happens to be oriented."""
+    normal, corners = ngs.specialcf.normal(mesh.dim), np.array([vertex.point for vertex in mesh.vertices])
+
+    def middle(element: ngs.comp.Ngs_Element) -> np.ndarray:
+        return corners[[vertex.nr for vertex in element.vertices]].mean(axis=0)
+
+    def facets(element: ngs.comp.Ngs_Element) -> tuple[ngs.NodeId, ...]:
+        return element.faces if mesh.dim == 3 else element.edges
+
+    mean = [ngs.Integrate(normal[i], mesh, ngs.BND, element_wise=True).NumPy() for i in range(mesh.dim)]
+    sides = ngs.GridFunction(ngs.SurfaceL2(mesh, order=0))
+    elements = list(mesh.Boundaries(boundary).Elements())
+    wanted = {facets(element)[0] for element in elements}
+    inner = {facet: middle(e) for e in mesh.Elements() for facet in facets(e) if facet in wanted}
+    for element in elements:
+        away = middle(element) - inner[facets(element)[0]]
+        sides.vec[element.nr] = np.sign(np.array([m[element.nr] for m in mean]) @ away)
+    return sides * normal
+
+
+def _vector(value: Vector) -> CoefficientFunction:
+    return value if isinstance(value, CoefficientFunction) else ngs.CF(tuple(value))
+

@@ -1,0 +1,335 @@
+"""Equilibrium of elastic bodies under loads: any law, K/μ to infinity, plane, axisymmetric or in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import ConvergenceError, InputError, InvertedElementError
+from ngbrain.forward.body import Material, check_patterns
+from ngbrain.forward.elements import Form, automatic
+from ngbrain.forward.kinematics import Solid, kinematics_of
+from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, Vector, volume
+from ngbrain.materials.base import Deformation, density
+from ngbrain.materials.points import initial_modulus
+from ngbrain.materials.volumetric import COUPLED
+from ngbrain.solvers import continuation, linear
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import Clock, PathRecord
+from ngbrain.threads import threads as using
+
+Components = tuple[CoefficientFunction | float | None, ...]
+Support = float | CoefficientFunction | Components
+"""0, a vector, or a value for each component, None where it is free."""
+
+RELATIVE = 0.01
+"""Corrections are judged against this share of the body's size, pressures against its shear modulus."""
+CONDENSE_UP_TO = 1e6
+"""K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
+WORTH_REUSING = 20_000
+"""Unknowns from which on a Krylov method with an old factor is tried before a new one is made."""
+
+
+class Static:
+    """A body under loads that grow with a factor t from 0 to 1: energy Σ W(F) + p(J - 1) - p²/2K + loads.
+
+    mesh        NGSolve mesh, in the plane or in space
+    materials   region pattern → `Material` (elastic)
+    supports    boundary pattern → what is prescribed there at t = 1: 0, a vector (m) or components, None where free; where
+                patterns share nodes the later one counts
+    loads       of `ngbrain.forward.loads`
+    form        "P2/P1", "P4/L2(2)", "P3", …, refused if its inf-sup constant falls with the mesh (a `Form` is taken at its
+                word), or "auto"
+    kinematics  `PlaneStrain` (default in the plane), `Axisymmetric`
+    solver      a name of `ngbrain.solvers.linear`, or "auto"
+    bonus       orders of quadrature beyond 2k
+
+    Attributes: `fes`, `gfu` (compound where there are pressures), `u`, `p`, `state`, `choice` (what was chosen, and why).
+    Raises `InputError` for a pattern that matches nothing, a refused form, an inverted element.
+
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> cube = block((0.1, 0.1, 0.1), 0.1)
+    >>> body = Static(cube, {".*": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0, "top": (0, 0, -0.01)}, form="P2/P1")
+    >>> record = body.solve()
+    >>> record.converged, body.force("top")[2] < 0
+    (True, True)
+    """
+
+    def __init__(
+        self,
+        mesh: ngs.Mesh,
+        materials: Mapping[str, Material],
+        supports: Mapping[str, Support],
+        loads: Sequence[Load] = (),
+        form: str | Form = "auto",
+        kinematics: Solid | None = None,
+        solver: str = "auto",
+        bonus: int = 0,
+    ) -> None:
+        check_patterns(mesh, dict(materials), list(supports))
+        self.mesh, self.materials, self.loads = mesh, dict(materials), tuple(loads)
+        self.kinematics = kinematics_of(mesh, kinematics)
+        supports = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
+        held = {pattern: [i for i, c in enumerate(value) if c is not None] for pattern, value in supports.items()}
+        self.modulus, ratio = _stiffness(materials)
+        self.form, why = self._choose(form, ratio, held)
+        condense = self.form.kind == "discontinuous pressure" and ratio <= CONDENSE_UP_TO
+        spaces = self.form.spaces(mesh, condense, **_dirichlet(held, mesh.dim))
+        self._cavities = [load for load in loads if isinstance(load, CavityVolume)]
+        spaces += [ngs.NumberSpace(mesh) for _ in self._cavities]
+        self.fes = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
+        self.gfu = ngs.GridFunction(self.fes)
+        self.u = self.gfu if len(spaces) == 1 else self.gfu.components[0]
+        self.p = self.gfu.components[1] if self.form.pressure is not None else None
+        self.factor = ngs.Parameter(0.0)
+        self.clock = Clock()
+        shapes = {element.type for element in mesh.Elements()}
+        self.rules = {shape: ngs.IntegrationRule(shape, 2 * self.form.order + bonus) for shape in shapes}
+        self._check_elements()
+        symmetric = not any(isinstance(load, Pressure) for load in loads)
+        self._form, self._tissue = self._forms(condense, symmetric)
+        self._det = ngs.Det(self.kinematics.gradient(self.u, ngs.Grad(self.u))).Compile()
+        self._points = mesh.MapToAllElements(self.rules, ngs.VOL)
+        n = spaces[0].ndof
+        free = np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
+        self.is_u = np.arange(self.fes.ndof) < n
+        size = RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
+        self.weights = free / np.where(self.is_u, size, self.modulus) ** 2 / self.fes.ndof
+        self._free, self._prescribed = free.astype(float), self._values(supports)
+        definite = symmetric and not self._cavities and np.isfinite(ratio)
+        coupled = int(np.sum(np.fromiter(self.fes.FreeDofs(condense), bool)))
+        chosen = linear.choose(self.form.kind, coupled, ratio, definite, mesh.dim, self.form.order)
+        self.solver = chosen.name if solver == "auto" else solver
+        self.choice = {"form": f"{self.form}: {why}", "solver": chosen.why if solver == "auto" else "asked for"}
+        modulus = mesh.MaterialCF({p: initial_modulus(m.law) for p, m in self.materials.items()})
+        self._factorise = linear.prepare(self.solver, self._form, modulus)
+        self._kept: linear.Solve | None = None
+        self._vec = self.gfu.vec.CreateVector()
+
+    def solve(
+        self,
+        steps: int = 1,
+        newton: Newton | None = None,
+        tell: Callable[[float], None] | None = None,
+        threads: int | None = None,
+    ) -> PathRecord:
+        """Equilibrium at t = 1 from rest, in `steps` load steps, and more where one fails.
+
+        tell      called with the load factor after every step
+        threads   for this solve; None leaves NGSolve's as they are
+
+        Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
+        holds the last equilibrium reached.
+        """
+        settings = replace(newton or Newton(), inverse=None, largest=0.0)
+        with using(threads):
+            x, record = continuation.follow(self, settings, np.zeros(self.fes.ndof), steps, tell)
+        self.state = x
+        record.seconds, record.ndof = dict(self.clock.seconds), self.fes.ndof
+        record.form, record.solver = self.choice["form"], f"{self.solver}: {self.choice['solver']}"
+        if not record.converged:
+            raise self._error(record)
+        return record
+
+    # What is asked of a state.
+
+    @property
+    def energy(self) -> float:
+        """Energy (J; in plane strain per metre) of the body and of loads that have one."""
+        return float(self._form.Energy(self.gfu.vec))
+
+    def nodal_forces(self) -> np.ndarray:
+        """Forces (N) of the body on its supports and loads, one for each displacement unknown."""
+        self._tissue.Apply(self.gfu.vec, self._vec)
+        return self._vec.FV().NumPy()[self.is_u].copy()
+
+    def force(self, boundary: str) -> np.ndarray:
+        """Force (N) that a boundary has to bear, by components: what must act on it from outside."""
+        return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
+
+    def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
+        """Work (J) of the outer forces on a boundary for a motion (m) of it: the force that is conjugate to its amplitude."""
+        field = ngs.GridFunction(self.u.space)
+        field.Set(motion, definedon=self.mesh.Boundaries(boundary), dual=True)
+        return float(field.vec.FV().NumPy() @ self.nodal_forces())
+
+    def volume(self, boundary: str) -> float:
+        """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
+        return volume(self._place(self.u, self.u), self.u, boundary)
+
+    def cavity_pressures(self) -> list[float]:
+        """Pressures (Pa) of the loads that prescribe a volume, in their order."""
+        n = len(self._cavities)
+        return self.state[len(self.state) - n :].tolist()
+
+    # What Newton's method and load steps ask.
+
+    @property
+    def state(self) -> np.ndarray:
+        """All unknowns as one array, a copy."""
+        return self.gfu.vec.FV().NumPy().copy()
+
+    @state.setter
+    def state(self, x: np.ndarray) -> None:
+        self.gfu.vec.FV().NumPy()[:] = x
+
+    def load(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Set the load factor; x with what is prescribed at t."""
+        self.factor.Set(t)
+        where = self._held
+        x = x.copy()
+        x[where] = t * self._prescribed[where]
+        return x
+
+    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """Residual on the free unknowns, and the norm of the body's nodal forces; not finite where the energy is not."""
+        with self.clock("residual"):
+            self.state = x
+            self._form.Apply(self.gfu.vec, self._vec)
+            r = self._vec.FV().NumPy().copy()
+            size = float(np.linalg.norm(self.nodal_forces() if self.loads else r[self.is_u]))
+            if not np.isfinite(self._tissue.Energy(self.gfu.vec)):
+                raise FloatingPointError("the energy is not finite")
+        return r * self._free, size
+
+    def factorise(self, x: np.ndarray, r: np.ndarray) -> linear.Solve:
+        """Solver with the tangent at x: an old factor as preconditioner where that is worth it and will do, else a new one."""
+        self.state = x
+        with self.clock("assemble"):
+            self._form.AssembleLinearization(self.gfu.vec)
+        if self._kept and self.fes.ndof > WORTH_REUSING:
+            with self.clock("solve"):
+                solve = linear.reused(self._form, self._kept, r)
+            if solve:
+                return self._timed(solve)
+        self._kept = None  # the old one's memory first
+        with self.clock("factor"):
+            self._kept = self._factorise()
+        return self._timed(self._kept)
+
+    def min_det(self, x: np.ndarray) -> float:
+        """Smallest det F over all quadrature points."""
+        with self.clock("check"):
+            self.state = x
+            return float(np.min(self._det(self._points)))
+
+    def _timed(self, solve: linear.Solve) -> linear.Solve:
+        def timed(r: np.ndarray) -> np.ndarray:
+            with self.clock("solve"):
+                return solve(r)
+
+        return timed
+
+    # How it is made.
+
+    def _choose(self, form: str | Form, ratio: float, held: dict[str, list[int]]) -> tuple[Form, str]:
+        if isinstance(form, Form):
+            return form, "taken at its word"
+        if form == "auto":
+            return automatic(self.mesh, ratio, held)
+        named = Form.named(form)
+        named.check(self.mesh)
+        return named, "asked for"
+
+    def _place(self, u: CoefficientFunction, v: CoefficientFunction) -> Place:
+        return Place(self.mesh, self.kinematics, self.factor, u, v)
+
+    def _forms(self, condense: bool, symmetric: bool) -> tuple[ngs.BilinearForm, ngs.BilinearForm]:
+        """The whole and the body alone."""
+        trial, test = self.fes.TnT()
+        u, *rest = trial if isinstance(trial, (list, tuple)) else [trial]
+        v = test[0] if isinstance(test, (list, tuple)) else test
+        p = rest.pop(0) if self.form.pressure is not None else None
+        whole = ngs.BilinearForm(self.fes, symmetric=symmetric, condense=condense)
+        tissue = ngs.BilinearForm(self.fes, symmetric=True)
+        at = Deformation.of(self.kinematics.gradient(u, ngs.Grad(u)))
+        for pattern, material in self.materials.items():
+            energy = (self.kinematics.weight() * _energy(material, at, p)).Compile()
+            term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
+            for shape, rule in self.rules.items():
+                term.SetIntegrationRule(shape, rule)
+            whole += term
+            tissue += term
+        place = self._place(u, v)
+        for load in self.loads:
+            if isinstance(load, Pressure):
+                whole += load.work(place)
+            elif isinstance(load, CavityVolume):
+                whole += ngs.Variation(load.energy(place, rest.pop(0)))
+            else:
+                whole += ngs.Variation(load.energy(place))
+        return whole, tissue
+
+    def _values(self, supports: Mapping[str, Components]) -> np.ndarray:
+        """What is prescribed at t = 1, over all unknowns; `_held` says where."""
+        space = self.u.space
+        values, part = np.zeros(self.fes.ndof), ngs.GridFunction(space)
+        self._held = np.zeros(self.fes.ndof, bool)
+        for pattern, components in supports.items():
+            region = self.mesh.Boundaries(pattern)
+            for i, value in enumerate(components):
+                if value is None:
+                    continue
+                part.components[i].Set(value, definedon=region, dual=True)
+                where = np.zeros(self.fes.ndof, bool)
+                span = space.Range(i)
+                where[span.start : span.stop] = np.fromiter(space.components[i].GetDofs(region), bool)
+                values[where] = part.vec.FV().NumPy()[where[: space.ndof]]
+                self._held |= where
+        return values
+
+    def _check_elements(self) -> None:
+        """Refuse a mesh with elements turned inside out, by number and region."""
+        jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(self.mesh.dim))
+        least = ngs.Integrate(ngs.IfPos(jacobian, 1, -1), self.mesh, element_wise=True, order=4).NumPy()
+        size = ngs.Integrate(ngs.CF(1), self.mesh, element_wise=True, order=4).NumPy()
+        sign = 1 if np.sum(least) > 0 else -1
+        bad = np.flatnonzero(sign * least < 0.999 * size)
+        if bad.size:
+            element = self.mesh[ngs.ElementId(ngs.VOL, int(bad[0]))]
+            raise InputError("mesh", f"inverted at element {bad[0]} of region {element.mat!r}", "one without inverted elements")
+
+    def _error(self, record: PathRecord) -> ConvergenceError | InvertedElementError:
+        kind = InvertedElementError if "det F" in record.reason else ConvergenceError
+        error = kind(f"{record.reason}; try a finer or graded mesh, another form than {self.form}, or a smaller load")
+        error.record = record
+        return error
+
+
+def _energy(material: Material, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+    """Density (Pa) of a material, with a pressure or without."""
+    shape = density(material.law, at)
+    if p is None:
+        return shape + material.change(at.J, material.bulk)
+    return shape + COUPLED[material.change](at.J, p, material.bulk)
+
+
+def _components(value: Support, dim: int) -> Components:
+    if isinstance(value, CoefficientFunction):
+        return tuple(value[i] for i in range(dim)) if value.dim == dim else (value,) * dim
+    if isinstance(value, (tuple, list)):
+        if len(value) != dim:
+            raise InputError("supports", value, f"{dim} components")
+        return tuple(value)
+    return (float(value),) * dim
+
+
+def _dirichlet(held: Mapping[str, list[int]], dim: int) -> dict[str, str]:
+    """NGSolve's names for what is held: dirichletx="a|b", …"""
+    by_axis = {f"dirichlet{axis}": "|".join(p for p, c in held.items() if i in c) for i, axis in enumerate("xyz"[:dim])}
+    return {axis: patterns for axis, patterns in by_axis.items() if patterns}
+
+
+def _unit(i: int, dim: int) -> CoefficientFunction:
+    return ngs.CF(tuple(float(i == j) for j in range(dim)))
+
+
+def _stiffness(materials: Mapping[str, Material]) -> tuple[float, float]:
+    """Largest shear modulus (Pa) and largest K/μ."""
+    moduli = [float(initial_modulus(m.law)) for m in materials.values()]
+    return max(moduli), max(float(m.bulk) / mu for m, mu in zip(materials.values(), moduli, strict=True))

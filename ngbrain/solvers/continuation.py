@@ -1,0 +1,107 @@
+"""Load steps chosen as they go: a secant predictor, cuts where a step fails, loose tolerances on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+
+from ngbrain.solvers.newton import Array, Newton, System
+from ngbrain.solvers.record import PathRecord
+
+LOOSE = 1e-3
+"""Relative residual and correction at which a state on the way is left: only the last one is asked for."""
+SMALLEST = 1e-3
+"""Step of the load factor below which a path is given up."""
+EASY = 8
+"""Newton iterations up to which the next step is twice as long."""
+PROBE = 1e-4
+"""Part of a step over which the residual's derivative by the load factor is taken."""
+
+
+class Path(System, Protocol):
+    """A system under a load that grows with a factor t from 0 to 1."""
+
+    def load(self, x: Array, t: float) -> Array:
+        """Set the load factor; the state x with what is prescribed at t put in."""
+
+
+def follow(
+    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float], None] | None = None
+) -> tuple[Array, PathRecord]:
+    """From equilibrium x at t = 0 to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
+
+    The first guess goes along the tangent dx/dt = x̄' - K⁻¹ (dR/dt + K x̄'), x̄ what is prescribed; later ones along the
+    secant. Guesses with det F ≤ min_det are cut before any work is done. Returns the last equilibrium reached.
+    """
+    record, t, dt = PathRecord(), 0.0, 1 / steps
+    before: tuple[Array, float] | None = None
+    while t < 1:
+        dt = min(dt, 1 - t) if 1 - t - dt > 1e-9 else 1 - t
+        goal = t + dt
+        settings = newton if goal >= 1 else replace(newton, rtol=max(newton.rtol, LOOSE), xtol=max(newton.xtol, LOOSE))
+        settings.inverse, settings.largest = newton.inverse, newton.largest
+        reason, state = _step(path, settings, x, t, goal, before, record)
+        newton.inverse, newton.largest = settings.inverse, settings.largest
+        if not reason:
+            before, x, t = (x, t), state, goal
+            if record.steps[-1][1].iterations <= EASY:
+                dt = min(1 / steps, 2 * dt)
+            if tell:
+                tell(t)
+            continue
+        record.cuts += 1
+        record.reasons.append(f"t = {goal:.4g}: {reason}")
+        dt /= 2
+        if dt < SMALLEST / steps:
+            record.reason = f"load factor {t:.4g} was reached, {goal:.4g} was not: {reason}"
+            break
+    record.factor, record.converged = t, t >= 1
+    path.load(x, t)
+    return x, record
+
+
+def _step(
+    path: Path,
+    newton: Newton,
+    x: Array,
+    t: float,
+    goal: float,
+    before: tuple[Array, float] | None,
+    record: PathRecord,
+) -> tuple[str, Array]:
+    """One step; why it failed, and the state."""
+    try:
+        if before:
+            guess = x + (goal - t) / (t - before[1]) * (x - before[0])
+        else:
+            guess = x + _along(path, newton, x, t, goal, record)
+        guess = path.load(guess, goal)
+        det = path.min_det(guess)
+        if not det > newton.min_det:
+            return f"the guess is inverted (smallest det F {det:.3g})", x
+    except FloatingPointError as error:
+        newton.inverse = None
+        return str(error), x
+    state, found = newton.solve(path, guess)
+    record.work += found.work
+    record.tried += found.iterations
+    if not found.converged:
+        return found.reason, x
+    record.steps.append((goal, found))
+    return "", state
+
+
+def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:
+    """Change of an equilibrium from t to `goal` along its tangent; the residual's derivative is a difference quotient."""
+    r = path.residual(path.load(x, t))[0]
+    if newton.inverse is None:
+        newton.inverse = path.factorise(x, r)
+        record.work.factorisations += 1
+    near = t + PROBE * (goal - t)
+    lifted = path.load(x, near)
+    rate = (path.residual(lifted)[0] - r) / PROBE
+    record.work.residuals += 2
+    record.work.solves += 1
+    return (lifted - x) / PROBE - newton.inverse(rate)
