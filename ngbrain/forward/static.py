@@ -16,7 +16,7 @@ from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, Vector, volume
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.points import initial_modulus
-from ngbrain.materials.volumetric import COUPLED
+from ngbrain.materials.volumetric import COUPLED, barrier
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import Clock, PathRecord
@@ -304,6 +304,8 @@ class Static:
 def _energy(material: Material, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
     """Density (Pa) of a material, with a pressure or without."""
     shape = density(material.law, at)
+    if material.pointwise:
+        shape += barrier(at.J, material.pointwise)
     if p is None:
         return shape + material.change(at.J, material.bulk)
     return shape + COUPLED[material.change](at.J, p, material.bulk)

@@ -4,7 +4,7 @@ from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
 from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constants, published
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
-from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, Yeoh
+from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh
 from ngbrain.materials.linear import LinearElastic, SaintVenant, TransverselyIsotropic
 from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, step_factors
@@ -45,6 +45,7 @@ __all__ = [
     "Scaled",
     "Sum",
     "TransverselyIsotropic",
+    "UnsplitNeoHooke",
     "Viscous",
     "Yeoh",
     "barrier",

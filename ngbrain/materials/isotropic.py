@@ -11,7 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Addable, Value, checked, positive
+from ngbrain.materials.base import Addable, Composite, Deformation, Value, checked, positive
 from ngbrain.tensors import principal_values
 
 
@@ -32,6 +32,30 @@ class NeoHooke(Addable):
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
         return self.mu / 2 * (ngs.Trace(C) - 3)
+
+
+@dataclass(frozen=True)
+class UnsplitNeoHooke(Composite):
+    """W = μ/2 (tr C - 3 - 2 ln J) of the whole C, initial shear modulus μ₀ = μ (Pa); a law of volume is to be added.
+
+    What textbooks and benchmarks (Cook's membrane) call compressible Neo-Hooke. `NeoHooke` is of C̄ and has no part in a
+    change of volume; this one has, 2/3 μ at small strain.
+
+    Source: Simo & Pister 1984, 10.1016/0045-7825(84)90062-8.
+
+    >>> import ngsolve as ngs
+    >>> UnsplitNeoHooke(mu=1000.0).energy(4 * ngs.Id(3)).dim
+    1
+    """
+
+    mu: Value
+
+    def __post_init__(self) -> None:
+        positive(self.mu, "UnsplitNeoHooke.mu")
+
+    def density(self, at: Deformation) -> CoefficientFunction:
+        """Energy density (Pa)."""
+        return self.mu / 2 * (ngs.Trace(at.C) - 3 - 2 * ngs.log(at.J))
 
 
 @dataclass(frozen=True)

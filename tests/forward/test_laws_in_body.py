@@ -15,6 +15,7 @@ from ngbrain.materials import (
     NeoHooke,
     SaintVenant,
     TransverselyIsotropic,
+    UnsplitNeoHooke,
     Viscous,
 )
 from ngbrain.mesh import block
@@ -42,6 +43,7 @@ LAWS = {
     "transversely isotropic": lambda: TransverselyIsotropic(500.0, 1.0, 0.5, field()),
     "linear": lambda: LinearElastic(500.0, 100.0),
     "Saint-Venant": lambda: SaintVenant(500.0, 100.0),
+    "unsplit": lambda: UnsplitNeoHooke(500.0),
     "Fung": lambda: Fung(100.0, np.diag([20.0, 20.0, 20.0, 10.0, 10.0, 10.0])),
     "Guccione": lambda: Guccione(100.0, 20.0, 5.0, 10.0, field()),
     "of J": lambda: NeoHooke(500.0) + Compressible(5e3),

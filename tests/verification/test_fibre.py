@@ -17,6 +17,7 @@ from ngbrain.materials import (
     NeoHooke,
     SaintVenant,
     TransverselyIsotropic,
+    UnsplitNeoHooke,
     density,
 )
 from ngbrain.materials.fibre import structural
@@ -33,6 +34,7 @@ LAWS = {
     "Fung": Fung(0.5, SHEARS),
     "Guccione": Guccione(0.5, 8.0, 2.0, 4.0, tuple(FIBRE)),
     "Saint-Venant": SaintVenant(MU, 2.0),
+    "unsplit": UnsplitNeoHooke(MU),
     "sum": HolzapfelGasserOgden(MU, K1, K2, 0.2, tuple(FIBRE)) + Demiray(1.0, 2.0) + Compressible(20.0),
 }
 
@@ -194,6 +196,7 @@ CONSTANTS = {
     "Guccione": (lambda c, bf, bt, bfs: Guccione(c, bf, bt, bfs, tuple(FIBRE)), (0.5, 8.0, 2.0, 4.0)),
     "transversely isotropic": (lambda mu, z, p: TransverselyIsotropic(mu, z, p, tuple(FIBRE)), (MU, 0.8, 0.4)),
     "Saint-Venant": (SaintVenant, (MU, 2.0)),
+    "unsplit": (UnsplitNeoHooke, (MU,)),
 }
 
 
