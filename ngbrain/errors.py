@@ -39,7 +39,9 @@ class InputError(NgbrainError, ValueError):
 
 
 class SolverError(NgbrainError, RuntimeError):
-    """A computation gave up; the message says what happened and what to try."""
+    """A computation gave up; the message says what happened and what to try, `record` what was done (where there is one)."""
+
+    record: Any = None
 
 
 class ConvergenceError(SolverError):
@@ -71,6 +73,10 @@ class MissingExtra(NgbrainError, ImportError):
 
 class RangeWarning(UserWarning):
     """Published constants are used beyond the data that they come from."""
+
+
+class GuardWarning(UserWarning):
+    """A body was solved with a guard against collapse that its materials did not have."""
 
 
 def require(package: str, extra: str) -> ModuleType:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
@@ -15,10 +14,10 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
+from ngbrain.forward.material import Material
 from ngbrain.forward.tangent import Solve, Tangent, bordered
-from ngbrain.materials import Law, Viscous, barrier, quadratic
-from ngbrain.materials.base import Deformation, Value
-from ngbrain.materials.volumetric import COUPLED
+from ngbrain.materials import Viscous
+from ngbrain.materials.base import Deformation
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
@@ -26,28 +25,6 @@ Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
 
 LENGTH_SCALE = 1e-3
 """Displacements (m) are judged against a millimetre in the size of a Newton correction."""
-
-
-@dataclass(frozen=True)
-class Material:
-    """What a region is made of: how it resists a change of shape and of volume, and a helper for hard scenes.
-
-    law        W, a law of shape that relaxes or not
-    bulk       K (Pa)
-    pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
-               an element: corners of a cut need it, a smooth scene does without
-    change     U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form
-    """
-
-    law: Viscous | Law
-    bulk: Value
-    pointwise: Value = 0.0
-    change: Callable[[CoefficientFunction, Value], CoefficientFunction] = quadratic
-
-    @property
-    def viscous(self) -> Viscous:
-        """The law of shape as a `Viscous`, without branches if it does not relax."""
-        return self.law if isinstance(self.law, Viscous) else Viscous(self.law)
 
 
 class Body:
@@ -120,8 +97,7 @@ class Body:
 
         def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
             energy = law.density(at, history.shares[: len(law.hereditary)]) + remembered(law, at.shape)
-            energy += COUPLED[material.change](at.J, p, material.bulk)
-            return energy + barrier(at.J, material.pointwise) if material.pointwise else energy
+            return energy + material.of_volume(at.J, p)
 
         return density
 

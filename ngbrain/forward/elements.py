@@ -71,7 +71,11 @@ class Form:
         """Refuse a pair whose inf-sup constant falls with the mesh: displacements look right and pressures are noise."""
         reason = self.unstable(mesh)
         if reason:
-            raise InputError("form", f"{self} on these elements, {reason}", f"{self.order}th order with less pressure: P2/P1, P3/P2, P4/L2(2)")
+            raise InputError(
+                "form",
+                f"{self} on these elements, {reason}",
+                f"{self.order}th order with less pressure: P2/P1, P3/P2, P4/L2(2)",
+            )
 
     def unstable(self, mesh: ngs.Mesh) -> str:
         """Why the pair is not stable on a mesh's elements; nothing if it is."""

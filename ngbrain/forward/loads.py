@@ -170,4 +170,3 @@ def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
 
 def _vector(value: Vector) -> CoefficientFunction:
     return value if isinstance(value, CoefficientFunction) else ngs.CF(tuple(value))
-

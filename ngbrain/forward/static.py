@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import ngsolve as ngs
 import numpy as np
+import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import ConvergenceError, InputError, InvertedElementError
-from ngbrain.forward.body import Material, check_patterns
-from ngbrain.forward.elements import Form, automatic
+from ngbrain.errors import ConvergenceError, GuardWarning, InputError, InvertedElementError
+from ngbrain.forward.body import check_patterns
+from ngbrain.forward.elements import COMPRESSIBLE, Form, automatic
 from ngbrain.forward.kinematics import Solid, kinematics_of
-from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, Vector, volume
-from ngbrain.materials.base import Deformation, density
-from ngbrain.materials.points import initial_modulus
-from ngbrain.materials.volumetric import COUPLED, barrier
+from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
+from ngbrain.forward.material import Material, stiffness
+from ngbrain.materials.base import Deformation
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import Clock, PathRecord
 from ngbrain.threads import threads as using
 
-Components = tuple[CoefficientFunction | float | None, ...]
-Support = float | CoefficientFunction | Components
+Components: TypeAlias = tuple[CoefficientFunction | float | None, ...]
+Support: TypeAlias = float | CoefficientFunction | Components
 """0, a vector, or a value for each component, None where it is free."""
 
 RELATIVE = 0.01
@@ -31,7 +33,14 @@ RELATIVE = 0.01
 CONDENSE_UP_TO = 1e6
 """K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
 WORTH_REUSING = 20_000
-"""Unknowns from which on a Krylov method with an old factor is tried before a new one is made."""
+"""Unknowns from which on a Krylov method with an old factor is tried before a new one is made:"""
+ROUGHLY, AT_MOST = 0.1, 6
+"""it has to bring the first residual down to this share in so many iterations."""
+
+GUARD = 0.05
+"""Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
+NEAREST = 6
+"""Eigenvalues nearest to zero among which `Static.softest` looks."""
 
 
 class Static:
@@ -74,11 +83,11 @@ class Static:
         check_patterns(mesh, dict(materials), list(supports))
         self.mesh, self.materials, self.loads = mesh, dict(materials), tuple(loads)
         self.kinematics = kinematics_of(mesh, kinematics)
-        supports = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
-        held = {pattern: [i for i, c in enumerate(value) if c is not None] for pattern, value in supports.items()}
-        self.modulus, ratio = _stiffness(materials)
-        self.form, why = self._choose(form, ratio, held)
-        condense = self.form.kind == "discontinuous pressure" and ratio <= CONDENSE_UP_TO
+        prescribed = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
+        held = {pattern: [i for i, c in enumerate(value) if c is not None] for pattern, value in prescribed.items()}
+        self._moduli, self.modulus, self.ratio = stiffness(mesh, materials)
+        self.form, why = self._choose(form, self.ratio, held)
+        condense = self.form.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
         spaces = self.form.spaces(mesh, condense, **_dirichlet(held, mesh.dim))
         self._cavities = [load for load in loads if isinstance(load, CavityVolume)]
         spaces += [ngs.NumberSpace(mesh) for _ in self._cavities]
@@ -88,11 +97,11 @@ class Static:
         self.p = self.gfu.components[1] if self.form.pressure is not None else None
         self.factor = ngs.Parameter(0.0)
         self.clock = Clock()
+        self._kept: linear.Solve | None = None
         shapes = {element.type for element in mesh.Elements()}
         self.rules = {shape: ngs.IntegrationRule(shape, 2 * self.form.order + bonus) for shape in shapes}
         self._check_elements()
-        symmetric = not any(isinstance(load, Pressure) for load in loads)
-        self._form, self._tissue = self._forms(condense, symmetric)
+        self._condense, symmetric = condense, not any(isinstance(load, Pressure) for load in loads)
         self._det = ngs.Det(self.kinematics.gradient(self.u, ngs.Grad(self.u))).Compile()
         self._points = mesh.MapToAllElements(self.rules, ngs.VOL)
         n = spaces[0].ndof
@@ -100,15 +109,14 @@ class Static:
         self.is_u = np.arange(self.fes.ndof) < n
         size = RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self.weights = free / np.where(self.is_u, size, self.modulus) ** 2 / self.fes.ndof
-        self._free, self._prescribed = free.astype(float), self._values(supports)
-        definite = symmetric and not self._cavities and np.isfinite(ratio)
+        self._free, self._prescribed = free.astype(float), self._values(prescribed)
+        definite = symmetric and not self._cavities and np.isfinite(self.ratio)
         coupled = int(np.sum(np.fromiter(self.fes.FreeDofs(condense), bool)))
-        chosen = linear.choose(self.form.kind, coupled, ratio, definite, mesh.dim, self.form.order)
+        chosen = linear.choose(self.form.kind, coupled, self.ratio, definite, mesh.dim, self.form.order)
         self.solver = chosen.name if solver == "auto" else solver
         self.choice = {"form": f"{self.form}: {why}", "solver": chosen.why if solver == "auto" else "asked for"}
-        modulus = mesh.MaterialCF({p: initial_modulus(m.law) for p, m in self.materials.items()})
-        self._factorise = linear.prepare(self.solver, self._form, modulus)
-        self._kept: linear.Solve | None = None
+        self._symmetric = symmetric
+        self._make_forms()
         self._vec = self.gfu.vec.CreateVector()
 
     def solve(
@@ -126,15 +134,38 @@ class Static:
         Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
         holds the last equilibrium reached.
         """
-        settings = replace(newton or Newton(), inverse=None, largest=0.0)
+        newton = newton or Newton()
         with using(threads):
-            x, record = continuation.follow(self, settings, np.zeros(self.fes.ndof), steps, tell)
+            x, record = self._follow(newton, steps, tell)
+            if not record.converged and record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
+                x, record = self._guarded(newton, steps, tell, record)
         self.state = x
         record.seconds, record.ndof = dict(self.clock.seconds), self.fes.ndof
         record.form, record.solver = self.choice["form"], f"{self.solver}: {self.choice['solver']}"
         if not record.converged:
             raise self._error(record)
         return record
+
+    def _follow(
+        self, newton: Newton, steps: int, tell: Callable[[float], None] | None
+    ) -> tuple[np.ndarray, PathRecord]:
+        settings = replace(newton, inverse=None, largest=0.0)
+        return continuation.follow(self, settings, np.zeros(self.fes.ndof), steps, tell)
+
+    def _guarded(
+        self, newton: Newton, steps: int, tell: Callable[[float], None] | None, before: PathRecord
+    ) -> tuple[np.ndarray, PathRecord]:
+        """The same with a `barrier` against collapse at single points; it stays."""
+        kappa = GUARD * self.modulus
+        self.materials = {p: replace(m, pointwise=m.pointwise or kappa) for p, m in self.materials.items()}
+        self._make_forms()
+        x, record = self._follow(newton, steps, tell)
+        record.guard = f"a barrier of {kappa:.3g} Pa against collapse: without it det F fell to {before.min_det_F:.2g}"
+        record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
+        record.work += before.work
+        if record.converged:
+            warnings.warn(f"{self.form} on this mesh needed {record.guard}", GuardWarning, stacklevel=3)
+        return x, record
 
     # What is asked of a state.
 
@@ -166,6 +197,26 @@ class Static:
         """Pressures (Pa) of the loads that prescribe a volume, in their order."""
         n = len(self._cavities)
         return self.state[len(self.state) - n :].tolist()
+
+    def softest(self) -> tuple[float, ngs.GridFunction]:
+        """Smallest eigenvalue λ (Pa/m²) of the tangent, among the nearest to zero, and its motion; λ < 0: not stable.
+
+        K v = λ M v with the mass M of displacements and the constraint of the pressures. Newton's method converges to states
+        that are not stable just as well, and without an imperfection it never leaves them.
+        """
+        self._form.AssembleLinearization(self.gfu.vec)
+        solve, (u, v) = self._factorise(), self.u.space.TnT()
+        mass = ngs.BilinearForm(self.kinematics.weight() * ngs.InnerProduct(u, v) * ngs.dx).Assemble().mat
+        rows, columns, values = mass.COO()
+        n = self.fes.ndof
+        M = scipy.sparse.csr_array((np.array(values), (np.array(rows), np.array(columns))), (n, n))
+        M = M * self._free[:, None] * self._free
+        inverse = scipy.sparse.linalg.LinearOperator((n, n), solve)
+        start = np.random.default_rng(0).standard_normal(n) * self._free * self.is_u
+        values, motions = scipy.sparse.linalg.eigsh(M, NEAREST, M, sigma=0, OPinv=inverse, v0=start)
+        motion = ngs.GridFunction(self.u.space)
+        motion.vec.FV().NumPy()[:] = motions[self.is_u, np.argmin(values)]
+        return float(np.min(values)), motion
 
     # What Newton's method and load steps ask.
 
@@ -204,7 +255,7 @@ class Static:
             self._form.AssembleLinearization(self.gfu.vec)
         if self._kept and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
-                solve = linear.reused(self._form, self._kept, r)
+                solve = linear.reused(self._form, self._kept, r, ROUGHLY, AT_MOST)
             if solve:
                 return self._timed(solve)
         self._kept = None  # the old one's memory first
@@ -239,17 +290,17 @@ class Static:
     def _place(self, u: CoefficientFunction, v: CoefficientFunction) -> Place:
         return Place(self.mesh, self.kinematics, self.factor, u, v)
 
-    def _forms(self, condense: bool, symmetric: bool) -> tuple[ngs.BilinearForm, ngs.BilinearForm]:
-        """The whole and the body alone."""
+    def _make_forms(self) -> None:
+        """The whole and the body alone, and what makes a solver of the whole's matrix."""
         trial, test = self.fes.TnT()
         u, *rest = trial if isinstance(trial, (list, tuple)) else [trial]
         v = test[0] if isinstance(test, (list, tuple)) else test
         p = rest.pop(0) if self.form.pressure is not None else None
-        whole = ngs.BilinearForm(self.fes, symmetric=symmetric, condense=condense)
+        whole = ngs.BilinearForm(self.fes, symmetric=self._symmetric, condense=self._condense)
         tissue = ngs.BilinearForm(self.fes, symmetric=True)
         at = Deformation.of(self.kinematics.gradient(u, ngs.Grad(u)))
         for pattern, material in self.materials.items():
-            energy = (self.kinematics.weight() * _energy(material, at, p)).Compile()
+            energy = (self.kinematics.weight() * material.energy(at, p)).Compile()
             term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
             for shape, rule in self.rules.items():
                 term.SetIntegrationRule(shape, rule)
@@ -263,7 +314,9 @@ class Static:
                 whole += ngs.Variation(load.energy(place, rest.pop(0)))
             else:
                 whole += ngs.Variation(load.energy(place))
-        return whole, tissue
+        self._form, self._tissue = whole, tissue
+        self._factorise = linear.prepare(self.solver, whole, self._moduli)
+        self._kept = None
 
     def _values(self, supports: Mapping[str, Components]) -> np.ndarray:
         """What is prescribed at t = 1, over all unknowns; `_held` says where."""
@@ -292,32 +345,24 @@ class Static:
         bad = np.flatnonzero(sign * least < 0.999 * size)
         if bad.size:
             element = self.mesh[ngs.ElementId(ngs.VOL, int(bad[0]))]
-            raise InputError("mesh", f"inverted at element {bad[0]} of region {element.mat!r}", "one without inverted elements")
+            raise InputError(
+                "mesh", f"inverted at element {bad[0]} of region {element.mat!r}", "one without inverted elements"
+            )
 
     def _error(self, record: PathRecord) -> ConvergenceError | InvertedElementError:
-        kind = InvertedElementError if "det F" in record.reason else ConvergenceError
+        kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
         error = kind(f"{record.reason}; try a finer or graded mesh, another form than {self.form}, or a smaller load")
         error.record = record
         return error
 
 
-def _energy(material: Material, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
-    """Density (Pa) of a material, with a pressure or without."""
-    shape = density(material.law, at)
-    if material.pointwise:
-        shape += barrier(at.J, material.pointwise)
-    if p is None:
-        return shape + material.change(at.J, material.bulk)
-    return shape + COUPLED[material.change](at.J, p, material.bulk)
-
-
 def _components(value: Support, dim: int) -> Components:
     if isinstance(value, CoefficientFunction):
         return tuple(value[i] for i in range(dim)) if value.dim == dim else (value,) * dim
-    if isinstance(value, (tuple, list)):
+    if isinstance(value, tuple):
         if len(value) != dim:
             raise InputError("supports", value, f"{dim} components")
-        return tuple(value)
+        return value
     return (float(value),) * dim
 
 
@@ -329,9 +374,3 @@ def _dirichlet(held: Mapping[str, list[int]], dim: int) -> dict[str, str]:
 
 def _unit(i: int, dim: int) -> CoefficientFunction:
     return ngs.CF(tuple(float(i == j) for j in range(dim)))
-
-
-def _stiffness(materials: Mapping[str, Material]) -> tuple[float, float]:
-    """Largest shear modulus (Pa) and largest K/μ."""
-    moduli = [float(initial_modulus(m.law)) for m in materials.values()]
-    return max(moduli), max(float(m.bulk) / mu for m, mu in zip(materials.values(), moduli, strict=True))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.materials.base import Addable, Deformation, Value, positive
 
 STEEPNESS = 30
@@ -43,8 +44,19 @@ def squared_log(J: CoefficientFunction, bulk: Value) -> CoefficientFunction:
     return bulk / 2 * log * log
 
 
-COUPLED = {quadratic: perturbed_lagrangian, squared_log: perturbed_logarithm}
-"""U(J) → the energy of J and a pressure that is stationary where U's is: the same law in mixed form."""
+def coupled(
+    change: Callable[[CoefficientFunction, Value], CoefficientFunction],
+) -> Callable[[CoefficientFunction, CoefficientFunction, Value], CoefficientFunction]:
+    """The energy of J and a pressure that is stationary in it where U(J) is: the same law in mixed form.
+
+    >>> coupled(quadratic) is perturbed_lagrangian
+    True
+    """
+    if change is quadratic:
+        return perturbed_lagrangian
+    if change is squared_log:
+        return perturbed_logarithm
+    raise InputError("Material.change", change, "quadratic or squared_log where there are pressures")
 
 
 @dataclass(frozen=True)

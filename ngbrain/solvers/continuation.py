@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
-
 from ngbrain.solvers.newton import Array, Newton, System
 from ngbrain.solvers.record import PathRecord
 
@@ -16,6 +15,8 @@ SMALLEST = 1e-3
 """Step of the load factor below which a path is given up."""
 EASY = 8
 """Newton iterations up to which the next step is twice as long."""
+COLLAPSED = 0.1
+"""det F below which a state that cannot be left by the next step is not worth smaller ones."""
 PROBE = 1e-4
 """Part of a step over which the residual's derivative by the load factor is taken."""
 
@@ -54,7 +55,7 @@ def follow(
         record.cuts += 1
         record.reasons.append(f"t = {goal:.4g}: {reason}")
         dt /= 2
-        if dt < SMALLEST / steps:
+        if dt < SMALLEST / steps or record.min_det_F < COLLAPSED:
             record.reason = f"load factor {t:.4g} was reached, {goal:.4g} was not: {reason}"
             break
     record.factor, record.converged = t, t >= 1

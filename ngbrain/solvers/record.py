@@ -51,6 +51,7 @@ class PathRecord:
     tried    Newton iterations of all steps, failed ones too
     seconds  CPU time by phase: assemble, factor, solve, residual, check
     form, solver   what was chosen, and why
+    guard    what was added to the body to get there; empty if nothing was
     """
 
     converged: bool = False
@@ -65,6 +66,7 @@ class PathRecord:
     ndof: int = 0
     form: str = ""
     solver: str = ""
+    guard: str = ""
 
     @property
     def min_det_F(self) -> float:  # noqa: N802

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import ngsolve as ngs
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
 from ngbrain.forward.transient import StepControl, Transient
 from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Value

@@ -1,0 +1,79 @@
+"""What a region is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.materials import Law, Viscous, barrier, quadratic
+from ngbrain.materials.base import Deformation, Value, density
+from ngbrain.materials.points import initial_modulus
+from ngbrain.materials.volumetric import coupled
+
+Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a region is made of: how it resists a change of shape and of volume, and a helper for hard scenes.
+
+    law        W, a law of shape that relaxes or not
+    bulk       K (Pa); inf: incompressible, with pressures only
+    pointwise  κ (Pa) of a `barrier` that keeps J from collapsing at single points, where p holds it only in the mean over
+               an element: corners of a cut need it, a smooth scene does without
+    change     U(J) of bulk modulus K, `quadratic` or `squared_log`; with a pressure, its mixed form
+    """
+
+    law: Viscous | Law
+    bulk: Value
+    pointwise: Value = 0.0
+    change: Change = quadratic
+
+    @property
+    def viscous(self) -> Viscous:
+        """The law of shape as a `Viscous`, without branches if it does not relax."""
+        return self.law if isinstance(self.law, Viscous) else Viscous(self.law)
+
+    @property
+    def elastic(self) -> Law:
+        """The law of shape; `InputError` if it relaxes, which equilibrium knows nothing of."""
+        if isinstance(self.law, Viscous) and self.law.branches:
+            raise InputError("material", "a relaxing law", "an elastic one, such as its `equilibrium`")
+        return self.viscous.equilibrium
+
+    def energy(self, at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+        """Density (Pa) of an elastic material, with a pressure p or without."""
+        return density(self.elastic, at) + self.of_volume(at.J, p)
+
+    def of_volume(self, J: CoefficientFunction, p: CoefficientFunction | None) -> CoefficientFunction:
+        """The part of the density (Pa) that a change of volume has."""
+        energy = self.change(J, self.bulk) if p is None else coupled(self.change)(J, p, self.bulk)
+        return energy + barrier(J, self.pointwise) if self.pointwise else energy
+
+
+def stiffness(mesh: ngs.Mesh, materials: Mapping[str, Material]) -> tuple[CoefficientFunction, float, float]:
+    """Initial shear modulus μ (Pa) over a mesh, its largest value and the largest K/μ."""
+    moduli = {name: initial_modulus(m.elastic) for name, m in materials.items()}
+    largest = max(_largest(mesh, name, mu) for name, mu in moduli.items())
+    ratio = max(
+        float(m.bulk) / moduli[name]
+        if not isinstance(m.bulk, CoefficientFunction) and not isinstance(moduli[name], CoefficientFunction)
+        else _largest(mesh, name, m.bulk / moduli[name])
+        for name, m in materials.items()
+    )
+    return mesh.MaterialCF(moduli), largest, ratio
+
+
+def _largest(mesh: ngs.Mesh, pattern: str, value: Value) -> float:
+    """Largest mean over an element."""
+    if not isinstance(value, CoefficientFunction):
+        return float(value)
+    region = mesh.Materials(pattern)
+    parts = (ngs.Integrate(v, mesh, definedon=region, element_wise=True).NumPy() for v in (value, ngs.CF(1)))
+    amount, size = (np.array(part) for part in parts)
+    return float(np.max(amount[size > 0] / size[size > 0]))

@@ -1,0 +1,200 @@
+"""Statics: what a solve says of itself, what it refuses, and what it does when a load step fails."""
+
+from math import pi, tanh
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
+
+from ngbrain.errors import ConvergenceError, GuardWarning, InputError
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.loads import Traction
+from ngbrain.forward.material import Material
+from ngbrain.forward.static import Static
+from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
+from ngbrain.solvers.continuation import follow
+from ngbrain.solvers.newton import Newton
+
+SOFT = {".*": Material(NeoHooke(1e3), 1e6)}
+
+
+def square(n=4, size=0.1):
+    return MakeStructured2DMesh(quads=False, nx=n, ny=n, mapping=lambda x, y: (size * x, size * y))
+
+
+def pressed(depth, form="P2/P1", **options):
+    return Static(square(), SOFT, {"bottom": 0, "top": (0, -depth)}, form=form, **options)
+
+
+def test_a_record_says_what_was_done():
+    body, heard = pressed(0.02), []
+    record = body.solve(steps=2, tell=heard.append)
+    assert record.converged and record.factor == 1 and record.cuts == 0 and heard == [0.5, 1.0]
+    assert [t for t, _ in record.steps] == heard
+    assert set(record.seconds) == {"assemble", "factor", "solve", "residual", "check"}
+    assert record.tried == sum(step.iterations for _, step in record.steps)
+    assert record.work.factorisations >= 1 and record.ndof == body.fes.ndof
+    assert 0.5 < record.min_det_F <= 1 and record.min_det_F == pytest.approx(body.min_det(body.state))
+    assert record.form == "P2/P1: asked for" and record.solver.startswith("sparsecholesky: ")
+    assert not record.guard
+
+
+def test_forces_of_opposite_sides_balance_and_are_the_slope_of_the_energy():
+    energies = {}
+    for depth in (0.0099, 0.01, 0.0101):
+        body = pressed(depth)
+        body.solve(newton=Newton(rtol=1e-10, xtol=1e-9))
+        energies[depth] = body.energy
+        if depth == 0.01:
+            top, bottom = body.force("top"), body.force("bottom")
+    assert top == pytest.approx(-bottom, abs=1e-8 * np.linalg.norm(top))
+    assert -top[1] == pytest.approx((energies[0.0101] - energies[0.0099]) / 2e-4, rel=1e-5)
+
+
+def test_a_second_solve_starts_from_rest_and_gives_the_same_bits():
+    body = pressed(0.02)
+    body.solve()
+    first = body.state
+    body.solve()
+    assert np.array_equal(body.state, first)
+
+
+def test_threads_of_a_solve_are_its_own():
+    before = ngs.ngsglobals.numthreads
+    body = pressed(0.01)
+    body.solve(threads=2)
+    two, after = body.state, ngs.ngsglobals.numthreads
+    body.solve(threads=1)
+    assert after == before and body.state == pytest.approx(two, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"form": "P2+P1"}, ["form", "'P2+P1'", "P2/P1"]),
+        ({"form": "P2/P2"}, ["P2/P2", "order 2 under displacements of order 2"]),
+        ({"form": "P2/L2(1)"}, ["P2/L2(1)", "one order below"]),
+        ({"solver": "sparsecholeski"}, ["sparsecholeski", "sparsecholesky"]),
+        ({"supports": {"botom": 0}}, ["botom", "bottom"]),
+        ({"supports": {"bottom": (0, 0, 0)}}, ["(0, 0, 0)", "2 components"]),
+        ({"materials": {".*": Material(Viscous(NeoHooke(1.0), (Branch(NeoHooke(1.0), 1.0),)), 10.0)}}, ["relaxing"]),
+        ({"materials": {".*": Material(NeoHooke(1.0), 100.0, change=logarithmic)}}, ["logarithmic", "squared_log"]),
+        ({"materials": {"tissue": SOFT[".*"]}}, ["tissue region", "tissue"]),
+    ],
+)
+def test_what_cannot_be_solved_is_refused_in_one_line(change, words):
+    options = {"mesh": square(), "materials": SOFT, "supports": {"bottom": 0}} | change
+    with pytest.raises(InputError) as error:
+        Static(**options)
+    assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def test_kinematics_have_to_fit_the_mesh():
+    with pytest.raises(InputError, match="3-dimensional; wanted: 2 dimensions for Axisymmetric"):
+        Static(MakeStructured3DMesh(nx=1, ny=1, nz=1), SOFT, {"bottom": 0}, kinematics=Axisymmetric())
+
+
+def test_a_load_beyond_what_a_body_bears_ends_with_its_record_and_the_last_equilibrium():
+    body = Static(square(), SOFT, {"bottom": 0}, [Traction("top", (0, -1e5))], form="P2/P1")
+    with pytest.raises(ConvergenceError, match=r"load factor .* was reached") as error:
+        body.solve()
+    record = error.value.record
+    assert 0 < record.factor < 1 and not record.converged and record.cuts > 2
+    assert body.factor.Get() == record.factor and body.min_det(body.state) > 0
+
+
+def graded(n, steepness):
+    def at(s):
+        return 0.05 + 0.05 * tanh(steepness * (2 * s - 1)) / tanh(steepness)
+
+    return MakeStructured3DMesh(hexes=False, nx=n, ny=n, nz=n, mapping=lambda x, y, z: (at(x), at(y), at(z)))
+
+
+@pytest.mark.slow
+def test_an_element_that_collapses_gets_a_guard_and_the_user_hears_of_it():
+    # Corners of a bonded cube on a mesh graded towards them: without the guard the state ends at det F of .02.
+    material = {".*": Material(NeoHooke(1e3), 1e5)}
+    body = Static(graded(6, 3.0), material, {"bottom": 0, "top": (0, 0, -0.02)}, form="P2/P1")
+    with pytest.warns(GuardWarning, match=r"P2/P1 .* barrier of 50 Pa"):
+        record = body.solve()
+    assert record.converged and record.min_det_F > 0.5 and "det F fell to" in record.guard
+    assert body.force("top")[2] == pytest.approx(-9.19, abs=0.1)  # P3/P2 on a coarser mesh, without one: -9.187
+
+
+def test_a_column_buckles_where_euler_says():
+    # Both ends clamped: P = 4π² E' I / L², E' = 4μ for an incompressible plane; the softest mode goes unstable there.
+    slender, mu = 30.0, 1e3
+    mesh = MakeStructured2DMesh(quads=True, nx=2, ny=30, mapping=lambda x, y: (x, slender * y))
+    euler = 4 * pi**2 / 12 / slender**2
+    lowest = []
+    shares = (0.9, 1.1)
+    for share in shares:
+        supports = {"bottom": 0, "top": (0, -share * euler * slender)}
+        body = Static(mesh, {".*": Material(NeoHooke(mu), 1e6)}, supports, form=f"P{3}/P{2}")
+        assert body.solve().converged  # on the straight branch, stable or not
+        value, motion = body.softest()
+        lowest.append(value)
+        bent, end = motion(mesh(0.5, slender / 2)), motion(mesh(0.5, 0.0))
+        assert abs(bent[0]) > 100 * abs(bent[1]) and abs(bent[0]) > 100 * np.abs(end).max()
+    assert lowest[0] > 0 > lowest[1]
+    critical = np.interp(0, lowest[::-1], shares[::-1])
+    print("buckles at", critical, "of Euler's load")
+    assert critical == pytest.approx(1, abs=0.015)
+
+
+def test_a_pressed_ball_of_revolution_is_the_plane_one_turned():
+    # A cylinder pulled freely: homogeneous, so exact in any element.
+    law = UnsplitNeoHooke(1e3)
+    supports = {"bottom": (None, 0), "top": (None, 0.02), "left": (0, None)}
+    body = Static(square(2), {".*": Material(law, 2e4)}, supports, form="P2", kinematics=Axisymmetric())
+    body.solve(newton=Newton(rtol=1e-10, xtol=1e-10))
+    radial = body.u(body.mesh(0.1, 0.05))[0] / 0.1 + 1
+    J, area = radial**2 * 1.2, pi * 0.1**2
+    assert 1e3 * (radial - 1 / radial) + 2e4 * (J - 1) * J / radial == pytest.approx(0, abs=1e-5)
+    assert body.force("top")[1] == pytest.approx(area * (1e3 * (1.2 - 1 / 1.2) + 2e4 * (J - 1) * J / 1.2), rel=1e-8)
+
+
+class Scalar:
+    """x³ + x = 10 t as a path from 0 to 2; states with |x| near `limit` count as inverted."""
+
+    weights = np.ones(1)
+
+    def __init__(self, limit=10.0):
+        self.t, self.limit = 0.0, limit
+
+    def load(self, x, t):
+        self.t = t
+        return x.copy()
+
+    def residual(self, x):
+        return x**3 + x - 10 * self.t, 10.0
+
+    def factorise(self, x, r):
+        slope = 3 * x**2 + 1
+        return lambda r: r / slope
+
+    def min_det(self, x):
+        return self.limit - abs(float(x[0]))
+
+
+def test_a_path_cuts_steps_that_fail_and_lengthens_them_again():
+    x, record = follow(Scalar(2.2), Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
+    assert x[0] == pytest.approx(2.0) and record.converged and record.factor == 1
+    assert record.cuts >= 1 and "inverted" in record.reasons[0]  # the tangent at 0 leads to 10
+    sizes = np.diff([0, *(t for t, _ in record.steps)])
+    assert np.any(sizes[1:] > sizes[:-1])
+
+
+def test_states_on_the_way_are_rough_and_the_last_is_not():
+    newton = Newton(rtol=1e-12, xtol=1e-12)
+    _, record = follow(Scalar(), newton, np.zeros(1), steps=4)
+    ends = [step.residuals[-1] for _, step in record.steps]
+    assert record.cuts == 0 and len(ends) == 4
+    assert record.steps[-1][1].iterations > record.steps[1][1].iterations
+
+
+def test_a_path_that_leads_nowhere_says_how_far_it_came():
+    x, record = follow(Scalar(1.5), Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
+    assert not record.converged and 0.3 < record.factor < 0.5 and x[0] < 1.5
+    assert "was reached" in record.reason and record.reason.startswith(f"load factor {record.factor:.4g}")
