@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 
-import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
