@@ -94,7 +94,9 @@ def test_iterations_end_at_the_solution_of_a_factor(name, kind, condense, cube, 
 @pytest.mark.parametrize("name", ["cg-amg", "cg-bddc"])
 def test_first_order_and_sliding_sides(name, cube):
     for order in (1, 2):
-        form = ngs.BilinearForm(ngs.VectorH1(cube, order=order, dirichletx="left", dirichlety="front", dirichletz="bottom"))
+        form = ngs.BilinearForm(
+            ngs.VectorH1(cube, order=order, dirichletx="left", dirichlety="front", dirichletz="bottom")
+        )
         u, v = form.space.TnT()
         form += 2 * MU * ngs.InnerProduct(ngs.Sym(ngs.Grad(u)), ngs.Sym(ngs.Grad(v))) * ngs.dx
         truth, _ = solution("sparsecholesky", form)
@@ -161,7 +163,9 @@ def test_an_iteration_that_does_not_end_says_so(name, kind, square):
     form = elastic(kind, square, 1e4, fixed="left|right")
     _, solve = solution(name, form)
     solve.most = 5
-    with pytest.raises(FloatingPointError, match=rf"{name}: no convergence in 5 iterations \(residual \S+ of its start"):
+    with pytest.raises(
+        FloatingPointError, match=rf"{name}: no convergence in 5 iterations \(residual \S+ of its start"
+    ):
         solve(gravity(form))
 
 
