@@ -10,6 +10,7 @@ from ngbrain.errors import InputError, MissingExtra
 from ngbrain.mesh import block
 from ngbrain.solvers import direct, krylov
 from ngbrain.solvers.linear import Direct, choose, prepare, reused
+from ngbrain.solvers.multigrid import Patches
 
 SIDE = 0.02
 
@@ -103,6 +104,19 @@ def test_first_order_and_sliding_sides(name, cube):
         again = ngs.BilinearForm(form.space, symmetric=True)
         again += 2 * MU * ngs.InnerProduct(ngs.Sym(ngs.Grad(u)), ngs.Sym(ngs.Grad(v))) * ngs.dx
         agrees(again, name, truth)
+
+
+def test_rigid_motions_strain_nothing(cube, square):
+    for mesh in (cube, square):
+        form = elastic("displacement", mesh, 50, fixed="")
+        form.Assemble()
+        patches = Patches(form.space, np.ones(form.space.ndof, bool))
+        assert np.linalg.matrix_rank(patches.rigid) == {2: 3, 3: 6}[mesh.dim]
+        vector = form.mat.CreateRowVector()
+        for motion in patches.rigid.T:
+            vector[:] = 0
+            vector.FV().NumPy()[patches.vertices] = motion
+            assert (form.mat * vector).Evaluate().Norm() < 1e-12 * vector.Norm() * form.mat.AsVector().Norm()
 
 
 def test_multigrid_takes_as_many_iterations_on_a_finer_mesh():
