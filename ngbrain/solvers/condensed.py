@@ -36,7 +36,9 @@ class Condensed:
         if not self.form.condense:
             return core(r)
         x = core((r + self._times(self.form.harmonic_extension_trans, r)) * self.free)
-        return (x + self._times(self.form.harmonic_extension, x) + self._times(self.form.inner_solve, r)) * self._unfixed
+        return (
+            x + self._times(self.form.harmonic_extension, x) + self._times(self.form.inner_solve, r)
+        ) * self._unfixed
 
     def _times(self, matrix: ngs.BaseMatrix, x: Array) -> Array:
         self._x.FV().NumPy()[:] = x

@@ -14,17 +14,17 @@ def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> t
     """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
     x, r = np.zeros_like(b), b.copy()
     z = precondition(r)
-    p, start = z, _definite(r @ z, "preconditioner")
+    p, start = z, _definite(r, z, "preconditioner")
     now = start
     for k in range(most + 1):
         if now <= rtol * rtol * start:
             return x, k
         q = apply(p)
-        alpha = now / _definite(p @ q, "matrix")
+        alpha = now / _definite(p, q, "matrix")
         x += alpha * p
         r -= alpha * q
         z = precondition(r)
-        before, now = now, _definite(r @ z, "preconditioner")
+        before, now = now, _definite(r, z, "preconditioner")
         p = z + now / before * p
     raise FloatingPointError(f"no convergence in {most} iterations (residual {np.sqrt(now / start):.1e} of its start)")
 
@@ -37,7 +37,7 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
     x, v_old, w_old, w = (np.zeros_like(b) for _ in range(4))
     v = b.copy()
     z = precondition(v)
-    gamma = np.sqrt(_definite(v @ z, "preconditioner"))
+    gamma = np.sqrt(_definite(v, z, "preconditioner"))
     start = eta = gamma
     gamma_old, s_old, s, c_old, c = 1.0, 0.0, 0.0, 1.0, 1.0
     for k in range(most + 1):
@@ -48,7 +48,7 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
         delta = q @ z
         v, v_old = q - delta / gamma * v - gamma / gamma_old * v_old, v
         z_new = precondition(v)
-        gamma_old, gamma = gamma, np.sqrt(_definite(v @ z_new, "preconditioner"))
+        gamma_old, gamma = gamma, np.sqrt(_definite(v, z_new, "preconditioner"))
         a0 = c * delta - c_old * s * gamma_old
         a1 = np.hypot(a0, gamma)
         a2 = s * delta + c_old * c * gamma_old
@@ -62,7 +62,9 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
     raise FloatingPointError(f"no convergence in {most} iterations (residual {abs(eta) / start:.1e} of its start)")
 
 
-def gmres(apply: Apply, precondition: Apply, b: Array, scale: Array, rtol: float, most: int) -> tuple[Array, int, float]:
+def gmres(
+    apply: Apply, precondition: Apply, b: Array, scale: Array, rtol: float, most: int
+) -> tuple[Array, int, float]:
     """Solution of PAx = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
     first = scale * precondition(b)
     beta = float(np.linalg.norm(first))
@@ -85,9 +87,10 @@ def gmres(apply: Apply, precondition: Apply, b: Array, scale: Array, rtol: float
     return sum(a * v for a, v in zip(y, basis, strict=True)) / scale, k + 1, left
 
 
-def _definite(product: float, what: str) -> float:
+def _definite(a: Array, b: Array, what: str) -> float:
+    product = float(a @ b)
     if not np.isfinite(product):
         raise FloatingPointError("the iteration is not finite")
     if product < 0:
         raise FloatingPointError(f"the {what} is not positive definite")
-    return float(product)
+    return product

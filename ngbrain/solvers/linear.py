@@ -39,6 +39,11 @@ MOST = 500
 """Relative residual, in the preconditioner's norm, at which an iteration stops, and the iterations it may take."""
 
 
+MIXED_ITERATIONS = 110.0
+DIRECT_MOST = {2: 2_000_000, 3: 300_000}
+"""Unknowns whose factor takes about 4 and 7 GiB."""
+
+
 @dataclass(frozen=True)
 class Choice:
     """The name of a solver, and in one line why."""
@@ -52,21 +57,29 @@ def choose(
 ) -> Choice:
     """The solver for a problem of `n_free` unknowns after condensation, with `ratio` the largest K/μ (inf allowed).
 
-    A factor serves several solves of Newton's method, and an iteration starts anew each time; seconds of one thread, order 2.
+    Measured on one thread at order 2 in 3-D, 190 000 unknowns: a factor takes 103 s and 3.7 GiB (106 000: 22 s, 1.3 GiB),
+    an iteration 0.32 s, and it takes about 5 + 3.2 √(K/μ) of them in a displacement form, 105 to 120 with a pressure. A
+    factor serves several solves of Newton's method, counted as four. In 2-D, 390 000 unknowns: 4 s and 0.6 GiB.
     """
     if not symmetric:
         return Choice("umfpack", "the matrix is not symmetric, which only a factor with pivots is for")
+    size = f"{n_free} unknowns in {dim}-D, K/μ {ratio:.2g}"
     if form_kind == "continuous pressure":
         name, needed = "minres-amg", MIXED_ITERATIONS
+    elif order >= 4 and dim == 3 and 18 * math.sqrt(ratio) <= MOST:
+        name, needed = "cg-bddc", max(20.0, 18 * math.sqrt(ratio))  # stars of order 4 take 13 kB an unknown
     else:
-        name, needed = "cg-bddc" if order >= 4 else "cg-amg", 10 + 3 * math.sqrt(max(ratio, 1.0))
-    size = f"{n_free} unknowns, K/μ {ratio:.2g}"
-    cheaper, most = (WORTH[dim] * needed, DIRECT_MOST[dim])
-    if n_free <= min(cheaper, most):
-        return Choice("sparsecholesky", f"{size}: a factor serves several solves, {name} would take {needed:.0f} iterations each")
+        name, needed = "cg-amg", 5 + 3.2 * math.sqrt(ratio)
+    limit = DIRECT_MOST[dim]
+    if dim == 3 and needed <= MOST:
+        limit = min(limit, round(17_000 * math.sqrt(needed)))
+    if n_free <= limit:
+        return Choice("sparsecholesky", f"{size}: a factor for several solves is cheapest up to {limit}")
     if needed <= MOST:
-        return Choice(name, f"{size}: about {needed:.0f} iterations, cheaper than a factor beyond {min(cheaper, most):.0f} unknowns")
-    return Choice("sparsecholesky", f"{size}: {name} would need {needed:.0f} iterations; a factor takes; a pressure would ...")
+        return Choice(name, f"{size}: about {needed:.0f} iterations are cheaper than a factor beyond {limit}")
+    return Choice(
+        "sparsecholesky", f"{size}: a factor of many GiB, as {name} does not converge; a continuous pressure would"
+    )
 
 
 @dataclass
@@ -78,6 +91,7 @@ class Direct:
     iterations: int = 1
 
     def __call__(self, r: Array) -> Array:
+        """M⁻¹r."""
         return self.condensed.solve(self.core, r)
 
 
@@ -93,6 +107,7 @@ class Iterative:
     iterations: int = 0
 
     def __call__(self, r: Array) -> Array:
+        """M⁻¹r."""
         return self.condensed.solve(self._core, r)
 
     def _core(self, r: Array) -> Array:
@@ -118,6 +133,7 @@ class Reused:
     _last: tuple[Array, Array] | None = None
 
     def __call__(self, r: Array) -> Array:
+        """M⁻¹r, nearly."""
         if self._last is None or not np.array_equal(self._last[0], r):
             self._last = r.copy(), self.condensed.solve(self._core, r)
         return self._last[1].copy()
@@ -185,8 +201,6 @@ def _block(name: str, form: ngs.BilinearForm, modulus: ngs.CoefficientFunction |
     if len(parts) != 2 or not unknown[parts[1]].any():
         raise InputError("solver", repr(name), "cg-amg, cg-bddc or a direct one: there is no pressure to solve for")
     displacement = (
-        pre.elastic_bddc(space.components[0], modulus, form.condense)
-        if name.endswith("bddc")
-        else pre.multigrid(form)
+        pre.elastic_bddc(space.components[0], modulus, form.condense) if name.endswith("bddc") else pre.multigrid(form)
     )
     return pre.diagonal(displacement, pre.mass(space.components[1], modulus, form.condense), parts)
