@@ -176,8 +176,11 @@ class Static:
 
     def nodal_forces(self) -> np.ndarray:
         """Forces (N) of the body on its supports and loads, one for each displacement unknown."""
-        self._tissue.Apply(self.gfu.vec, self._vec)
-        return self._vec.FV().NumPy()[self.is_u].copy()
+        return self._applied(self._tissue)[self.is_u]
+
+    def _applied(self, form: ngs.BilinearForm) -> np.ndarray:
+        form.Apply(self.gfu.vec, self._vec)
+        return self._vec.FV().NumPy().copy()
 
     def force(self, boundary: str) -> np.ndarray:
         """Force (N) that a boundary has to bear, by components: what must act on it from outside."""
@@ -241,11 +244,12 @@ class Static:
         """Residual on the free unknowns, and the norm of the body's nodal forces; not finite where the energy is not."""
         with self.clock("residual"):
             self.state = x
-            self._form.Apply(self.gfu.vec, self._vec)
-            r = self._vec.FV().NumPy().copy()
-            size = float(np.linalg.norm(self.nodal_forces() if self.loads else r[self.is_u]))
+            r = self._applied(self._tissue)
+            size = float(np.linalg.norm(r[self.is_u]))
             if not np.isfinite(self._tissue.Energy(self.gfu.vec)):
                 raise FloatingPointError("the energy is not finite")
+            if self.loads:
+                r += self._applied(self._acting)
         return r * self._free, size
 
     def factorise(self, x: np.ndarray, r: np.ndarray) -> linear.Solve:
@@ -291,13 +295,16 @@ class Static:
         return Place(self.mesh, self.kinematics, self.factor, u, v)
 
     def _make_forms(self) -> None:
-        """The whole and the body alone, and what makes a solver of the whole's matrix."""
+        """Forms of the whole, of the body alone and of the loads alone, and what makes a solver of the whole's matrix."""
         trial, test = self.fes.TnT()
         u, *rest = trial if isinstance(trial, (list, tuple)) else [trial]
         v = test[0] if isinstance(test, (list, tuple)) else test
         p = rest.pop(0) if self.form.pressure is not None else None
         whole = ngs.BilinearForm(self.fes, symmetric=self._symmetric, condense=self._condense)
-        tissue = ngs.BilinearForm(self.fes, symmetric=True)
+        tissue, acting = (
+            ngs.BilinearForm(self.fes, symmetric=True),
+            ngs.BilinearForm(self.fes, symmetric=self._symmetric),
+        )
         at = Deformation.of(self.kinematics.gradient(u, ngs.Grad(u)))
         for pattern, material in self.materials.items():
             energy = (self.kinematics.weight() * material.energy(at, p)).Compile()
@@ -309,12 +316,14 @@ class Static:
         place = self._place(u, v)
         for load in self.loads:
             if isinstance(load, Pressure):
-                whole += load.work(place)
+                part = load.work(place)
             elif isinstance(load, CavityVolume):
-                whole += ngs.Variation(load.energy(place, rest.pop(0)))
+                part = ngs.Variation(load.energy(place, rest.pop(0)))
             else:
-                whole += ngs.Variation(load.energy(place))
-        self._form, self._tissue = whole, tissue
+                part = ngs.Variation(load.energy(place))
+            whole += part
+            acting += part
+        self._form, self._tissue, self._acting = whole, tissue, acting
         self._factorise = linear.prepare(self.solver, whole, self._moduli)
         self._kept = None
 
