@@ -13,11 +13,11 @@ import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, GuardWarning, InputError, InvertedElementError
-from ngbrain.forward.body import check_patterns
 from ngbrain.forward.elements import COMPRESSIBLE, Form, automatic
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
+from ngbrain.forward.patterns import boundaries, check_regions
 from ngbrain.materials.base import Deformation
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
@@ -80,7 +80,9 @@ class Static:
         solver: str = "auto",
         bonus: int = 0,
     ) -> None:
-        check_patterns(mesh, dict(materials), list(supports))
+        check_regions(mesh, materials)
+        for pattern in [*supports, *(load.boundary for load in loads if hasattr(load, "boundary"))]:
+            boundaries(mesh, pattern)
         self.mesh, self.materials, self.loads = mesh, dict(materials), tuple(loads)
         self.kinematics = kinematics_of(mesh, kinematics)
         prescribed = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
