@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import ngsolve as ngs
@@ -12,7 +12,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.forward.patterns import boundaries
 
-Components: TypeAlias = tuple[CoefficientFunction | float | None, ...]
+Components: TypeAlias = Sequence[CoefficientFunction | float | None]
 Support: TypeAlias = float | CoefficientFunction | Components
 """0, a vector, or a value for each component, None where it is free."""
 
@@ -60,8 +60,11 @@ class Supports:
 def _components(value: Support, dim: int) -> Components:
     if isinstance(value, CoefficientFunction):
         return tuple(value[i] for i in range(dim)) if value.dim == dim else (value,) * dim
-    if isinstance(value, tuple):
+    if isinstance(value, Sequence) and not isinstance(value, str):
         if len(value) != dim:
             raise InputError("supports", value, f"{dim} components")
         return value
-    return (float(value),) * dim
+    try:
+        return (float(value),) * dim
+    except (TypeError, ValueError):
+        raise InputError("supports", repr(value), "0, a vector, or a value for each component") from None

@@ -78,6 +78,8 @@ def test_threads_of_a_solve_are_its_own():
         ({"solver": "sparsecholeski"}, ["sparsecholeski", "sparsecholesky"]),
         ({"supports": {"botom": 0}}, ["botom", "bottom"]),
         ({"loads": [Traction("topp", (0, 1.0))]}, ["topp", "top"]),
+        ({"supports": {"bottom": None}}, ["None", "for each component"]),
+        ({"supports": {"bottom": [0, 0, 0]}}, ["[0, 0, 0]", "2 components"]),
         ({"supports": {"bottom": (0, 0, 0)}}, ["(0, 0, 0)", "2 components"]),
         ({"materials": {".*": Material(Viscous(NeoHooke(1.0), (Branch(NeoHooke(1.0), 1.0),)), 10.0)}}, ["relaxing"]),
         ({"materials": {".*": Material(NeoHooke(1.0), 100.0, change=logarithmic)}}, ["logarithmic", "squared_log"]),
