@@ -16,7 +16,8 @@ MUTED = {"NGSolve": "#4d4d4d", "dolfinx": "#8c7853", "FElupe": "#8a7a9b", "sciki
 SPARE = ("#a3a3a3", "#b09a8a", "#8fa3b3")
 MARKERS = "sv^D<>P*X"
 LINES = ("-", "--", ":", "-.")
-PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73", "other": "#bdbdbd"}
+PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73"}
+PHASES |= {"check": "#CC79A7", "other": "#bdbdbd"}
 
 
 def looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:

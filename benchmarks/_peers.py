@@ -22,7 +22,13 @@ SCRIPTS = {
     "felupe": "felupe_peer.py",
     "skfem": "skfem_peer.py",
 }
-LABELS = {"ngbrain": "ngbrain:", "ngsolve": "NGSolve ", "dolfinx": "dolfinx ", "felupe": "FElupe ", "skfem": "scikit-fem "}
+LABELS = {
+    "ngbrain": "ngbrain:",
+    "ngsolve": "NGSolve ",
+    "dolfinx": "dolfinx ",
+    "felupe": "FElupe ",
+    "skfem": "scikit-fem ",
+}
 HERE_TOO = ("ngbrain", "ngsolve")
 """Those that run in this environment; only they refine meshes at corners."""
 

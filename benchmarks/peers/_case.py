@@ -145,7 +145,15 @@ def main(peer: str, solve: Callable[[Task], dict[str, Any]], versions: dict[str,
     task = Task(given.case, given.n, element, given.steps or STEPS[given.case], given.corners)
     method = f"{peer}{':' if peer == 'ngbrain' else ' '}{element.key}{' graded' if given.corners else ''}"
     record: dict[str, Any] = {"method": method, "case": task.case, "n": task.n, "order": element.order}
-    record |= {"corners": task.corners, "steps": task.steps, "ndof": None, "value": None, "newton": None, "converged": False, "reason": ""}
+    record |= {
+        "corners": task.corners,
+        "steps": task.steps,
+        "ndof": None,
+        "value": None,
+        "newton": None,
+        "converged": False,
+        "reason": "",
+    }
     start, wall = cpu(), time.perf_counter()
     try:
         record |= solve(task) | {"converged": True}
