@@ -23,11 +23,12 @@ PHASES |= {"check": "#CC79A7", "other": "#bdbdbd"}
 def looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
     """How each method is drawn: ours strong and first, others muted; colour says the library, marker the element."""
     methods = list(dict.fromkeys(methods))
-    strong, spare, known = cycle(STRONG), cycle(SPARE), dict(MUTED)
+    spare, known = cycle(SPARE), dict(MUTED)
     found: dict[str, dict[str, Any]] = {}
-    for method in methods:
-        if method.startswith(OURS):
-            found[method] = {"color": next(strong), "marker": "o", "linestyle": "-", "lw": 2.2, "ms": 6, "zorder": 4}
+    for k, method in enumerate(m for m in methods if m.startswith(OURS)):
+        again, k = divmod(k, len(STRONG))
+        style = {"color": STRONG[k], "marker": "oDs"[again % 3], "linestyle": LINES[again % len(LINES)]}
+        found[method] = style | {"lw": 2.2, "ms": 6, "zorder": 4}
     others = sorted((m for m in methods if m not in found), key=lambda m: m.split()[0].lower())
     elements = list(dict.fromkeys(m.partition(" ")[2] for m in methods if m in others))
     for method in others:
@@ -154,7 +155,7 @@ def bars(records: list[dict], axes: Any, labels: Iterable[str] | None = None, ti
     axes.invert_yaxis()
     axes.set(xlabel="CPU time, one thread (s)", title=title)
     axes.margins(x=0.12)
-    axes.legend(fontsize=8, frameon=False, ncols=5, loc="upper left", bbox_to_anchor=(0, -0.12))
+    axes.legend(fontsize=8, frameon=False, ncols=6, columnspacing=1.2, loc="upper left", bbox_to_anchor=(0, -0.12))
 
 
 def figure(width: float, height: float, panels: int = 1, **options: Any) -> tuple[Any, Any, Any]:
