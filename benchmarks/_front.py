@@ -79,6 +79,7 @@ def front(
         axes.plot(
             across, down, color="#f2d35b", lw=7, alpha=0.45, solid_capstyle="round", zorder=1, label="best for the time"
         )
+    fallen = list(dict.fromkeys(r["method"] for r in records if not r["converged"]))
     for method, style in styles.items():
         rows = sorted((r for r in records if r["method"] == method), key=lambda r: (r["ndof"] or 0, r.get("n") or 0))
         if not rows:
@@ -97,15 +98,15 @@ def front(
                     fontsize=7,
                     color=style["color"],
                 )
+        height = 2.6 * 2.6 ** (fallen.index(method) / max(1, len(fallen) - 1)) * high if bad else high
         for r in bad:
-            place = r[x] or 1.6 * right
-            axes.plot(place, 3.5 * high, "x", color=style["color"], ms=8, mew=2, zorder=5)
+            axes.plot(r[x] or 1.6 * right, height, "x", color=style["color"], ms=7, mew=2, zorder=5)
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel, title=title)
     failed = any(not r["converged"] for r in records)
     axes.set(ylim=(low / 2, (8 if failed else 2) * high), xlim=(left / 1.5, 2 * right))
     if failed:
         axes.axhline(2 * high, color="#999999", lw=0.6)
-        axes.annotate("failed", (0.01, 5.8 * high), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+        axes.annotate("failed", (0.01, 4.2 * high), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     axes.grid(alpha=0.25, lw=0.6)
     if legend:
         many = sum(text.count("\n") + 1 for text in axes.get_legend_handles_labels()[1]) > 18
@@ -119,7 +120,7 @@ def _failures(bad: list[dict], size: str) -> str:
     reasons = defaultdict(list)
     for r in bad:
         reasons[short(r.get("reason", ""))].append(str(r.get(size)))
-    return "".join(f"\n   × {size} = {', '.join(who)}: {why}" for why, who in reasons.items())
+    return "".join(f"\n   × at {', '.join(who)}: {why}" for why, who in reasons.items())
 
 
 def short(reason: str) -> str:
