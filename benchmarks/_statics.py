@@ -12,7 +12,7 @@ import _command
 from _front import bars, figure, front, looks
 from _peers import available, run
 
-REPEATS, LONG = 3, 20.0
+REPEATS, LONG = 3, 15.0
 """A case's time is the median of so many runs, unless one takes more CPU seconds than `LONG`."""
 TIMEOUT = 240.0
 
