@@ -125,6 +125,8 @@ def _failures(bad: list[dict], size: str) -> str:
 
 def short(reason: str) -> str:
     """A reason in a few words."""
+    if reason.startswith("load factor"):
+        return f"stopped at {reason.split(' was')[0]}"
     for sign, words in {
         "finite": "diverged",
         "NaN": "diverged",
@@ -156,7 +158,15 @@ def bars(records: list[dict], axes: Any, labels: Iterable[str] | None = None, ti
     axes.invert_yaxis()
     axes.set(xlabel="CPU time, one thread (s)", title=title)
     axes.margins(x=0.12)
-    axes.legend(fontsize=8, frameon=False, ncols=6, columnspacing=1.2, loc="upper left", bbox_to_anchor=(0, -0.12))
+    axes.legend(
+        fontsize=8,
+        frameon=False,
+        ncols=6,
+        columnspacing=1,
+        handlelength=1.2,
+        loc="upper left",
+        bbox_to_anchor=(0, -0.12),
+    )
 
 
 def figure(width: float, height: float, panels: int = 1, **options: Any) -> tuple[Any, Any, Any]:
