@@ -28,11 +28,14 @@ RELATIVE = 0.01
 """Corrections are judged against this share of the body's size, pressures against its shear modulus."""
 CONDENSE_UP_TO = 1e6
 """K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
-WORTH_REUSING = 20_000
-"""Unknowns from which on a Krylov method with an old factor is tried before a new one is made:"""
+WORTH_REUSING = 100_000
+"""Unknowns in space from which on a Krylov method with an old factor is tried before a new one is made (at 76 000 it took as
+long as a new one, which grows twice as fast):"""
 ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
+UPHILL = 4
+"""`Newton.watch` of displacement forms."""
 GUARD = 0.05
 """Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
 NEAREST = 6
@@ -129,7 +132,7 @@ class Static:
         Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
         holds the last equilibrium reached.
         """
-        newton = newton or Newton()
+        newton = newton or Newton(watch=UPHILL if self.form.pressure is None else 0)
         with using(threads):
             x, record = self._follow(newton, steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
@@ -251,7 +254,7 @@ class Static:
         self.state = x
         with self.clock("assemble"):
             self._form.AssembleLinearization(self.gfu.vec)
-        if self._kept and self.fes.ndof > WORTH_REUSING:
+        if self._kept and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
                 solve = linear.reused(self._form, self._kept, r, ROUGHLY, AT_MOST)
             if solve:
