@@ -198,3 +198,17 @@ def test_a_path_that_leads_nowhere_says_how_far_it_came():
     x, record = follow(Scalar(1.5), Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
     assert not record.converged and 0.3 < record.factor < 0.5 and x[0] < 1.5
     assert "was reached" in record.reason and record.reason.startswith(f"load factor {record.factor:.4g}")
+
+
+def test_a_factor_is_asked_for_what_it_is_to_solve():
+    # At an equilibrium there is no residual, for which any old factor would seem good enough.
+    class Asked(Scalar):
+        asked = ()
+
+        def factorise(self, x, r):
+            self.asked = (*self.asked, float(abs(r[0])))
+            return super().factorise(x, r)
+
+    path = Asked()
+    _, record = follow(path, Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
+    assert record.converged and min(path.asked) > 0
