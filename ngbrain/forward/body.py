@@ -237,23 +237,29 @@ class Body:
         return self._vec.FV().NumPy().copy()
 
 
-def check_patterns(mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str]) -> None:
-    """Raise `InputError` unless every region has one material and the first boundaries, the held ones, are not touched.
+def check_patterns(
+    mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str], apart: bool = True
+) -> None:
+    """Raise `InputError` unless every region has one material and every pattern matches.
 
     regions      patterns; none may be unknown or share a region with another
-    boundaries   patterns; none may be unknown, and what the first matches is in none of the others
+    boundaries   patterns; none may be unknown
+    apart        what the first boundaries match, the held ones, is in none of the others, which are touched
     """
     names, covered = mesh.GetMaterials(), set[int]()
     for pattern in regions:
-        found = _matches("tissue region", pattern, mesh.Materials, names)
-        if twice := {names[i] for i in found & covered}:
+        matched = _matches("tissue region", pattern, mesh.Materials, names)
+        if twice := {names[i] for i in matched & covered}:
             wanted = f"a pattern without {', '.join(sorted(twice))}, which has a tissue already"
             raise InputError("tissue region", repr(pattern), wanted)
-        covered |= found
+        covered |= matched
     if bare := {name for i, name in enumerate(names) if i not in covered}:
         raise InputError("tissue", f"not given for {', '.join(sorted(bare))}", "a tissue for every region of the mesh")
     names = mesh.GetBoundaries()
-    held, *touched = (_matches("boundary", pattern, mesh.Boundaries, names) for pattern in boundaries)
+    found = [_matches("boundary", pattern, mesh.Boundaries, names) for pattern in boundaries]
+    if not apart:
+        return
+    held, *touched = found
     if both := {names[i] for i in held.intersection(set[int]().union(*touched))}:
         wanted = f"a pattern without {', '.join(sorted(both))}, which a rigid body touches"
         raise InputError("boundary", repr(boundaries[0]), wanted)

@@ -80,7 +80,8 @@ class Static:
         solver: str = "auto",
         bonus: int = 0,
     ) -> None:
-        check_patterns(mesh, dict(materials), list(supports))
+        loaded = [load.boundary for load in loads if hasattr(load, "boundary")]
+        check_patterns(mesh, dict(materials), [*supports, *loaded], apart=False)
         self.mesh, self.materials, self.loads = mesh, dict(materials), tuple(loads)
         self.kinematics = kinematics_of(mesh, kinematics)
         prescribed = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}

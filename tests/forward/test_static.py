@@ -77,6 +77,7 @@ def test_threads_of_a_solve_are_its_own():
         ({"form": "P2/L2(1)"}, ["P2/L2(1)", "one order below"]),
         ({"solver": "sparsecholeski"}, ["sparsecholeski", "sparsecholesky"]),
         ({"supports": {"botom": 0}}, ["botom", "bottom"]),
+        ({"loads": [Traction("rigth", (1, 0))]}, ["rigth", "right"]),
         ({"supports": {"bottom": (0, 0, 0)}}, ["(0, 0, 0)", "2 components"]),
         ({"materials": {".*": Material(Viscous(NeoHooke(1.0), (Branch(NeoHooke(1.0), 1.0),)), 10.0)}}, ["relaxing"]),
         ({"materials": {".*": Material(NeoHooke(1.0), 100.0, change=logarithmic)}}, ["logarithmic", "squared_log"]),
@@ -88,6 +89,13 @@ def test_what_cannot_be_solved_is_refused_in_one_line(change, words):
     with pytest.raises(InputError) as error:
         Static(**options)
     assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def test_of_patterns_that_overlap_the_later_counts():
+    body = Static(square(), SOFT, {".*": 0, "top": (0, -0.001)}, form="P2/P1")
+    body.solve()
+    assert body.u(body.mesh(0.05, 0.1)) == pytest.approx((0, -0.001), abs=1e-12)
+    assert body.u(body.mesh(0.05, 0.0)) == pytest.approx((0, 0), abs=1e-12)
 
 
 def test_kinematics_have_to_fit_the_mesh():
