@@ -97,12 +97,13 @@ def _step(
 def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:
     """Change of an equilibrium from t to `goal` along its tangent; the residual's derivative is a difference quotient."""
     r = path.residual(path.load(x, t))[0]
-    if newton.inverse is None:
-        newton.inverse = path.factorise(x, r)
-        record.work.factorisations += 1
     near = t + PROBE * (goal - t)
     lifted = path.load(x, near)
     rate = (path.residual(lifted)[0] - r) / PROBE
+    if newton.inverse is None:
+        # For the right-hand side that it is to solve: r vanishes here, and an old factor would seem good for it.
+        newton.inverse = path.factorise(path.load(x, t), rate)
+        record.work.factorisations += 1
     record.work.residuals += 2
     record.work.solves += 1
     return (lifted - x) / PROBE - newton.inverse(rate)

@@ -13,6 +13,7 @@ from ngbrain.forward.loads import Traction
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
+from ngbrain.solvers import linear
 from ngbrain.solvers.continuation import follow
 from ngbrain.solvers.newton import Newton
 
@@ -93,6 +94,13 @@ def test_what_cannot_be_solved_is_refused_in_one_line(change, words):
     assert all(word in str(error.value) for word in words), str(error.value)
 
 
+def test_of_patterns_that_overlap_the_later_counts():
+    body = Static(square(), SOFT, {".*": 0, "top": (0, -0.001)}, form="P2/P1")
+    body.solve()
+    assert body.u(body.mesh(0.05, 0.1)) == pytest.approx((0, -0.001), abs=1e-12)
+    assert body.u(body.mesh(0.05, 0.0)) == pytest.approx((0, 0), abs=1e-12)
+
+
 def test_kinematics_have_to_fit_the_mesh():
     with pytest.raises(InputError, match="3-dimensional; wanted: 2 dimensions for Axisymmetric"):
         Static(MakeStructured3DMesh(nx=1, ny=1, nz=1), SOFT, {"bottom": 0}, kinematics=Axisymmetric())
@@ -123,6 +131,39 @@ def test_an_element_that_collapses_gets_a_guard_and_the_user_hears_of_it():
         record = body.solve()
     assert record.converged and record.min_det_F > 0.5 and "det F fell to" in record.guard
     assert body.force("top")[2] == pytest.approx(-9.19, abs=0.1)  # P3/P2 on a coarser mesh, without one: -9.187
+
+
+def test_a_reused_factor_leads_to_the_same_state(monkeypatch):
+    reused, found, forces = linear.reused, [], []
+
+    def spy(*arguments):
+        found.append(reused(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr(linear, "reused", spy)
+    for worth in (10**9, 0):
+        monkeypatch.setattr("ngbrain.forward.static.WORTH_REUSING", worth)
+        pressing = {"bottom": 0, "top": (0, 0, -0.02)}
+        body = Static(graded(4, 1.0), {".*": Material(NeoHooke(1e3), 1e5)}, pressing, form="P2/P1")
+        body.solve(newton=Newton(rtol=1e-10, xtol=1e-9, keep=0.0, worth=0, max_factorisations=40))
+        forces.append(body.force("top")[2])
+        assert bool(found) == (worth == 0)
+    assert any(found) and forces[0] == pytest.approx(forces[1], rel=1e-8)
+
+
+def test_uphill_steps_spare_a_displacement_form_its_cuts():
+    # K/μ = 5000 without a pressure: the tangent of a state takes the next one, which has turned, for far off.
+    beam = MakeStructured2DMesh(quads=False, nx=8, ny=4, mapping=lambda x, y: (2 * x, y))
+    tried, tips = {}, []
+    for watch in (0, 4):
+        body = Static(
+            beam, {".*": Material(NeoHooke(1e3), 5e6)}, {"left": 0}, [Traction("right", (0, 40.0))], form="P2"
+        )
+        tried[watch] = body.solve(newton=Newton(watch=watch)).tried
+        tips.append(body.u(beam(2, 1))[1])
+    print(tried, tips)
+    assert tips[0] == pytest.approx(tips[1], rel=1e-5) and tips[0] > 0.3
+    assert tried[4] < tried[0] / 1.5
 
 
 def test_a_column_buckles_where_euler_says():
@@ -201,3 +242,17 @@ def test_a_path_that_leads_nowhere_says_how_far_it_came():
     x, record = follow(Scalar(1.5), Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
     assert not record.converged and 0.3 < record.factor < 0.5 and x[0] < 1.5
     assert "was reached" in record.reason and record.reason.startswith(f"load factor {record.factor:.4g}")
+
+
+def test_a_factor_is_asked_for_what_it_is_to_solve():
+    # At an equilibrium there is no residual, for which any old factor would seem good enough.
+    class Asked(Scalar):
+        asked = ()
+
+        def factorise(self, x, r):
+            self.asked = (*self.asked, float(abs(r[0])))
+            return super().factorise(x, r)
+
+    path = Asked()
+    _, record = follow(path, Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
+    assert record.converged and min(path.asked) > 0
