@@ -16,17 +16,19 @@ MUTED = {"NGSolve": "#4d4d4d", "dolfinx": "#8c7853", "FElupe": "#8a7a9b", "sciki
 SPARE = ("#a3a3a3", "#b09a8a", "#8fa3b3")
 MARKERS = "sv^D<>P*X"
 LINES = ("-", "--", ":", "-.")
-PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73", "other": "#bdbdbd"}
+PHASES = {"compile": "#c9b458", "assemble": "#0072B2", "factor": "#D55E00", "solve": "#009E73"}
+PHASES |= {"check": "#CC79A7", "other": "#bdbdbd"}
 
 
 def looks(methods: Iterable[str]) -> dict[str, dict[str, Any]]:
     """How each method is drawn: ours strong and first, others muted; colour says the library, marker the element."""
     methods = list(dict.fromkeys(methods))
-    strong, spare, known = cycle(STRONG), cycle(SPARE), dict(MUTED)
+    spare, known = cycle(SPARE), dict(MUTED)
     found: dict[str, dict[str, Any]] = {}
-    for method in methods:
-        if method.startswith(OURS):
-            found[method] = {"color": next(strong), "marker": "o", "linestyle": "-", "lw": 2.2, "ms": 6, "zorder": 4}
+    for k, method in enumerate(m for m in methods if m.startswith(OURS)):
+        again, k = divmod(k, len(STRONG))
+        style = {"color": STRONG[k], "marker": "oDs"[again % 3], "linestyle": LINES[again % len(LINES)]}
+        found[method] = style | {"lw": 2.2, "ms": 6, "zorder": 4}
     others = sorted((m for m in methods if m not in found), key=lambda m: m.split()[0].lower())
     elements = list(dict.fromkeys(m.partition(" ")[2] for m in methods if m in others))
     for method in others:
@@ -77,6 +79,7 @@ def front(
         axes.plot(
             across, down, color="#f2d35b", lw=7, alpha=0.45, solid_capstyle="round", zorder=1, label="best for the time"
         )
+    fallen = list(dict.fromkeys(r["method"] for r in records if not r["converged"]))
     for method, style in styles.items():
         rows = sorted((r for r in records if r["method"] == method), key=lambda r: (r["ndof"] or 0, r.get("n") or 0))
         if not rows:
@@ -95,15 +98,15 @@ def front(
                     fontsize=7,
                     color=style["color"],
                 )
+        height = 2.6 * 2.6 ** (fallen.index(method) / max(1, len(fallen) - 1)) * high if bad else high
         for r in bad:
-            place = r[x] or 1.6 * right
-            axes.plot(place, 3.5 * high, "x", color=style["color"], ms=8, mew=2, zorder=5)
+            axes.plot(r[x] or 1.6 * right, height, "x", color=style["color"], ms=7, mew=2, zorder=5)
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel, title=title)
     failed = any(not r["converged"] for r in records)
     axes.set(ylim=(low / 2, (8 if failed else 2) * high), xlim=(left / 1.5, 2 * right))
     if failed:
         axes.axhline(2 * high, color="#999999", lw=0.6)
-        axes.annotate("failed", (0.01, 5.8 * high), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+        axes.annotate("failed", (0.01, 4.2 * high), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     axes.grid(alpha=0.25, lw=0.6)
     if legend:
         many = sum(text.count("\n") + 1 for text in axes.get_legend_handles_labels()[1]) > 18
@@ -117,11 +120,13 @@ def _failures(bad: list[dict], size: str) -> str:
     reasons = defaultdict(list)
     for r in bad:
         reasons[short(r.get("reason", ""))].append(str(r.get(size)))
-    return "".join(f"\n   × {size} = {', '.join(who)}: {why}" for why, who in reasons.items())
+    return "".join(f"\n   × at {', '.join(who)}: {why}" for why, who in reasons.items())
 
 
 def short(reason: str) -> str:
     """A reason in a few words."""
+    if reason.startswith("load factor"):
+        return f"stopped at {reason.split(' was')[0]}"
     for sign, words in {
         "finite": "diverged",
         "NaN": "diverged",
@@ -153,7 +158,15 @@ def bars(records: list[dict], axes: Any, labels: Iterable[str] | None = None, ti
     axes.invert_yaxis()
     axes.set(xlabel="CPU time, one thread (s)", title=title)
     axes.margins(x=0.12)
-    axes.legend(fontsize=8, frameon=False, ncols=5, loc="upper left", bbox_to_anchor=(0, -0.12))
+    axes.legend(
+        fontsize=8,
+        frameon=False,
+        ncols=6,
+        columnspacing=1,
+        handlelength=1.2,
+        loc="upper left",
+        bbox_to_anchor=(0, -0.12),
+    )
 
 
 def figure(width: float, height: float, panels: int = 1, **options: Any) -> tuple[Any, Any, Any]:

@@ -1,6 +1,6 @@
-"""Other solvers on the statics benchmarks' cases: each runs in a process and an environment of its own.
+"""Solvers on the statics benchmarks' cases, ngbrain among them: each runs in a process and an environment of its own.
 
-`make bench-peers` makes the environments under out/peers (variable PEERS: elsewhere); plain NGSolve needs none.
+`make bench-peers` makes the environments under out/peers (variable PEERS: elsewhere); ours and plain NGSolve need none.
 
     python benchmarks/_peers.py dolfinx smooth 4 P2/P1      one record
 """
@@ -16,12 +16,21 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SCRIPTS = {
+    "ngbrain": "ngbrain_case.py",
     "ngsolve": "ngsolve_plain.py",
     "dolfinx": "dolfinx_peer.py",
     "felupe": "felupe_peer.py",
     "skfem": "skfem_peer.py",
 }
-LABELS = {"ngsolve": "NGSolve", "dolfinx": "dolfinx", "felupe": "FElupe", "skfem": "scikit-fem"}
+LABELS = {
+    "ngbrain": "ngbrain:",
+    "ngsolve": "NGSolve ",
+    "dolfinx": "dolfinx ",
+    "felupe": "FElupe ",
+    "skfem": "scikit-fem ",
+}
+HERE_TOO = ("ngbrain", "ngsolve")
+"""Those that run in this environment; only they refine meshes at corners."""
 
 _compiled: set[tuple[str, str]] = set()
 
@@ -32,9 +41,9 @@ def environments() -> Path:
 
 
 def available() -> dict[str, str]:
-    """Peers that can run here, with their Python."""
-    found = {"ngsolve": sys.executable}
-    for peer in list(SCRIPTS)[1:]:
+    """Solvers that can run here, with their Python."""
+    found = dict.fromkeys(HERE_TOO, sys.executable)
+    for peer in SCRIPTS:
         folder = environments() / peer
         if (folder / ".done").exists():
             found[peer] = str(folder / "bin" / "python")
@@ -50,19 +59,25 @@ def run(
     steps: int | None = None,
     cold: bool = False,
     threads: int = 1,
+    corners: int = 0,
 ) -> dict:
     """The record of one solve; where there is none, `converged` is False and `reason` says why.
 
     dolfinx compiles C once for each element: `cold` counts that, else it is done before.
     """
     python = available().get(peer)
-    record = {"method": f"{LABELS[peer]} {element}", "case": case, "n": n, "order": int(element[1]), "steps": steps}
+    order = int(element[1]) if element[1].isdigit() else None
+    record = {"method": f"{LABELS[peer]}{element}{' graded' if corners else ''}", "case": case, "n": n, "order": order}
+    record |= {"steps": steps, "corners": corners}
     record |= {"ndof": None, "value": None, "newton": None, "cpu_s": None, "wall_s": None, "phases": {}}
     record |= {"memory_mib": None, "threads": threads, "versions": {}, "converged": False}
     if python is None:
         return record | {"reason": "not installed: make bench-peers"}
+    if corners and peer not in HERE_TOO:
+        return record | {"reason": "not offered: refinement at corners"}
     command = [python, str(HERE / "peers" / SCRIPTS[peer]), "--case", case, "--element", element]
     command += ["--steps", str(steps)] if steps else []
+    command += ["--corners", str(corners)] if corners else []
     with tempfile.TemporaryDirectory() as empty:
         cache = empty if cold else str(environments() / "cache")
         given = os.environ | {"XDG_CACHE_HOME": cache, "PEER_THREADS": str(threads), "PYTHONWARNINGS": "ignore"}

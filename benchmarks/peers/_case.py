@@ -34,9 +34,11 @@ PRESS, WAVE = -0.02, -0.01
 
 # cook: mu/2 (I1 - 3 - 2 ln J) + p ln J - p^2/(2K), plane strain, mm and N; left side clamped, a dead load TRACTION (N/mm)
 # up on the right one. The value: u_y at CORNER. The mesh: n x n cells of the unit square through `cook_map`, each cut
-# from lower left to upper right.
+# from lower left to upper right;
+# `corners` times all cells that touch a corner are bisected, with their neighbours.
 COOK_MU, COOK_K, TRACTION = 80.194, 400889.806, 6.25
 CORNER = (48.0, 60.0)
+CORNERS = ((0.0, 0.0), (48.0, 44.0), CORNER, (0.0, 44.0))
 
 STEPS = {"block": 1, "smooth": 1, "cook": 5}
 TOLERANCE, MAX_NEWTON = 1e-8, 30
@@ -71,7 +73,9 @@ class Element:
 
     @classmethod
     def parse(cls, name: str) -> Element:
-        """From "P2", "Q2/Q1", "P4/L2(2)" and the like."""
+        """From "P2", "Q2/Q1", "P4/L2(2)" and the like; "auto": simplices, and what ngbrain finds fit."""
+        if name == "auto":
+            return cls("P", 0, None, False)
         match = re.fullmatch(r"([PQ])(\d)(?:/(?:\1(\d)|L2\((\d)\)))?", name)
         if not match:
             raise SystemExit(f"--element is {name}; wanted: one like P2, Q2/Q1 or P4/L2(2)")
@@ -82,6 +86,8 @@ class Element:
     @property
     def key(self) -> str:
         """Its name again."""
+        if not self.order:
+            return "auto"
         if self.pressure is None:
             return f"{self.shape}{self.order}"
         inner = f"{self.shape}{self.pressure}" if self.continuous else f"L2({self.pressure})"
@@ -102,12 +108,13 @@ class Task:
     n: int
     element: Element
     steps: int
+    corners: int = 0
     phases: dict[str, float] = field(default_factory=dict)
     start: float = field(default_factory=cpu)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Count what happens inside as `name`: compile, assemble, factor or solve."""
+        """Count what happens inside as `name`: compile, assemble, factor, solve or check."""
         start = cpu()
         try:
             yield
@@ -132,11 +139,21 @@ def main(peer: str, solve: Callable[[Task], dict[str, Any]], versions: dict[str,
     parser.add_argument("--n", type=int, required=True)
     parser.add_argument("--element", required=True)
     parser.add_argument("--steps", type=int, help="load steps (default: 1; cook 5)")
+    parser.add_argument("--corners", type=int, default=0, help="times that a mesh is refined at its corners")
     given = parser.parse_args()
     element = Element.parse(given.element.replace("Q1disc", "L2(1)"))
-    task = Task(given.case, given.n, element, given.steps or STEPS[given.case])
-    record: dict[str, Any] = {"method": f"{peer} {element.key}", "case": task.case, "n": task.n, "order": element.order}
-    record |= {"steps": task.steps, "ndof": None, "value": None, "newton": None, "converged": False, "reason": ""}
+    task = Task(given.case, given.n, element, given.steps or STEPS[given.case], given.corners)
+    method = f"{peer}{':' if peer == 'ngbrain' else ' '}{element.key}{' graded' if given.corners else ''}"
+    record: dict[str, Any] = {"method": method, "case": task.case, "n": task.n, "order": element.order}
+    record |= {
+        "corners": task.corners,
+        "steps": task.steps,
+        "ndof": None,
+        "value": None,
+        "newton": None,
+        "converged": False,
+        "reason": "",
+    }
     start, wall = cpu(), time.perf_counter()
     try:
         record |= solve(task) | {"converged": True}

@@ -14,18 +14,35 @@ ngs.SetNumThreads(int(c.THREADS))
 ngs.ngsglobals.msg_level = 0
 
 
+def domain(task: c.Task) -> ngs.Mesh:
+    """The mesh of a case."""
+    n, quads = task.n, task.element.shape == "Q"
+    if task.case != "cook":
+        return MakeStructured3DMesh(quads, nx=n, ny=n, nz=n, mapping=lambda *x: tuple(c.L * xi for xi in x))
+    mesh = MakeStructured2DMesh(quads, n, n, mapping=c.cook_map, flip_triangles=True)
+    for _ in range(task.corners):
+        corners = {mesh(*at).nr for at in c.CORNERS}
+        for element in mesh.Elements():
+            mesh.SetRefinementFlag(element, element.nr in corners)
+        mesh.Refine()
+    return mesh
+
+
+def wave(case: str) -> ngs.CoefficientFunction:
+    """The top's motion over its largest."""
+    return ngs.cos(pi * ngs.x / c.L) * ngs.cos(pi * ngs.y / c.L) if case == "smooth" else ngs.CF(1)
+
+
 class Problem:
     """A case's space, energy and prescribed motion."""
 
     def __init__(self, task: c.Task) -> None:
-        n, element = task.n, task.element
+        element = task.element
         self.cook, self.load = task.case == "cook", ngs.Parameter(0)
+        self.mesh, top = domain(task), None
         if self.cook:
-            self.mesh = MakeStructured2DMesh(element.shape == "Q", n, n, mapping=c.cook_map, flip_triangles=True)
-            fixed, top = {"dirichlet": "left"}, None
+            fixed = {"dirichlet": "left"}
         else:
-            scale = lambda *x: tuple(c.L * xi for xi in x)  # noqa: E731
-            self.mesh = MakeStructured3DMesh(element.shape == "Q", nx=n, ny=n, nz=n, mapping=scale)
             fixed, top = {"dirichlet": "bottom|top"}, self.mesh.Boundaries("top")
             if task.case == "smooth":
                 fixed = {"dirichletx": "bottom|top|back|front", "dirichlety": "bottom|top|left|right"}
@@ -46,8 +63,7 @@ class Problem:
         self.motion = ngs.GridFunction(self.X)  # at full load
         self.weight = ngs.GridFunction(self.V)  # of the force
         if top is not None:
-            wave = ngs.cos(pi * ngs.x / c.L) * ngs.cos(pi * ngs.y / c.L) if task.case == "smooth" else ngs.CF(1)
-            self.weight.Set(ngs.CF((0, 0, wave)), definedon=top, dual=True)
+            self.weight.Set(ngs.CF((0, 0, wave(task.case))), definedon=top, dual=True)
             moved = self.motion.components[0] if p is not None else self.motion
             moved.vec.data = (c.WAVE if task.case == "smooth" else c.PRESS) * self.weight.vec
 

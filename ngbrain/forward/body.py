@@ -10,11 +10,11 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import InputError, nearest
 from ngbrain.forward.contact import Contact, Offset, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
 from ngbrain.forward.material import Material
+from ngbrain.forward.patterns import check_apart, check_regions
 from ngbrain.forward.tangent import Solve, Tangent, bordered
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
@@ -52,7 +52,8 @@ class Body:
         order: int = 2,
         modulus: float = 1e3,
     ) -> None:
-        check_patterns(mesh, materials, [fixed, *(contact.wall for contact in contacts)])
+        check_regions(mesh, materials)
+        check_apart(mesh, fixed, [contact.wall for contact in contacts])
         self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
         self.order, self.modulus = order, modulus
         self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
@@ -235,42 +236,3 @@ class Body:
     def _contact_forces(self) -> np.ndarray:
         self.contact_form.Apply(self.gfu.vec, self._vec)
         return self._vec.FV().NumPy().copy()
-
-
-def check_patterns(
-    mesh: ngs.Mesh, regions: Sequence[str] | dict[str, Material], boundaries: Sequence[str], apart: bool = True
-) -> None:
-    """Raise `InputError` unless every region has one material and every pattern matches.
-
-    regions      patterns; none may be unknown or share a region with another
-    boundaries   patterns; none may be unknown
-    apart        what the first boundaries match, the held ones, is in none of the others, which are touched
-    """
-    names, covered = mesh.GetMaterials(), set[int]()
-    for pattern in regions:
-        matched = _matches("tissue region", pattern, mesh.Materials, names)
-        if twice := {names[i] for i in matched & covered}:
-            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a tissue already"
-            raise InputError("tissue region", repr(pattern), wanted)
-        covered |= matched
-    if bare := {name for i, name in enumerate(names) if i not in covered}:
-        raise InputError("tissue", f"not given for {', '.join(sorted(bare))}", "a tissue for every region of the mesh")
-    names = mesh.GetBoundaries()
-    found = [_matches("boundary", pattern, mesh.Boundaries, names) for pattern in boundaries]
-    if not apart:
-        return
-    held, *touched = found
-    if both := {names[i] for i in held.intersection(set[int]().union(*touched))}:
-        wanted = f"a pattern without {', '.join(sorted(both))}, which a rigid body touches"
-        raise InputError("boundary", repr(boundaries[0]), wanted)
-
-
-def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
-    """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
-    try:
-        found = {i for i, match in enumerate(find(pattern).Mask()) if match}
-    except RuntimeError as error:
-        raise InputError(kind, repr(pattern), f"a name or a regular expression ({error})") from error
-    if not found:
-        raise InputError(kind, repr(pattern), nearest(pattern, set(names)))
-    return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import ngsolve as ngs
 import numpy as np
@@ -13,30 +12,30 @@ import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, GuardWarning, InputError, InvertedElementError
-from ngbrain.forward.body import check_patterns
 from ngbrain.forward.elements import COMPRESSIBLE, Form, automatic
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
+from ngbrain.forward.patterns import boundaries, check_regions
+from ngbrain.forward.supports import Support, Supports
 from ngbrain.materials.base import Deformation
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import Clock, PathRecord
 from ngbrain.threads import threads as using
 
-Components: TypeAlias = tuple[CoefficientFunction | float | None, ...]
-Support: TypeAlias = float | CoefficientFunction | Components
-"""0, a vector, or a value for each component, None where it is free."""
-
 RELATIVE = 0.01
 """Corrections are judged against this share of the body's size, pressures against its shear modulus."""
 CONDENSE_UP_TO = 1e6
 """K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
-WORTH_REUSING = 20_000
-"""Unknowns from which on a Krylov method with an old factor is tried before a new one is made:"""
+WORTH_REUSING = 100_000
+"""Unknowns in space from which on a Krylov method with an old factor is tried before a new one is made (at 76 000 it took as
+long as a new one, which grows twice as fast):"""
 ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
+UPHILL = 4
+"""`Newton.watch` of displacement forms."""
 GUARD = 0.05
 """Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
 NEAREST = 6
@@ -80,16 +79,18 @@ class Static:
         solver: str = "auto",
         bonus: int = 0,
     ) -> None:
-        loaded = [load.boundary for load in loads if hasattr(load, "boundary")]
-        check_patterns(mesh, dict(materials), [*supports, *loaded], apart=False)
+        check_regions(mesh, materials)
+        for load in loads:
+            if hasattr(load, "boundary"):
+                boundaries(mesh, load.boundary)
         self.mesh, self.materials, self.loads = mesh, dict(materials), tuple(loads)
         self.kinematics = kinematics_of(mesh, kinematics)
-        prescribed = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
-        held = {pattern: [i for i, c in enumerate(value) if c is not None] for pattern, value in prescribed.items()}
+        self.supports = Supports(mesh, supports)
         self._moduli, self.modulus, self.ratio = stiffness(mesh, materials)
-        self.form, why = self._choose(form, self.ratio, held)
-        condense = self.form.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
-        spaces = self.form.spaces(mesh, condense, **_dirichlet(held, mesh.dim))
+        self.form, why = self._choose(form)
+        self._condense = self.form.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
+        self._symmetric = not any(isinstance(load, Pressure) for load in loads)
+        spaces = self.form.spaces(mesh, self._condense, **self.supports.dirichlet)
         self._cavities = [load for load in loads if isinstance(load, CavityVolume)]
         spaces += [ngs.NumberSpace(mesh) for _ in self._cavities]
         self.fes = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
@@ -102,21 +103,17 @@ class Static:
         shapes = {element.type for element in mesh.Elements()}
         self.rules = {shape: ngs.IntegrationRule(shape, 2 * self.form.order + bonus) for shape in shapes}
         self._check_elements()
-        self._condense, symmetric = condense, not any(isinstance(load, Pressure) for load in loads)
         self._det = ngs.Det(self.kinematics.gradient(self.u, ngs.Grad(self.u))).Compile()
         self._points = mesh.MapToAllElements(self.rules, ngs.VOL)
-        n = spaces[0].ndof
+        self.is_u = np.arange(self.fes.ndof) < spaces[0].ndof
+        self._prescribed, self._held = self.supports.coefficients(spaces[0])
         free = np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
-        self.is_u = np.arange(self.fes.ndof) < n
         size = RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self.weights = free / np.where(self.is_u, size, self.modulus) ** 2 / self.fes.ndof
-        self._free, self._prescribed = free.astype(float), self._values(prescribed)
-        definite = symmetric and not self._cavities and np.isfinite(self.ratio)
-        coupled = int(np.sum(np.fromiter(self.fes.FreeDofs(condense), bool)))
-        chosen = linear.choose(self.form.kind, coupled, self.ratio, definite, mesh.dim, self.form.order)
+        self._free = free.astype(float)
+        chosen = self._solver(int(np.sum(np.fromiter(self.fes.FreeDofs(self._condense), bool))))
         self.solver = chosen.name if solver == "auto" else solver
         self.choice = {"form": f"{self.form}: {why}", "solver": chosen.why if solver == "auto" else "asked for"}
-        self._symmetric = symmetric
         self._make_forms()
         self._vec = self.gfu.vec.CreateVector()
 
@@ -135,7 +132,7 @@ class Static:
         Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
         holds the last equilibrium reached.
         """
-        newton = newton or Newton()
+        newton = newton or Newton(watch=UPHILL if self.form.pressure is None else 0)
         with using(threads):
             x, record = self._follow(newton, steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
@@ -177,8 +174,11 @@ class Static:
 
     def nodal_forces(self) -> np.ndarray:
         """Forces (N) of the body on its supports and loads, one for each displacement unknown."""
-        self._tissue.Apply(self.gfu.vec, self._vec)
-        return self._vec.FV().NumPy()[self.is_u].copy()
+        return self._applied(self._tissue)[self.is_u]
+
+    def _applied(self, form: ngs.BilinearForm) -> np.ndarray:
+        form.Apply(self.gfu.vec, self._vec)
+        return self._vec.FV().NumPy().copy()
 
     def force(self, boundary: str) -> np.ndarray:
         """Force (N) that a boundary has to bear, by components: what must act on it from outside."""
@@ -233,20 +233,20 @@ class Static:
     def load(self, x: np.ndarray, t: float) -> np.ndarray:
         """Set the load factor; x with what is prescribed at t."""
         self.factor.Set(t)
-        where = self._held
         x = x.copy()
-        x[where] = t * self._prescribed[where]
+        x[: len(self._held)][self._held] = t * self._prescribed[self._held]
         return x
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
         """Residual on the free unknowns, and the norm of the body's nodal forces; not finite where the energy is not."""
         with self.clock("residual"):
             self.state = x
-            self._form.Apply(self.gfu.vec, self._vec)
-            r = self._vec.FV().NumPy().copy()
-            size = float(np.linalg.norm(self.nodal_forces() if self.loads else r[self.is_u]))
+            r = self._applied(self._tissue)
+            size = float(np.linalg.norm(r[self.is_u]))
             if not np.isfinite(self._tissue.Energy(self.gfu.vec)):
                 raise FloatingPointError("the energy is not finite")
+            if self.loads:
+                r += self._applied(self._acting)
         return r * self._free, size
 
     def factorise(self, x: np.ndarray, r: np.ndarray) -> linear.Solve:
@@ -254,7 +254,7 @@ class Static:
         self.state = x
         with self.clock("assemble"):
             self._form.AssembleLinearization(self.gfu.vec)
-        if self._kept and self.fes.ndof > WORTH_REUSING:
+        if self._kept and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
                 solve = linear.reused(self._form, self._kept, r, ROUGHLY, AT_MOST)
             if solve:
@@ -279,26 +279,44 @@ class Static:
 
     # How it is made.
 
-    def _choose(self, form: str | Form, ratio: float, held: dict[str, list[int]]) -> tuple[Form, str]:
+    def _choose(self, form: str | Form) -> tuple[Form, str]:
         if isinstance(form, Form):
             return form, "taken at its word"
         if form == "auto":
-            return automatic(self.mesh, ratio, held)
+            return automatic(self.mesh, self.ratio, self.supports.held)
         named = Form.named(form)
         named.check(self.mesh)
         return named, "asked for"
+
+    def _solver(self, coupled: int) -> linear.Choice:
+        """The linear solver for so many coupled unknowns."""
+        pivots = (
+            "a pressure that follows has no energy"
+            if not self._symmetric
+            else "a cavity's pressure is an unknown"
+            if self._cavities
+            else "K is infinite"
+            if np.isinf(self.ratio)
+            else ""
+        )
+        if pivots:
+            return linear.Choice("umfpack", f"{pivots}, which only a factor with pivots is for")
+        return linear.choose(self.form.kind, coupled, self.ratio, dim=self.mesh.dim, order=self.form.order)
 
     def _place(self, u: CoefficientFunction, v: CoefficientFunction) -> Place:
         return Place(self.mesh, self.kinematics, self.factor, u, v)
 
     def _make_forms(self) -> None:
-        """The whole and the body alone, and what makes a solver of the whole's matrix."""
+        """Forms of the whole, of the body alone and of the loads alone, and what makes a solver of the whole's matrix."""
         trial, test = self.fes.TnT()
         u, *rest = trial if isinstance(trial, (list, tuple)) else [trial]
         v = test[0] if isinstance(test, (list, tuple)) else test
         p = rest.pop(0) if self.form.pressure is not None else None
         whole = ngs.BilinearForm(self.fes, symmetric=self._symmetric, condense=self._condense)
-        tissue = ngs.BilinearForm(self.fes, symmetric=True)
+        tissue, acting = (
+            ngs.BilinearForm(self.fes, symmetric=True),
+            ngs.BilinearForm(self.fes, symmetric=self._symmetric),
+        )
         at = Deformation.of(self.kinematics.gradient(u, ngs.Grad(u)))
         for pattern, material in self.materials.items():
             energy = (self.kinematics.weight() * material.energy(at, p)).Compile()
@@ -310,32 +328,16 @@ class Static:
         place = self._place(u, v)
         for load in self.loads:
             if isinstance(load, Pressure):
-                whole += load.work(place)
+                part = load.work(place)
             elif isinstance(load, CavityVolume):
-                whole += ngs.Variation(load.energy(place, rest.pop(0)))
+                part = ngs.Variation(load.energy(place, rest.pop(0)))
             else:
-                whole += ngs.Variation(load.energy(place))
-        self._form, self._tissue = whole, tissue
+                part = ngs.Variation(load.energy(place))
+            whole += part
+            acting += part
+        self._form, self._tissue, self._acting = whole, tissue, acting
         self._factorise = linear.prepare(self.solver, whole, self._moduli)
         self._kept = None
-
-    def _values(self, supports: Mapping[str, Components]) -> np.ndarray:
-        """What is prescribed at t = 1, over all unknowns; `_held` says where."""
-        space = self.u.space
-        values, part = np.zeros(self.fes.ndof), ngs.GridFunction(space)
-        self._held = np.zeros(self.fes.ndof, bool)
-        for pattern, components in supports.items():
-            region = self.mesh.Boundaries(pattern)
-            for i, value in enumerate(components):
-                if value is None:
-                    continue
-                part.components[i].Set(value, definedon=region, dual=True)
-                where = np.zeros(self.fes.ndof, bool)
-                span = space.Range(i)
-                where[span.start : span.stop] = np.fromiter(space.components[i].GetDofs(region), bool)
-                values[where] = part.vec.FV().NumPy()[where[: space.ndof]]
-                self._held |= where
-        return values
 
     def _check_elements(self) -> None:
         """Refuse a mesh with elements turned inside out, by number and region."""
@@ -355,22 +357,6 @@ class Static:
         error = kind(f"{record.reason}; try a finer or graded mesh, another form than {self.form}, or a smaller load")
         error.record = record
         return error
-
-
-def _components(value: Support, dim: int) -> Components:
-    if isinstance(value, CoefficientFunction):
-        return tuple(value[i] for i in range(dim)) if value.dim == dim else (value,) * dim
-    if isinstance(value, tuple):
-        if len(value) != dim:
-            raise InputError("supports", value, f"{dim} components")
-        return value
-    return (float(value),) * dim
-
-
-def _dirichlet(held: Mapping[str, list[int]], dim: int) -> dict[str, str]:
-    """NGSolve's names for what is held: dirichletx="a|b", …"""
-    by_axis = {f"dirichlet{axis}": "|".join(p for p, c in held.items() if i in c) for i, axis in enumerate("xyz"[:dim])}
-    return {axis: patterns for axis, patterns in by_axis.items() if patterns}
 
 
 def _unit(i: int, dim: int) -> CoefficientFunction:

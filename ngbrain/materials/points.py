@@ -70,7 +70,7 @@ def initial_modulus(law: Law) -> Value:
     shear = ngs.Parameter(0.0)
     F = ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3))
     curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
-    return curvature if varies(law) else float(Points.line(1)(curvature)[0, 0])
+    return curvature.Compile() if varies(law) else float(Points.line(1)(curvature)[0, 0])
 
 
 def varies(part: object) -> bool:

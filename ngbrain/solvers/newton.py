@@ -55,6 +55,8 @@ class Newton:
     min_det     states below are not accepted
     worth       ... unless this many more iterations at such a pace would do
     min_damping smallest fraction of a step from a fresh factorisation that is tried
+    watch       full steps from fresh factorisations that may go uphill, one after another, before they are taken back and
+                damped: with a stiff bulk modulus and no pressure the old tangent takes a state that has turned for far off
     keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
     """
 
@@ -66,6 +68,7 @@ class Newton:
     keep: float = 0.7
     worth: int = 6
     min_damping: float = 0.1
+    watch: int = 0
     inverse: Callable[[Array], Array] | None = None
     largest: float = 0.0
 
@@ -87,7 +90,7 @@ class Newton:
             raise FloatingPointError(f"the starting state is inverted (smallest det F {record.min_det_F:.3g})")
         r, reactions = _residual(system, x, record)
         chain: list[tuple[Array, float]] = []
-        fresh = False
+        fresh, climbs, foot = False, 0, (x, r, np.inf)
         while record.iterations < self.max_iter:
             if self.inverse is None:
                 if record.work.factorisations == self.max_factorisations:
@@ -98,12 +101,17 @@ class Newton:
             if not chain:
                 step = -self._backsolve(r, record)
                 chain = [(step, _size(step, weights))]
+                if chain[0][1] < foot[2]:
+                    climbs, foot = 0, (x, r, chain[0][1])
             record.iterations += 1
             record.residuals.append(float(np.linalg.norm(r)))
             record.corrections.append(chain[-1][1])
-            trial = self._trial(system, x, chain[-1], record, damped=fresh)
+            trial = self._trial(system, x, chain[-1], record, damped=fresh and climbs == self.watch)
             if trial is None:
                 self.inverse = None
+                if fresh:
+                    x, r, climbs = self._climb(system, x, chain[-1][0], record, climbs) or (*foot[:2], self.watch)
+                    fresh = False
                 continue
             x, r, reactions, v, damping = trial
             self.largest = max(self.largest, reactions)
@@ -145,6 +153,14 @@ class Newton:
                 return None
             damping /= 2
         raise FloatingPointError(f"no acceptable step (smallest det F of the last trial {det:.3g})")
+
+    def _climb(
+        self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int
+    ) -> tuple[Array, Array, int] | None:
+        """The full step all the same, if there is one left and the state it leads to is allowed."""
+        if climbs == self.watch or not system.min_det(x + step) > self.min_det:
+            return None
+        return x + step, _residual(system, x + step, record)[0], climbs + 1
 
     def _backsolve(self, r: Array, record: NewtonRecord) -> Array:
         assert self.inverse is not None

@@ -1,0 +1,49 @@
+"""Names and patterns of regions and boundaries, checked before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import ngsolve as ngs
+
+from ngbrain.errors import InputError, nearest
+
+
+def check_regions(mesh: ngs.Mesh, patterns: Iterable[str]) -> None:
+    """Raise `InputError` unless every region has one material; none of the patterns may be unknown."""
+    names, covered = mesh.GetMaterials(), set[int]()
+    for pattern in patterns:
+        found = _matches("tissue region", pattern, mesh.Materials, names)
+        if twice := {names[i] for i in found & covered}:
+            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a tissue already"
+            raise InputError("tissue region", repr(pattern), wanted)
+        covered |= found
+    if bare := {name for i, name in enumerate(names) if i not in covered}:
+        raise InputError("tissue", f"not given for {', '.join(sorted(bare))}", "a tissue for every region of the mesh")
+
+
+def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
+    """Which boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    return _matches("boundary", pattern, mesh.Boundaries, mesh.GetBoundaries())
+
+
+def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
+    """Raise `InputError` if a boundary is both held and touched by a rigid body."""
+    names, both = (
+        mesh.GetBoundaries(),
+        boundaries(mesh, held) & set[int]().union(*(boundaries(mesh, t) for t in touched)),
+    )
+    if both:
+        wanted = f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which a rigid body touches"
+        raise InputError("boundary", repr(held), wanted)
+
+
+def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
+    """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    try:
+        found = {i for i, match in enumerate(find(pattern).Mask()) if match}
+    except RuntimeError as error:
+        raise InputError(kind, repr(pattern), f"a name or a regular expression ({error})") from error
+    if not found:
+        raise InputError(kind, repr(pattern), nearest(pattern, set(names)))
+    return found

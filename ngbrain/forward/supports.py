@@ -1,0 +1,70 @@
+"""What is prescribed on boundaries: which components of the displacement, and where they go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.patterns import boundaries
+
+Components: TypeAlias = Sequence[CoefficientFunction | float | None]
+Support: TypeAlias = float | CoefficientFunction | Components
+"""0, a vector, or a value for each component, None where it is free."""
+
+
+class Supports:
+    """Boundary pattern → `Support` at t = 1 (m), checked; where patterns share nodes the later one counts."""
+
+    def __init__(self, mesh: ngs.Mesh, supports: Mapping[str, Support]) -> None:
+        for pattern in supports:
+            boundaries(mesh, pattern)
+        self.mesh = mesh
+        self.values = {pattern: _components(value, mesh.dim) for pattern, value in supports.items()}
+
+    @property
+    def held(self) -> dict[str, list[int]]:
+        """Pattern → components that it holds."""
+        return {p: [i for i, c in enumerate(values) if c is not None] for p, values in self.values.items()}
+
+    @property
+    def dirichlet(self) -> dict[str, str]:
+        """NGSolve's names for what is held: dirichletx="a|b", …"""
+        axes = {
+            f"dirichlet{axis}": "|".join(pattern for pattern, held in self.held.items() if i in held)
+            for i, axis in enumerate("xyz"[: self.mesh.dim])
+        }
+        return {axis: patterns for axis, patterns in axes.items() if patterns}
+
+    def coefficients(self, space: ngs.FESpace) -> tuple[np.ndarray, np.ndarray]:
+        """What is prescribed of a displacement space's unknowns, and which are."""
+        part = ngs.GridFunction(space)
+        values, held = np.zeros(space.ndof), np.zeros(space.ndof, bool)
+        for pattern, components in self.values.items():
+            region = self.mesh.Boundaries(pattern)
+            for i, value in enumerate(components):
+                if value is None:
+                    continue
+                part.components[i].Set(value, definedon=region, dual=True)  # interpolates; without, it would project
+                span = space.Range(i)
+                where = span.start + np.flatnonzero(np.fromiter(space.components[i].GetDofs(region), bool))
+                values[where] = part.vec.FV().NumPy()[where]
+                held[where] = True
+        return values, held
+
+
+def _components(value: Support, dim: int) -> Components:
+    if isinstance(value, CoefficientFunction):
+        return tuple(value[i] for i in range(dim)) if value.dim == dim else (value,) * dim
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        if len(value) != dim:
+            raise InputError("supports", value, f"{dim} components")
+        return value
+    try:
+        return (float(value),) * dim
+    except (TypeError, ValueError):
+        raise InputError("supports", repr(value), "0, a vector, or a value for each component") from None
