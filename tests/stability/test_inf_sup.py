@@ -50,7 +50,7 @@ def test_a_constant_pressure_under_quadratic_displacements_falls_in_space_alone(
     space = [inf_sup(cube(n, size=1.0), Form(2, 0, False)) for n in (2, 3, 4)]
     print("P2/L2(0) in space", space)
     assert [beta for beta, _ in space] == pytest.approx((0.100, 0.093, 0.076), abs=6e-4)
-    with pytest.raises(InputError, match=r"P2/L2\(0\) on these elements, whose inf-sup constant falls"):
+    with pytest.raises(InputError, match=r"form is P2/L2\(0\), whose inf-sup constant falls"):
         Static(cube(2), CUBE, {".*": 0}, form="P2/L2(0)")
 
 
