@@ -172,23 +172,31 @@ class Static:
         """Energy (J; in plane strain per metre) of the body and of loads that have one."""
         return float(self._form.Energy(self.gfu.vec))
 
-    def nodal_forces(self) -> np.ndarray:
-        """Forces (N) of the body on its supports and loads, one for each displacement unknown."""
-        return self._applied(self._tissue)[self.is_u]
+    def nodal_forces(self, boundary: str) -> np.ndarray:
+        """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
 
-    def _applied(self, form: ngs.BilinearForm) -> np.ndarray:
-        form.Apply(self.gfu.vec, self._vec)
-        return self._vec.FV().NumPy().copy()
+        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared.
+        """
+        forces, mine = self._applied(self._tissue), boundaries(self.mesh, boundary)
+        for load, acting in self._acting:
+            pattern = getattr(load, "boundary", None)  # a weight has none, nor need one of a user's
+            if pattern is None or not mine & boundaries(self.mesh, pattern):
+                forces += self._applied(acting)
+        return forces[self.is_u]
 
     def force(self, boundary: str) -> np.ndarray:
-        """Force (N) that a boundary has to bear, by components: what must act on it from outside."""
+        """Force (N) that acts on a boundary from outside, by components: what its supports and loads exert together."""
         return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
 
     def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
         """Work (J) of the outer forces on a boundary for a motion (m) of it: the force that is conjugate to its amplitude."""
         field = ngs.GridFunction(self.u.space)
         field.Set(motion, definedon=self.mesh.Boundaries(boundary), dual=True)
-        return float(field.vec.FV().NumPy() @ self.nodal_forces())
+        return float(field.vec.FV().NumPy() @ self.nodal_forces(boundary))
+
+    def _applied(self, form: ngs.BilinearForm) -> np.ndarray:
+        form.Apply(self.gfu.vec, self._vec)
+        return self._vec.FV().NumPy().copy()
 
     def volume(self, boundary: str) -> float:
         """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
@@ -245,8 +253,8 @@ class Static:
             size = float(np.linalg.norm(r[self.is_u]))
             if not np.isfinite(self._tissue.Energy(self.gfu.vec)):
                 raise FloatingPointError("the energy is not finite")
-            if self.loads:
-                r += self._applied(self._acting)
+            for _, acting in self._acting:
+                r += self._applied(acting)
         return r * self._free, size
 
     def factorise(self, x: np.ndarray, r: np.ndarray) -> linear.Solve:
@@ -313,10 +321,8 @@ class Static:
         v = test[0] if isinstance(test, (list, tuple)) else test
         p = rest.pop(0) if self.form.pressure is not None else None
         whole = ngs.BilinearForm(self.fes, symmetric=self._symmetric, condense=self._condense)
-        tissue, acting = (
-            ngs.BilinearForm(self.fes, symmetric=True),
-            ngs.BilinearForm(self.fes, symmetric=self._symmetric),
-        )
+        tissue = ngs.BilinearForm(self.fes, symmetric=True)
+        self._acting: list[tuple[Load, ngs.BilinearForm]] = []
         at = Deformation.of(self.kinematics.gradient(u, ngs.Grad(u)))
         for pattern, material in self.materials.items():
             energy = (self.kinematics.weight() * material.energy(at, p)).Compile()
@@ -334,8 +340,10 @@ class Static:
             else:
                 part = ngs.Variation(load.energy(place))
             whole += part
+            acting = ngs.BilinearForm(self.fes)
             acting += part
-        self._form, self._tissue, self._acting = whole, tissue, acting
+            self._acting.append((load, acting))
+        self._form, self._tissue = whole, tissue
         self._factorise = linear.prepare(self.solver, whole, self._moduli)
         self._kept = None
 

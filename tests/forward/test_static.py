@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.errors import ConvergenceError, GuardWarning, InputError
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import Traction
+from ngbrain.forward.loads import Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
@@ -51,6 +51,19 @@ def test_forces_of_opposite_sides_balance_and_are_the_slope_of_the_energy():
             top, bottom = body.force("top"), body.force("bottom")
     assert top == pytest.approx(-bottom, abs=1e-8 * np.linalg.norm(top))
     assert -top[1] == pytest.approx((energies[0.0101] - energies[0.0099]) / 2e-4, rel=1e-5)
+
+
+def test_a_foot_bears_all_that_acts_also_where_loads_share_its_nodes():
+    loads = [Weight((0, -30.0)), Traction("right", (20.0, 0))]
+    body = Static(square(), SOFT, {"bottom": 0}, loads, form="P2/P1")
+    body.solve(newton=Newton(rtol=1e-11, xtol=1e-10))
+    assert body.force("bottom") == pytest.approx((-20 * 0.1, 30 * 0.01), rel=1e-8)
+
+
+def test_springs_exert_their_force():
+    body = Static(square(), SOFT, {"left": (0, None)}, [Spring("bottom", 1e4), Weight((0, -30.0))], form="P2/P1")
+    body.solve(newton=Newton(rtol=1e-11, xtol=1e-10))
+    assert body.force("bottom")[1] == pytest.approx(30 * 0.01, rel=1e-8)
 
 
 def test_a_second_solve_starts_from_rest_and_gives_the_same_bits():

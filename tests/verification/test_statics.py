@@ -121,7 +121,6 @@ def test_a_column_under_its_own_weight(form):
         assert body.u(body.mesh(0.02, 0.07, height))[2] == pytest.approx(wanted, rel=1e-4)
 
 
-@pytest.mark.xfail(reason="forces on a boundary leave out the weight that falls to its own nodes")
 def test_the_foot_bears_the_whole_weight():
     body = Static(cube(2), CUBE, {"bottom": 0}, [Weight((0, 0, -20.0))])
     body.solve(newton=tight())
