@@ -6,12 +6,13 @@ All loads but springs grow with the load factor t from 0 to 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.forward.kinematics import Solid
 from ngbrain.materials.base import Value
 
@@ -104,7 +105,7 @@ class Pressure:
 
 @dataclass(frozen=True)
 class CavityPressure:
-    """A pressure (Pa) in a cavity, which a boundary encloses alone or with planes of symmetry through the origin; -P V."""
+    """A pressure (Pa) in a cavity, which a boundary encloses alone or with the planes x = 0, y = 0, z = 0; -P V."""
 
     boundary: str
     value: Value
@@ -136,6 +137,7 @@ Load: TypeAlias = Traction | Weight | Spring | Pressure | CavityPressure | Cavit
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
     """Density on a cavity's wall whose integral is the volume between it and the origin: -x·n da/3, in the plane area."""
+    check_closed(at.mesh, boundary)
     dims = 2 if at.mesh.dim == 2 and at.kinematics.weight() == 1.0 else 3
     x = at.kinematics.position(u)
     return -at.kinematics.weight() * ngs.InnerProduct(x, at.area(u, boundary)) / dims
@@ -145,6 +147,23 @@ def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
     """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
     u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
     return float(ngs.Integrate(enclosed(at, u, boundary) * at.on(boundary), at.mesh))
+
+
+def check_closed(mesh: ngs.Mesh, boundary: str) -> None:
+    """Raise `InputError` unless a boundary's rim, if it has one, is on planes x = 0, y = 0 or z = 0."""
+    sides: dict[Any, int] = {}
+    for element in mesh.Boundaries(boundary).Elements():
+        for side in element.edges if mesh.dim == 3 else element.vertices:
+            sides[side] = sides.get(side, 0) + 1
+    nodes = [side for side, count in sides.items() if count == 1]
+    if mesh.dim == 3:
+        nodes = [vertex for edge in nodes for vertex in mesh[edge].vertices]
+    rim = np.abs([mesh[node].point for node in nodes]).reshape(-1, mesh.dim)
+    size = np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
+    for point in rim:
+        if point.min() > 1e-6 * size:
+            found = f"{boundary!r}, open at a distance of {point.min():.3g} from the next"
+            raise InputError("cavity", found, "one closed by itself or by the planes x = 0, y = 0, z = 0")
 
 
 def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:

@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.errors import ConvergenceError, GuardWarning, InputError
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import Spring, Traction, Weight
+from ngbrain.forward.loads import CavityPressure, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
@@ -58,6 +58,13 @@ def test_a_foot_bears_all_that_acts_also_where_loads_share_its_nodes():
     body = Static(square(), SOFT, {"bottom": 0}, loads, form="P2/P1")
     body.solve(newton=Newton(rtol=1e-11, xtol=1e-10))
     assert body.force("bottom") == pytest.approx((-20 * 0.1, 30 * 0.01), rel=1e-8)
+
+
+def test_a_cavity_has_to_be_closed():
+    # The wall of a tube around y: its upper end is no plane of symmetry, and a volume down to the origin would be wrong.
+    tube = MakeStructured2DMesh(quads=True, nx=2, ny=2, mapping=lambda x, y: (1 + x, y))
+    with pytest.raises(InputError, match=r"cavity is 'left', open at .* from the next; wanted: one closed"):
+        Static(tube, SOFT, {"bottom": (None, 0)}, [CavityPressure("left", 1.0)], kinematics=Axisymmetric())
 
 
 def test_springs_exert_their_force():
