@@ -13,7 +13,6 @@ from ngbrain.forward.loads import Traction
 from ngbrain.forward.static import Static
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke
 from ngbrain.materials.volumetric import squared_log
-from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import PathRecord
 from ngbrain.threads import set_threads
 
@@ -47,7 +46,7 @@ def solve(task: c.Task) -> dict:
         body = body_of(task)
     record = None
     try:
-        record = body.solve(task.steps, newton=Newton(rtol=c.TOLERANCE))
+        record = body.solve(task.steps, newton=body.newton(rtol=c.TOLERANCE))
     except (ConvergenceError, InvertedElementError) as error:
         record = error.record
         raise c.Failed(record.reason, **work(record), order=body.form.order) from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -126,13 +127,14 @@ class Static:
     ) -> PathRecord:
         """Equilibrium at t = 1 from rest, in `steps` load steps, and more where one fails.
 
+        newton    settings; `Static.newton` gives those that the form needs, with others of yours
         tell      called with the load factor after every step
         threads   for this solve; None leaves NGSolve's as they are
 
         Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
         holds the last equilibrium reached.
         """
-        newton = newton or Newton(watch=UPHILL if self.form.pressure is None else 0)
+        newton = newton or self.newton()
         with using(threads):
             x, record = self._follow(newton, steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
@@ -143,6 +145,10 @@ class Static:
         if not record.converged:
             raise self._error(record)
         return record
+
+    def newton(self, **settings: Any) -> Newton:
+        """Newton's method as the form needs it, with settings such as rtol=1e-10."""
+        return Newton(**{"watch": UPHILL if self.form.pressure is None else 0, **settings})
 
     def _follow(
         self, newton: Newton, steps: int, tell: Callable[[float], None] | None
