@@ -133,7 +133,7 @@ def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[Fo
         return Form(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
     reason = rough(mesh, held)
     if reason:
-        return Form(2, 1), f"{reason}: higher orders would not pay"
+        return Form(2, 1), f"{reason}: order 4 would gain little on it for its cost"
     return Form(4, 2, False), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
 
 
