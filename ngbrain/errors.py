@@ -75,8 +75,8 @@ class RangeWarning(UserWarning):
     """Published constants are used beyond the data that they come from."""
 
 
-class GuardWarning(UserWarning):
-    """A body was solved with a guard against collapse that its materials did not have."""
+class CollapseWarning(UserWarning):
+    """Single points of a body collapse, or would without a guard that its materials did not have: the mesh is too coarse."""
 
 
 def require(package: str, extra: str) -> ModuleType:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import ConvergenceError, GuardWarning, InputError, InvertedElementError
+from ngbrain.errors import CollapseWarning, ConvergenceError, InputError, InvertedElementError
 from ngbrain.forward.elements import COMPRESSIBLE, Form, automatic
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
@@ -144,6 +144,9 @@ class Static:
         record.form, record.solver = self.choice["form"], f"{self.solver}: {self.choice['solver']}"
         if not record.converged:
             raise self._error(record)
+        if record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
+            found = f"det F is {record.min_det_F:.2g} at a point though K/μ is {self.ratio:.3g}"
+            warnings.warn(f"{found}: the mesh is too coarse there, or the body folds", CollapseWarning, stacklevel=2)
         return record
 
     def newton(self, **settings: Any) -> Newton:
@@ -168,7 +171,7 @@ class Static:
         record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
         record.work += before.work
         if record.converged:
-            warnings.warn(f"{self.form} on this mesh needed {record.guard}", GuardWarning, stacklevel=3)
+            warnings.warn(f"{self.form} on this mesh needed {record.guard}", CollapseWarning, stacklevel=3)
         return x, record
 
     # What is asked of a state.

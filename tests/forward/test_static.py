@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngbrain.errors import ConvergenceError, GuardWarning, InputError
+from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.forward.loads import CavityPressure, Spring, Traction, Weight
 from ngbrain.forward.material import Material
@@ -147,7 +147,7 @@ def test_an_element_that_collapses_gets_a_guard_and_the_user_hears_of_it():
     # Corners of a bonded cube on a mesh graded towards them: without the guard the state ends at det F of .02.
     material = {".*": Material(NeoHooke(1e3), 1e5)}
     body = Static(graded(6, 3.0), material, {"bottom": 0, "top": (0, 0, -0.02)}, form="P2/P1")
-    with pytest.warns(GuardWarning, match=r"P2/P1 .* barrier of 50 Pa"):
+    with pytest.warns(CollapseWarning, match=r"P2/P1 .* barrier of 50 Pa"):
         record = body.solve()
     assert record.converged and record.min_det_F > 0.5 and "det F fell to" in record.guard
     assert body.force("top")[2] == pytest.approx(-9.19, abs=0.1)  # P3/P2 on a coarser mesh, without one: -9.187
@@ -184,6 +184,15 @@ def test_uphill_steps_spare_a_displacement_form_its_cuts():
     print(tried, tips)
     assert tips[0] == pytest.approx(tips[1], rel=1e-5) and tips[0] > 0.3
     assert tried[4] < tried[0] / 1.5
+
+
+def test_a_body_that_folds_is_not_passed_off_as_a_solution():
+    # Half its height: the free side folds onto the plates, which it would touch.
+    body = Static(
+        square(8, 1.0), {".*": Material(UnsplitNeoHooke(1.0), 1e3)}, {"bottom": 0, "top": (0, -0.5)}, form="P2/P1"
+    )
+    with pytest.warns(CollapseWarning, match=r"det F is 0\.0\d+ at a point though K/μ is 1e\+03"):
+        body.solve()
 
 
 def test_a_column_buckles_where_euler_says():
