@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
+from ngbrain import adjoint
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import CavityPressure, Spring, Traction, Weight
+from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
@@ -51,6 +52,38 @@ def test_forces_of_opposite_sides_balance_and_are_the_slope_of_the_energy():
             top, bottom = body.force("top"), body.force("bottom")
     assert top == pytest.approx(-bottom, abs=1e-8 * np.linalg.norm(top))
     assert -top[1] == pytest.approx((energies[0.0101] - energies[0.0099]) / 2e-4, rel=1e-5)
+
+
+RESPONSES = {
+    "plane strain": {"form": "P3/P2"},
+    "discontinuous": {"form": "P4/L2(2)"},
+    "displacements": {"form": "P2"},
+    "axisymmetric": {"kinematics": Axisymmetric(), "form": "P2/P1"},
+    "volume control": {
+        "form": "P2/P1",
+        "supports": {"left": (0, None), "bottom": (None, 0)},
+        "loads": [CavityVolume("right|top", 1e-4)],
+    },
+}
+
+
+@pytest.mark.parametrize("options", RESPONSES.values(), ids=RESPONSES)
+def test_residual_and_tangent_are_derivatives_of_the_energy(options, rng):
+    loads = [Traction("right", (20.0, 5.0)), Weight((0, -30.0)), Spring("top", 1e4)]
+    body = Static(square(2), SOFT, **({"supports": {"bottom": 0}, "loads": loads} | options))
+    size = np.where(body.is_u, 1e-3, 50.0) * (body.weights > 0)
+    x, dx = (body.load(size * rng.uniform(-1, 1, body.fes.ndof), 0.7) for _ in range(2))
+
+    def energy(y):
+        body.state = y
+        return body.energy
+
+    r = body.residual(x)[0]
+    rates = adjoint.check.taylor(energy, r, x, dx, first=0.1)
+    assert np.all(np.abs(rates - 2) < 0.1), rates
+    solve = body.factorise(x, r)
+    steps = [np.linalg.norm(size * (solve((body.residual(x + h * dx)[0] - r) / h) - dx)) for h in (1e-2, 5e-3)]
+    assert np.log2(steps[0] / steps[1]) == pytest.approx(1, abs=0.1)  # of a difference quotient
 
 
 def test_a_foot_bears_all_that_acts_also_where_loads_share_its_nodes():
