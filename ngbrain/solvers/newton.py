@@ -53,11 +53,11 @@ class Newton:
     xtol        largest weighted correction at convergence (weights make it dimensionless)
     max_iter, max_factorisations   what a solve may spend before it gives up
     min_det     states below are not accepted
+    keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
     worth       ... unless this many more iterations at such a pace would do
     min_damping smallest fraction of a step from a fresh factorisation that is tried
     watch       full steps from fresh factorisations that may go uphill, one after another, before they are taken back and
                 damped: with a stiff bulk modulus and no pressure the old tangent takes a state that has turned for far off
-    keep        renew the factorisation when a correction shrinks by less than this factor (0 with worth 0: every time)
     """
 
     rtol: float = 2e-7

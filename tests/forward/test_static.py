@@ -114,6 +114,13 @@ def test_a_second_solve_starts_from_rest_and_gives_the_same_bits():
     assert np.array_equal(body.state, first)
 
 
+def test_newtons_settings_serve_several_bodies():
+    settings = Newton(rtol=1e-8)
+    for form in ("P2/P1", "P3/P2"):  # a factor of the first would not even fit the second
+        assert pressed(0.02, form).solve(newton=settings).converged
+    assert settings.inverse is None and settings.largest == 0
+
+
 def test_threads_of_a_solve_are_its_own():
     before = ngs.ngsglobals.numthreads
     body = pressed(0.01)
