@@ -79,6 +79,10 @@ class CollapseWarning(UserWarning):
     """Single points of a body collapse, or would without a guard that its materials did not have: the mesh is too coarse."""
 
 
+class StabilityWarning(UserWarning):
+    """A body is compressed so far that equilibria need not be stable, nor the same on another mesh."""
+
+
 def require(package: str, extra: str) -> ModuleType:
     """Import an optional package, or raise `MissingExtra` naming the extra that brings it.
 

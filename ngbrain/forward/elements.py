@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import ngsolve as ngs
 import numpy as np
@@ -83,9 +82,13 @@ class Form:
             return f"pressures of order {self.pressure} under displacements of order {self.order}"
         if not self.continuous and simplices and self.pressure > self.order - 2:
             return "discontinuous pressures one order below"
-        if not self.continuous and ngs.TET in shapes and self.order == 2:
-            return "whose inf-sup constant falls on tetrahedra (.100, .093, .076 for n = 2, 3, 4 in a cube)"
+        if not self.continuous and ngs.TET in shapes and (falling := FALLING.get(self.order)):
+            return f"whose inf-sup constant falls on tetrahedra ({falling} for n = 2, 3, 4 in a cube)"
         return ""
+
+
+FALLING = {2: ".100, .093, .076", 3: ".099, .089, .072"}
+"""Inf-sup constants of P_k/L2(k-2) on n³ cubes of six tetrahedra, by k."""
 
 
 def inf_sup(mesh: ngs.Mesh, form: Form, dirichlet: str = ".*") -> tuple[float, int]:
@@ -113,88 +116,3 @@ def inf_sup(mesh: ngs.Mesh, form: Form, dirichlet: str = ".*") -> tuple[float, i
 def _dense(form: ngs.BilinearForm) -> np.ndarray:
     form.Assemble()
     return np.asarray(form.mat.ToDense())
-
-
-# Which form a scene needs.
-
-LARGE = 20_000
-"""Elements from which on P4/L2(2) is no longer cheap: 700 000 unknowns in space."""
-STEEP = 220.0
-"""Degrees inside a body beyond which an edge is taken for re-entrant, not for a curve cut into facets."""
-
-
-def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[Form, str]:
-    """The cheapest adequate form, and why: by K/μ, and by whether solutions can be smooth on this mesh.
-
-    ratio   largest K/μ
-    held    boundary pattern → components that are held there
-    """
-    if ratio <= COMPRESSIBLE:
-        return Form(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
-    reason = rough(mesh, held)
-    if reason:
-        return Form(2, 1), f"{reason}: order 4 would gain little on it for its cost"
-    return Form(4, 2, False), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
-
-
-COMPRESSIBLE = 20.0
-"""K/μ up to which displacements alone do."""
-
-
-def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
-    """Why a solution is not smooth on a mesh; nothing if it can be."""
-    regions = set(mesh.GetMaterials())
-    if len(regions) > 1:
-        return f"{len(regions)} regions"
-    if mesh.ne > LARGE:
-        return f"{mesh.ne} elements"
-    faces, meeting, angles = _edges(mesh)
-    if np.any(angles > STEEP):
-        return f"{np.sum(angles > STEEP)} re-entrant edges"
-    names = mesh.GetBoundaries()
-    count = [0] * len(names)
-    for pattern, components in held.items():
-        for i, match in enumerate(mesh.Boundaries(pattern).Mask()):
-            count[i] |= sum(1 << c for c in components) if match else 0
-    bits = np.array(count)[faces]
-    full = (1 << mesh.dim) - 1
-    first, second = bits[meeting[:, 0]], bits[meeting[:, 1]]
-    if np.any(((first == full) & (second == 0)) | ((second == full) & (first == 0))):
-        return "a clamped boundary meets a free one"
-    return ""
-
-
-def _edges(mesh: ngs.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boundary number of each surface element, pairs of neighbours among them, the angle (°) of the body between each two."""
-    corners = np.array([vertex.point for vertex in mesh.vertices])
-    elements = list(mesh.Elements(ngs.BND))
-    inner = {}
-    wanted = {_facet(mesh, element): i for i, element in enumerate(elements)}
-    for element in mesh.Elements():
-        middle = corners[[v.nr for v in element.vertices]].mean(axis=0)
-        for facet in element.faces if mesh.dim == 3 else element.edges:
-            if facet in wanted:
-                inner[wanted[facet]] = middle
-    middles = np.array([corners[[v.nr for v in e.vertices]].mean(axis=0) for e in elements])
-    normals = np.array([_normal(corners[[v.nr for v in e.vertices]]) for e in elements])
-    outward = middles - np.array([inner[i] for i in range(len(elements))])
-    normals *= np.sign(np.sum(normals * outward, axis=1))[:, None]
-    sides: dict[Any, list[int]] = {}
-    for i, element in enumerate(elements):
-        for side in element.edges if mesh.dim == 3 else element.vertices:
-            sides.setdefault(side, []).append(i)
-    pairs = np.array([both for both in sides.values() if len(both) == 2])
-    a, b = pairs.T
-    turn = np.degrees(np.arccos(np.clip(np.sum(normals[a] * normals[b], axis=1), -1, 1)))
-    convex = np.sum((middles[b] - middles[a]) * (normals[b] - normals[a]), axis=1) >= 0
-    return np.array([e.index for e in elements]), pairs, 180 + np.where(convex, -turn, turn)
-
-
-def _facet(mesh: ngs.Mesh, element: Any) -> Any:
-    return element.faces[0] if mesh.dim == 3 else element.edges[0]
-
-
-def _normal(points: np.ndarray) -> np.ndarray:
-    along = points[1] - points[0]
-    normal = np.array([along[1], -along[0]]) if points.shape[1] == 2 else np.cross(along, points[2] - points[0])
-    return normal / np.linalg.norm(normal)

@@ -6,14 +6,13 @@ All loads but springs grow with the load factor t from 0 to 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import ngsolve as ngs
-import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import InputError
 from ngbrain.forward.kinematics import Solid
+from ngbrain.forward.walls import check_closed, outward
 from ngbrain.materials.base import Value
 
 Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
@@ -147,44 +146,6 @@ def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
     """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
     u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
     return float(ngs.Integrate(enclosed(at, u, boundary) * at.on(boundary), at.mesh))
-
-
-def check_closed(mesh: ngs.Mesh, boundary: str) -> None:
-    """Raise `InputError` unless a boundary's rim, if it has one, is on planes x = 0, y = 0 or z = 0."""
-    sides: dict[Any, int] = {}
-    for element in mesh.Boundaries(boundary).Elements():
-        for side in element.edges if mesh.dim == 3 else element.vertices:
-            sides[side] = sides.get(side, 0) + 1
-    nodes = [side for side, count in sides.items() if count == 1]
-    if mesh.dim == 3:
-        nodes = [vertex for edge in nodes for vertex in mesh[edge].vertices]
-    rim = np.abs([mesh[node].point for node in nodes]).reshape(-1, mesh.dim)
-    size = np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
-    for point in rim:
-        if point.min() > 1e-6 * size:
-            found = f"{boundary!r}, open at a distance of {point.min():.3g} from the next"
-            raise InputError("cavity", found, "one closed by itself or by the planes x = 0, y = 0, z = 0")
-
-
-def outward(mesh: ngs.Mesh, boundary: str) -> CoefficientFunction:
-    """Unit normal of a boundary out of the body; NGSolve's own points as its geometry happens to be oriented."""
-    normal, corners = ngs.specialcf.normal(mesh.dim), np.array([vertex.point for vertex in mesh.vertices])
-
-    def middle(element: ngs.comp.Ngs_Element) -> np.ndarray:
-        return corners[[vertex.nr for vertex in element.vertices]].mean(axis=0)
-
-    def facets(element: ngs.comp.Ngs_Element) -> tuple[ngs.NodeId, ...]:
-        return element.faces if mesh.dim == 3 else element.edges
-
-    mean = [ngs.Integrate(normal[i], mesh, ngs.BND, element_wise=True).NumPy() for i in range(mesh.dim)]
-    sides = ngs.GridFunction(ngs.SurfaceL2(mesh, order=0))
-    elements = list(mesh.Boundaries(boundary).Elements())
-    wanted = {facets(element)[0] for element in elements}
-    inner = {facet: middle(e) for e in mesh.Elements() for facet in facets(e) if facet in wanted}
-    for element in elements:
-        away = middle(element) - inner[facets(element)[0]]
-        sides.vec[element.nr] = np.sign(np.array([m[element.nr] for m in mean]) @ away)
-    return sides * normal
 
 
 def _vector(value: Vector) -> CoefficientFunction:

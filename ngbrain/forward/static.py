@@ -9,11 +9,12 @@ from typing import Any
 
 import ngsolve as ngs
 import numpy as np
-import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import CollapseWarning, ConvergenceError, InputError, InvertedElementError
-from ngbrain.forward.elements import COMPRESSIBLE, Form, automatic
+from ngbrain.errors import CollapseWarning, ConvergenceError, InputError, InvertedElementError, StabilityWarning
+from ngbrain.forward import stability
+from ngbrain.forward.choice import COMPRESSIBLE, automatic
+from ngbrain.forward.elements import Form
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
@@ -39,8 +40,6 @@ UPHILL = 4
 """`Newton.watch` of displacement forms."""
 GUARD = 0.05
 """Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
-NEAREST = 6
-"""Eigenvalues nearest to zero among which `Static.softest` looks."""
 
 
 class Static:
@@ -147,11 +146,29 @@ class Static:
         if record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
             found = f"det F is {record.min_det_F:.2g} at a point though K/μ is {self.ratio:.3g}"
             warnings.warn(f"{found}: the mesh is too coarse there, or the body folds", CollapseWarning, stacklevel=2)
+        with using(threads):
+            self._ask_stability(record)
         return record
 
     def newton(self, **settings: Any) -> Newton:
         """Newton's method as the form needs it, with settings such as rtol=1e-10."""
         return Newton(**{"watch": UPHILL if self.form.pressure is None else 0, **settings})
+
+    def _ask_stability(self, record: PathRecord) -> None:
+        """Whether a body that is compressed far is stable; a warning if it is not, or if its free surface creases."""
+        record.pressed, record.creased = stability.pressed(self), stability.creased(self)
+        if max(record.pressed, record.creased) <= stability.SHARE:
+            return
+        said = f"{self.solver} cannot say whether the body is stable"
+        if self.solver in linear.DIRECT:
+            record.softest = self.softest()[0]
+            sign = "positive: stable" if record.softest > 0 else "negative: not stable"
+            said = f"the tangent's smallest eigenvalue is {record.softest:.3g} Pa/m², {sign}"
+        if record.softest < 0 or record.creased > stability.SHARE:
+            by = f"compressed by more than {1 - stability.CREASE:.0%}"
+            found = f"{record.pressed:.0%} of the body and {record.creased:.0%} of its free surface are {by}; {said}"
+            doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
+            warnings.warn(f"{found}; {doubt}", StabilityWarning, stacklevel=3)
 
     def _follow(
         self, newton: Newton, steps: int, tell: Callable[[float], None] | None
@@ -222,19 +239,12 @@ class Static:
         K v = λ M v with the mass M of displacements and the constraint of the pressures. Newton's method converges to states
         that are not stable just as well, and without an imperfection it never leaves them.
         """
+        return stability.softest(self)
+
+    def tangent(self) -> linear.Solve:
+        """Solver with the tangent at the state, made new."""
         self._form.AssembleLinearization(self.gfu.vec)
-        solve, (u, v) = self._factorise(), self.u.space.TnT()
-        mass = ngs.BilinearForm(self.kinematics.weight() * ngs.InnerProduct(u, v) * ngs.dx).Assemble().mat
-        rows, columns, values = mass.COO()
-        n = self.fes.ndof
-        M = scipy.sparse.csr_array((np.array(values), (np.array(rows), np.array(columns))), (n, n))
-        M = M * self._free[:, None] * self._free
-        inverse = scipy.sparse.linalg.LinearOperator((n, n), solve)
-        start = np.random.default_rng(0).standard_normal(n) * self._free * self.is_u
-        values, motions = scipy.sparse.linalg.eigsh(M, NEAREST, M, sigma=0, OPinv=inverse, v0=start)
-        motion = ngs.GridFunction(self.u.space)
-        motion.vec.FV().NumPy()[:] = motions[self.is_u, np.argmin(values)]
-        return float(np.min(values)), motion
+        return self._factorise()
 
     # What Newton's method and load steps ask.
 

@@ -31,9 +31,7 @@ FormKind = Literal["displacement", "continuous pressure", "discontinuous pressur
 
 NAMES = (*direct.NAMES, "cg-bddc", "cg-amg", "minres-bddc", "minres-amg")
 
-WORTH = {2: 1e5, 3: 2e3}
-DIRECT_MOST = {2: 2e6, 3: 2e5}
-MIXED_ITERATIONS = 110.0
+DIRECT = direct.NAMES
 RTOL = 1e-8
 MOST = 500
 """Relative residual, in the preconditioner's norm, at which an iteration stops, and the iterations it may take."""

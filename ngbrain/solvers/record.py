@@ -51,6 +51,8 @@ class PathRecord:
     tried    Newton iterations of all steps, failed ones too
     seconds  CPU time by phase: assemble, factor, solve, residual, check
     form, solver   what was chosen, and why
+    pressed, creased  shares of the body's volume, and of its free surface along itself, compressed by more than 35 %
+    softest  the tangent's smallest eigenvalue (Pa/m²), asked for when a share is large; else NaN
     guard    what was added to the body to get there; empty if nothing was
     """
 
@@ -66,6 +68,9 @@ class PathRecord:
     ndof: int = 0
     form: str = ""
     solver: str = ""
+    pressed: float = 0.0
+    creased: float = 0.0
+    softest: float = float("nan")
     guard: str = ""
 
     @property
