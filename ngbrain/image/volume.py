@@ -17,9 +17,11 @@ from ngbrain.errors import InputError, require
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
+_LEAST = 0.1  # m, along each axis of a scan
 _FWHM = np.sqrt(8 * np.log(2))  # full width at half maximum of a Gaussian, in standard deviations
 _UNITS = {1: 1.0, 2: 1e-3, 3: 1e-6}  # NIfTI's code for the unit of length -> m
-_NIFTI = "one NIfTI file, .nii or .nii.gz"
+_NIFTI = "one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz"
+_MGH = b"\0\0\0\1\0\0"  # version 1, big-endian, and the size along the first axis below 2^16
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,33 +88,51 @@ class Scan:
     source: str
 
 
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A picture as its file has it: nibabel's image, indices of the array to m (4, 4), the array's three sizes."""
+
+    image: Any
+    affine: np.ndarray
+    shape: tuple[int, int, int]
+
+
+def stored(path: str | os.PathLike[str]) -> Stored:
+    """Open a NIfTI or MGH file and check its place and size, not its values; raises what `read_scan` does of these."""
+    path = Path(path)
+    image = _parsed(path)
+    affine = _file_affine(image, path)
+    return Stored(image, affine, _file_shape(image, path))
+
+
 def read_scan(path: str | os.PathLike[str]) -> Scan:
-    """Read a T1 scan of a head, with or without its skull, from a NIfTI-1 or NIfTI-2 file.
+    """Read a T1 scan of a head, with or without its skull, from a NIfTI-1, NIfTI-2 or MGH (FreeSurfer) file.
 
     The sform says where the voxels are, or the qform where there is none; where they differ, the sform wins. If it
     was made by an affine registration, lengths are those of the template. A unit of length that is not given is mm.
     Copies of a scan that differ only by flipped or permuted axes give the same bits.
 
     Raises:
-        InputError: there is no such file or it is not NIfTI, cut short or damaged; not one 3-D picture of plain real
+        InputError: there is no such file or it is neither NIfTI nor MGH, cut short or damaged; not one 3-D picture of plain real
             numbers, finite, of at least 16 different values; no usable affine; voxels not of 0.2 to 5 mm; less than
             100 mm along an axis, which is not a whole head.
         MissingExtra: nibabel is not installed.
 
     >>> read_scan("case.toml")
     Traceback (most recent call last):
-    ngbrain.errors.InputError: case.toml: image is missing; wanted: one NIfTI file, .nii or .nii.gz
+    ngbrain.errors.InputError: case.toml: image is missing; wanted: one NIfTI or MGH file: .nii, .nii.gz, .mgh or .mgz
     """
-    path = Path(path)
-    stored = _parsed(path)
-    affine = _file_affine(stored, path)
-    shape = _file_shape(stored, affine, path)
-    data = _values(stored, path).reshape(shape)
+    path, file = Path(path), stored(path)
+    extent = np.linalg.norm(file.affine[:3, :3], axis=0) * file.shape
+    if extent.min() < _LEAST:
+        text = " x ".join(f"{1e3 * side:.0f}" for side in extent)
+        raise InputError("image", f"{text} mm", "a whole head, at least 100 mm along each axis", path)
+    data = _values(file.image, path).reshape(file.shape)
     try:
-        volume = straightened(Volume(data, affine))
+        volume = straightened(Volume(data, file.affine))
     except InputError as error:
         raise InputError(error.field, error.value, error.wanted, path) from None
-    return Scan(volume, affine, shape, str(path))
+    return Scan(volume, file.affine, file.shape, str(path))
 
 
 def mni152() -> Scan:
@@ -127,9 +147,9 @@ def mni152() -> Scan:
     >>> mni152().volume.data.shape
     (197, 233, 189)
     """
-    stored = require("nilearn.datasets", "mri").load_mni152_template(resolution=1)
-    affine = np.diag([1e-3, 1e-3, 1e-3, 1]) @ stored.affine
-    data = np.array(stored.dataobj, np.float32)  # a copy: nilearn keeps the image for its next caller
+    template = require("nilearn.datasets", "mri").load_mni152_template(resolution=1)
+    affine = np.diag([1e-3, 1e-3, 1e-3, 1]) @ template.affine
+    data = np.array(template.dataobj, np.float32)  # a copy: nilearn keeps the image for its next caller
     name = "MNI152 T1 (average of 152 people, brain-extracted)"
     return Scan(straightened(Volume(data, affine)), affine, data.shape, name)
 
@@ -150,7 +170,7 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
     >>> straightened(image).affine[:3, 3], straightened(image).data[:, :, 0].tolist()
     (array([-0.002, 0. , 0. ]), [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     """
-    volume = _upright(volume)
+    volume = upright(volume)
     linear = volume.affine[:3, :3]
     steps = np.diag(linear)
     if np.abs(linear - np.diag(steps)).max() <= 1e-6 * spacing and np.abs(steps - spacing).max() <= 1e-3 * spacing:
@@ -196,8 +216,8 @@ def border(volume: Volume) -> tuple[float, float]:
     return float(values[most]), float(counts[most] / counts.sum())
 
 
-def _upright(volume: Volume) -> Volume:
-    """Axes flipped and permuted so that they run, as nearly as can be, right, front and up."""
+def upright(volume: Volume) -> Volume:
+    """The same voxels with axes flipped and permuted so that they run, as nearly as can be, right, front and up."""
     orientations = require("nibabel.orientations", "mri")
     turn = orientations.io_orientation(volume.affine)
     affine = volume.affine @ orientations.inv_ornt_aff(turn, volume.data.shape)
@@ -219,27 +239,33 @@ def _parsed(path: Path) -> Any:
         if raw[:2] == b"\x1f\x8b":  # read to the end, so that gzip's checksum is looked at
             raw = gzip.decompress(raw)
     except (OSError, EOFError, zlib.error) as error:
-        raise InputError("image", f"unreadable ({error})", "a whole " + _NIFTI.removeprefix("one "), path) from error
+        raise InputError("image", f"unreadable ({error})", "a whole file", path) from error
     if raw[344:348] == b"n+1\0":
         kind = nibabel.Nifti1Image
     elif raw[4:8] == b"n+2\0":
         kind = nibabel.Nifti2Image
+    elif raw[:6] == _MGH:
+        kind = nibabel.MGHImage
     else:
-        raise InputError("image", "not a NIfTI file" if raw else "an empty file", _NIFTI, path)
+        raise InputError("image", "neither a NIfTI nor an MGH file" if raw else "an empty file", _NIFTI, path)
     try:
         with nibabel.imageglobals.LoggingOutputSuppressor():  # it tells stderr what it puts right
             return kind.from_bytes(raw)
     except Exception as error:  # whatever a damaged header leads nibabel into
-        raise InputError("image", f"a NIfTI file with a damaged header ({error})", "a sound one", path) from error
+        raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
 
 
 def _file_affine(stored: Any, path: Path) -> np.ndarray:
     """Indices of the stored array to m, (4, 4)."""
     header = stored.header
-    if not (header["sform_code"] or header["qform_code"]):
-        # nibabel would make one up.
-        raise InputError("image affine", "not given", "a sform or qform with a code above 0", path)
-    unit = _UNITS.get(int(header["xyzt_units"]) & 7, 1e-3)
+    if "sform_code" not in header:  # MGH, in mm
+        given, unit = header["goodRASFlag"] == 1, 1e-3
+    else:
+        given = bool(header["sform_code"] or header["qform_code"])
+        unit = _UNITS.get(int(header["xyzt_units"]) & 7, 1e-3)
+    if not given:  # nibabel would make one up
+        raise InputError("image affine", "not given", "a sform or qform with a code above 0, or MGH's good RAS", path)
+    _check_sides(header, path)
     affine = np.diag([unit, unit, unit, 1.0]) @ stored.affine
     sizes = np.linalg.norm(affine[:3, :3], axis=0)
     # The determinant over the product of the sizes is 1 for right angles.
@@ -251,14 +277,20 @@ def _file_affine(stored: Any, path: Path) -> np.ndarray:
     return affine
 
 
-def _file_shape(stored: Any, affine: np.ndarray, path: Path) -> tuple[int, int, int]:
+def _check_sides(header: Any, path: Path) -> None:
+    """Refuse a file whose two places are mirror images: one of them has left and right the wrong way round."""
+    if "sform_code" not in header or not (header["sform_code"] and header["qform_code"]):
+        return
+    sform, qform = (np.linalg.det(form[:3, :3]) for form in (header.get_sform(), header.get_qform()))
+    if sform * qform < 0:
+        found = "a sform and a qform that disagree about left and right"
+        raise InputError("image affine", found, "two that agree, or one with code 0", path)
+
+
+def _file_shape(stored: Any, path: Path) -> tuple[int, int, int]:
     shape = tuple(int(n) for n in stored.shape)
     if 0 in shape or len(shape) < 3 or any(n > 1 for n in shape[3:]):
         raise InputError("image shape", shape, "three axes: one picture of one head", path)
-    extent = np.linalg.norm(affine[:3, :3], axis=0) * shape[:3]
-    if extent.min() < 0.1:
-        text = " x ".join(f"{1e3 * side:.0f}" for side in extent)
-        raise InputError("image", f"{text} mm", "a whole head, at least 100 mm along each axis", path)
     if np.prod(shape) > 4 * _MOST_VOXELS:
         raise InputError("image shape", shape, "at most 2^29 voxels", path)
     return shape[0], shape[1], shape[2]
@@ -283,6 +315,8 @@ def _values(stored: Any, path: Path) -> np.ndarray:
         few = np.unique(data)
     if len(few) == 1:
         raise InputError("image", f"{few[0]:g} everywhere", "a T1 scan", path)
-    if len(few) < 16 or int(stored.header["intent_code"]) == 1002:
-        raise InputError("image", f"a map of labels ({len(few)} values or more)", "a T1 scan, its grey values", path)
+    is_labels = "intent_code" in stored.header and int(stored.header["intent_code"]) == 1002
+    if len(few) < 16 or is_labels:
+        wanted = "a T1 scan, its grey values; labels go with --labels"
+        raise InputError("image", f"a map of labels ({len(few)} values or more)", wanted, path)
     return data

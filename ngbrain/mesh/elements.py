@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from itertools import combinations
 
@@ -41,8 +42,17 @@ class Elements:
     boundaries: tuple[str, ...]
 
     @classmethod
-    def enclosed(cls, points: np.ndarray, surfaces: list[Surface], regions: tuple[str, ...], maxh: float) -> Elements:
+    def enclosed(
+        cls,
+        points: np.ndarray,
+        surfaces: list[Surface],
+        regions: tuple[str, ...],
+        maxh: float,
+        size: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> Elements:
         """Fill closed surfaces with tetrahedra, which keep every triangle; one thread, so the same bits every time.
+
+        size   points (n, 3) → element size (n,) inside; without it, elements grow away from the triangles up to `maxh`
 
         Raises `InputError` where Netgen finds no mesh.
         """
@@ -53,6 +63,8 @@ class Elements:
             face = meshing.FaceDescriptor(surfnr=i + 1, domin=surface.inside + 1, domout=surface.outside + 1, bc=i + 1)
             index = mesh.Add(face)
             mesh.AddElements(2, index, np.ascontiguousarray(surface.triangles, np.int32), base=0)
+        if size is not None:
+            _restrict(mesh, points, size, maxh)
         try:
             mesh.GenerateVolumeMesh(mp=meshing.MeshingParameters(maxh=maxh, grading=GRADING, parallel_meshing=False))
         except Exception as error:  # Netgen raises its own exceptions and bare ones
@@ -101,6 +113,18 @@ class Elements:
             mesh.SetBCName(i, name)
             mesh.AddElements(2, index, np.ascontiguousarray(self.triangles[self.boundary == i]), base=0)
         return ngs.Mesh(mesh)
+
+
+def _restrict(mesh: meshing.Mesh, points: np.ndarray, size: Callable[[np.ndarray], np.ndarray], maxh: float) -> None:
+    """Tell Netgen the sizes that are wanted inside, on a grid as fine as the smallest of them asks for."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    steps = np.ceil((high - low) / max(float(size(points).min()), maxh / 4)).astype(int) + 1
+    grid = np.stack(np.meshgrid(*map(np.linspace, low, high, steps), indexing="ij"), axis=-1).reshape(-1, 3)
+    h = size(grid)
+    fine = h < maxh
+    mesh.CalcLocalH(GRADING, 1)
+    for point, wanted in zip(grid[fine].tolist(), h[fine].tolist(), strict=True):
+        mesh.RestrictLocalH(meshing.Pnt(*point), wanted)
 
 
 def centres(mesh: ngs.Mesh) -> np.ndarray:

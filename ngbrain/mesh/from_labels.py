@@ -44,9 +44,9 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
 
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
     outer, triangles = triangulated(brain, size, fixed)
-    outer = _enclosing(brain, outer, triangles, slot.mouth)
+    outer = enclosing(brain, outer, triangles, slot.mouth)
     inner, ventricle = triangulated(ventricles, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
-    inner = _enclosing(ventricles, inner, ventricle)
+    inner = enclosing(ventricles, inner, ventricle)
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then the ventricles'.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
@@ -71,7 +71,7 @@ def _clear(slot: Slot, ventricles: LevelSet) -> None:
         raise InputError("cleft.target_mm", f"({where}) mm with a cleft that opens a ventricle", wanted)
 
 
-def _enclosing(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
+def enclosing(surface: LevelSet, points: Points, triangles: np.ndarray, fixed: int = 0) -> Points:
     """Points moved along their normals, but for the first `fixed`, so that flat triangles enclose what the outline does."""
     wanted = float((surface.values < 0).sum()) * surface.spacing**3
     points = points.copy()

@@ -281,19 +281,19 @@ def test_files_that_are_no_scan_are_refused(wedge, rng, tmp_path):
     broken[40:42] = (99).to_bytes(2, "little")  # the number of axes
     analyze = nibabel.AnalyzeImage(wedge[0], np.eye(4))
     analyze.to_filename(tmp_path / "analyze.img")
-    nibabel.MGHImage(wedge[0], np.eye(4)).to_filename(tmp_path / "scan.mgz")
+    mgh = nibabel.MGHImage(*wedge).to_bytes()
     (tmp_path / "folder.nii").mkdir()
     files = {
         "missing.nii": (None, "image is missing"),
         "folder.nii": (None, "image is a folder"),
-        "analyze.img": (None, "not a NIfTI file"),
-        "analyze.hdr": (None, "not a NIfTI file"),
-        "scan.mgz": (None, "not a NIfTI file"),
+        "analyze.img": (None, "neither a NIfTI nor an MGH file"),
+        "analyze.hdr": (None, "neither a NIfTI nor an MGH file"),
+        "short.mgh": (mgh[:-500], "cut short"),
         "empty.nii": (b"", "an empty file"),
         "empty.nii.gz": (gzip.compress(b""), "an empty file"),
-        "random.nii": (rng.bytes(1000), "not a NIfTI file"),
+        "random.nii": (rng.bytes(1000), "neither a NIfTI nor an MGH file"),
         "random.nii.gz": (b"\x1f\x8b" + rng.bytes(1000), "unreadable"),
-        "case.toml": (b"[case]\nname = 'a'\n", "not a NIfTI file"),
+        "case.toml": (b"[case]\nname = 'a'\n", "neither a NIfTI nor an MGH file"),
         "short.nii": (plain[:-500], "cut short"),
         "header.nii": (plain[:352], "cut short"),
         "half_a_header.nii": (plain[:348], "cut short"),
@@ -305,6 +305,23 @@ def test_files_that_are_no_scan_are_refused(wedge, rng, tmp_path):
         if content is not None:
             (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, message)
+
+
+def test_mgh_is_read_as_nifti_is(wedge, tmp_path):
+    data, affine = wedge
+    nibabel.MGHImage(np.float32(data), affine).to_filename(tmp_path / "scan.mgz")
+    ours, other = read_scan(tmp_path / "scan.mgz"), read_scan(write(tmp_path / "scan.nii", np.float32(data), affine))
+    assert np.array_equal(ours.volume.data, other.volume.data)
+    assert ours.file_affine == pytest.approx(other.file_affine, abs=1e-8) and ours.file_shape == other.file_shape
+
+
+def test_places_that_are_mirror_images_are_refused(wedge, tmp_path):
+    data, affine = wedge
+    image = nibabel.Nifti1Image(data, affine)
+    image.set_sform(affine, 1)
+    image.set_qform(affine @ np.diag([-1, 1, 1, 1]), 1)
+    image.to_filename(tmp_path / "scan.nii")
+    refused(tmp_path / "scan.nii", "disagree about left and right")
 
 
 def test_too_large_a_picture_is_refused_with_its_file(tmp_path):

@@ -1,0 +1,101 @@
+"""The smallest model of a head: its surface and its ventricles as conforming surfaces, tissue as a field inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.mesh.elements import Elements, Surface
+from ngbrain.mesh.from_labels import HORNS, REGIONS, enclosing
+from ngbrain.mesh.improve import improved
+from ngbrain.mesh.levelset import LevelSet
+from ngbrain.mesh.surfaces import Sizes, triangulated
+
+SMOOTHING = 2e-3
+"""Standard deviation (m) of the Gaussian that rounds the voxels' steps; sulci go with it."""
+MARGIN = 8e-3 + 4 * SMOOTHING
+WALL = 2e-3
+"""Tissue (m) that stays between a ventricle and the surface where the labels have less."""
+SPECK = 0.1
+"""Millilitres of a piece of a ventricle below which it is left out."""
+
+
+def hull(labels: LabelMap, size: Sizes) -> Elements:
+    """Tetrahedra of the head as a whole, region `brain`, around those regions that are called `ventricles`, if any.
+
+    Boundaries `skull` (the surface) and `ventricle_wall`. The head is the largest piece of what has a label, its holes filled;
+    volumes of the smoothed outlines are those of the voxels. What tissue a point belongs to is asked of the labels.
+
+    size   points (n, 3) m → element size (n,) m, on the surfaces and inside
+
+    Raises `InputError` where labels hold no head, and where no mesh is found.
+
+    >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
+    >>> from ngbrain.image.volume import Volume
+    >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "white"})
+    >>> mesh = hull(labels, lambda points: np.full(len(points), 6e-3))
+    >>> round(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum(), 2), mesh.regions, mesh.boundaries
+    (1.0, ('brain',), ('skull',))
+    """
+    brain, ventricles = outlines(labels)
+    points, triangles = triangulated(brain, size, np.zeros((0, 3)))
+    points = enclosing(brain, points, triangles)
+    surfaces = [Surface("skull", triangles, 0)]
+    if ventricles is not None:
+        inner, wall = triangulated(ventricles, lambda x: np.minimum(size(x), HORNS), np.zeros((0, 3)))
+        inner = enclosing(ventricles, inner, wall)
+        surfaces.append(Surface("ventricle_wall", wall + len(points), 1, 0))
+        points = np.concatenate([points, inner])
+    corners = np.array([points.min(axis=0), points.max(axis=0)])
+    made = Elements.enclosed(points, surfaces, REGIONS[: len(surfaces)], float(size(corners).max()), size)
+    return _rounded(made, {"skull": brain} | ({"ventricle_wall": ventricles} if ventricles else {}))
+
+
+def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
+    """Without flat elements, and the surfaces moved back to where they enclose what they should."""
+    elements = improved(elements, outlines)
+    points = elements.points
+    for name, outline in outlines.items():
+        mine = elements.triangles[elements.boundary == elements.boundaries.index(name)]
+        points = enclosing(outline, points, mine)
+    return improved(replace(elements, points=points), {})
+
+
+def outlines(labels: LabelMap) -> tuple[LevelSet, LevelSet | None]:
+    """Smooth signed distances of the head and of its ventricles, at least `WALL` inside the head; None for no ventricles."""
+    voxels = labels.upright()
+    spacing = float(voxels.volume.spacing[0])
+    head = _largest(voxels.volume.data > 0)
+    if head.sum() * voxels.volume.voxel_volume < 1e-6:
+        raise InputError("labels", "less than a millilitre", "a head")
+    origin = voxels.volume.affine[:3, 3]
+    brain = LevelSet.of(head, origin, spacing, SMOOTHING, MARGIN)
+    fluid = np.zeros_like(head)
+    if "ventricles" in voxels.regions:
+        fluid = _without_specks(
+            voxels.volume.data == voxels.regions.index("ventricles") + 1, voxels.volume.voxel_volume
+        )
+    if not fluid.any():
+        return brain, None
+    ventricles = LevelSet.of(fluid, origin, spacing, SMOOTHING, MARGIN)
+    grid = ventricles.origin + spacing * np.indices(ventricles.values.shape).reshape(3, -1).T
+    apart = (brain(grid) + WALL).reshape(ventricles.values.shape)
+    return brain, replace(ventricles, values=np.maximum(ventricles.values, apart.astype(np.float32)))
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    pieces, _ = ndimage.label(mask)
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    return ndimage.binary_fill_holes(pieces == sizes.argmax()) if len(sizes) > 1 else mask
+
+
+def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:
+    pieces, _ = ndimage.label(mask)
+    kept = np.bincount(pieces.ravel()) * voxel * 1e6 >= SPECK
+    kept[0] = False
+    return kept[pieces]
