@@ -9,8 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.routes import ROUTES
+from ngbrain.mesh.subject import Subject, write_subject
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
@@ -52,11 +57,27 @@ def _parser() -> argparse.ArgumentParser:
     retract = verbs.add_parser("retract", help="one scene")
     retract.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
     retract.set_defaults(verb=_retract)
-    for verb, folder in ((demo, "demo"), (retract, "out")):
+    mesh = verbs.add_parser("mesh", help="a volume mesh of a scan or of a map of labels")
+    mesh.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
+    mesh.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
+    mesh.add_argument(
+        "--names", type=_names, metavar="N=NAME,…", help="what labels are called, or freesurfer, spm, ngbrain"
+    )
+    mesh.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
+    mesh.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
+    mesh.add_argument(
+        "--site", type=_point, metavar="X,Y,Z", help="a point (mm, as the file places it) to be finer around"
+    )
+    mesh.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site (2)")
+    mesh.add_argument("--radius", type=_length, default=20e-3, metavar="MM", help="of what is that fine (20)")
+    mesh.set_defaults(verb=_mesh)
+    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf")):
+        kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
-            "-o", dest="output", type=Path, default=Path(folder), metavar="DIR", help=f"where results go ({folder})"
+            "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
-        verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
+        if verb is not mesh:
+            verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         verb.add_argument(
             "--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side"
         )
@@ -69,6 +90,47 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number of threads")
     return number
+
+
+def _length(text: str) -> float:
+    return 1e-3 * float(text)
+
+
+def _point(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (1e-3 * float(part) for part in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
+    return x, y, z
+
+
+def _names(text: str) -> str | dict[int, str]:
+    if "=" not in text:
+        return text
+    try:
+        return {int(number): name.strip() for number, name in (part.split("=") for part in text.split(","))}
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
+
+
+def _mesh(arguments: argparse.Namespace) -> None:
+    for package in ("matplotlib", "jinja2"):
+        require(package, "report")
+    subject = (
+        Subject.of_labels(arguments.image, arguments.names) if arguments.labels else Subject.of_scan(arguments.image)
+    )
+    coarse = arguments.size or ROUTES[arguments.route].size
+    size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, arguments.radius)
+    result, mesh = write_subject(subject, arguments.output, arguments.route, size)
+    from ngbrain.report import anatomy
+
+    shown = 1e-3 * np.array(result["shown_mm"])
+    anatomy.build(arguments.output.with_name("report.html"), result, mesh, subject.labels, subject.t1, shown)
+    if not arguments.quiet:
+        for name, region in result["regions"].items():
+            print(f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml")
+        quality = result["quality"]
+        print(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
 
 
 def _demo(arguments: argparse.Namespace) -> None:

@@ -38,7 +38,7 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
     >>> from ngbrain.image.volume import Volume
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "white"})
     >>> mesh = hull(labels, lambda points: np.full(len(points), 6e-3))
-    >>> round(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum(), 2), mesh.regions, mesh.boundaries
+    >>> round(float(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum()), 2), mesh.regions, mesh.boundaries
     (1.0, ('brain',), ('skull',))
     """
     brain, ventricles = outlines(labels)

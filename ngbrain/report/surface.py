@@ -74,9 +74,13 @@ class Cut:
 def cut_volume(connectivity: Ints, level: Floats) -> Cut:
     """The tetrahedra where a nodal level set is zero; each quadratic one taken as eight plain ones."""
     tets = connectivity[:, _TET_PARTS].reshape(-1, 4)
+    return cut_tets(tets, level, np.arange(len(tets)) // len(_TET_PARTS))
+
+
+def cut_tets(tets: Ints, level: Floats, owner: Ints) -> Cut:
+    """The plain tetrahedra (m, 4) where a nodal level set is zero; `owner` (m,) becomes the parent of what is cut out."""
     side = level[tets] >= 0
     number = side.sum(axis=1)
-    owner = np.arange(len(tets)) // len(_TET_PARTS)
     pieces: list[tuple[Ints, Ints]] = []  # edges (m, 3, 2) of a triangle's vertices, and whose they are
     for alone in (True, False):
         rows = np.flatnonzero(number == (1 if alone else 3))

@@ -13,8 +13,9 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.image import Scan, Volume, check_extracted, extracted, mni152, read_scan, segment, ventricles
+from ngbrain.image import Scan, Volume, mni152, read_scan
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
+from ngbrain.image.tissues import tissues
 from ngbrain.io.cache import Arrays, kept
 from ngbrain.mesh import (
     Cleft,
@@ -101,14 +102,7 @@ class Scanned:
     @classmethod
     def of(cls, scan: Scan, smoothing: float = 2e-3) -> Scanned:
         """Segmented, or taken from the cache; raises `InputError` for a scan that is no extracted brain."""
-        mask = check_extracted(scan)
-
-        def make() -> Arrays:
-            return {"labels": segment.segment(scan.volume, mask).volume.data}
-
-        digest = scan.volume.digest()
-        labels = kept("labels", digest, (segment, ventricles, extracted), make)["labels"]
-        return cls(scan, Volume(labels, scan.volume.affine), smoothing)
+        return cls(scan, tissues(scan), smoothing)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Middle of the brain and standard deviation along each axis (m)."""

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import pickle
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,7 +15,7 @@ import numpy as np
 from ngsolve import ngsglobals
 
 from ngbrain.errors import SolverError
-from ngbrain.io import write_json
+from ngbrain.io import versions, write_json
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, checks, pool
 from ngbrain.surgery.model import Model
@@ -200,9 +198,3 @@ def _geometry(model: Model) -> dict[str, Any]:
         "craniotomy_m": model.scene.cleft.craniotomy,
         "blade": {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name != "cleft"},
     }
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that numbers depend on."""
-    packages = {name: version(name) for name in ("ngbrain", "ngsolve", "netgen-mesher", "numpy", "scipy", "h5py")}
-    return {"python": platform.python_version(), **packages}

@@ -1,0 +1,55 @@
+"""Pictures to NIfTI files."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ngbrain.errors import InputError, require
+from ngbrain.image.volume import Volume
+
+_SUFFIXES = (".nii", ".nii.gz")
+
+
+def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
+    """Write a picture as NIfTI-1, in mm, its place as a sform with code 1 (scanner); the file is whole or not there.
+
+    Raises:
+        InputError: the name does not end in .nii or .nii.gz.
+        MissingExtra: nibabel is not installed.
+    """
+    path = Path(path)
+    suffix = next((s for s in reversed(_SUFFIXES) if path.name.endswith(s)), None)
+    if suffix is None:
+        raise InputError("image file", repr(path.name), " or ".join(_SUFFIXES))
+    nibabel = require("nibabel", "mri")
+    affine = np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine
+    image = nibabel.Nifti1Image(volume.data, affine)
+    image.header.set_xyzt_units("mm")
+    image.set_sform(affine, 1)
+    image.set_qform(None, 0)
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp{suffix}")
+    try:
+        nibabel.save(image, part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def on_grid(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> Volume:
+    """A map of labels on another grid, such as that of the file it was made from: the nearest voxel, 0 outside.
+
+    >>> box = Volume(np.arange(1, 9, dtype=np.uint8).reshape(2, 2, 2), np.diag([1e-3, 1e-3, 1e-3, 1]))
+    >>> flipped = np.diag([-1e-3, 1e-3, 1e-3, 1])
+    >>> flipped[0, 3] = 1e-3
+    >>> on_grid(box, flipped, (2, 2, 2)).data[:, 0, 0].tolist()
+    [5, 1]
+    """
+    to = np.linalg.solve(volume.affine, affine)
+    index = np.rint(np.indices(shape).reshape(3, -1).T @ to[:3, :3].T + to[:3, 3]).astype(np.int32)
+    inside = ((index >= 0) & (index < volume.data.shape)).all(axis=1)
+    found = np.zeros(len(index), volume.data.dtype)
+    found[inside] = volume.data[tuple(index[inside].T)]
+    return Volume(found.reshape(shape), affine)

@@ -1,0 +1,176 @@
+"""Tetrahedral meshes in the formats of other programs; lengths stay in m, names of regions and boundaries go along."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import meshio
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.mesh.elements import Elements
+
+_FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
+SUFFIXES = (".vtu", ".vtk", ".msh", ".inp", ".feb", ".vol.gz", ".vol")
+"""ParaView (two), Gmsh 2.2, Abaqus, FEBio 4, Netgen (two)."""
+_POSITIVE = [1, 0, 2, 3]
+"""Other programs want det(b - a, c - a, d - a) > 0, Netgen the opposite."""
+
+
+def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
+    """Write a mesh in the format of the path's suffix; the file is whole or not there.
+
+    Tetrahedra and boundary triangles carry their names: as physical groups (Gmsh), element sets (Abaqus), parts and surfaces
+    (FEBio), materials and boundary conditions (Netgen); VTK has numbers only, `region`: of `elements.regions` from 0 on,
+    then of `elements.boundaries`.
+
+    Raises `InputError` for a suffix that is none of `SUFFIXES`, and for a folder that does not exist.
+
+    >>> write_mesh("head.stl", None)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: mesh file is 'head.stl'; wanted: .vtu, .vtk, .msh, .inp, .feb, .vol.gz, .vol
+    """
+    path, suffix = Path(path), suffix_of(path)
+    if not path.parent.is_dir():
+        raise InputError("mesh file", str(path), "a file in a folder that exists")
+    write: Callable[[Path, Elements], None] = _write_meshio
+    if suffix == ".feb":
+        write = _write_febio
+    elif suffix in (".vol", ".vol.gz"):
+        write = _write_netgen
+    with replaced(path, suffix) as part:
+        write(part, elements)
+
+
+def suffix_of(path: str | os.PathLike[str]) -> str:
+    """The known suffix that a path ends with."""
+    name = Path(path).name.lower()
+    for suffix in SUFFIXES:
+        if name.endswith(suffix):
+            return suffix
+    raise InputError("mesh file", repr(Path(path).name), ", ".join(SUFFIXES))
+
+
+@contextmanager
+def replaced(path: Path, suffix: str) -> Iterator[Path]:
+    """A file beside a path that takes its place once it is written."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.tmp{suffix}")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def read_mesh(path: str | os.PathLike[str]) -> Elements:
+    """Tetrahedra, and triangles if there are any, of a mesh that meshio reads (Gmsh, VTU, Abaqus, …), with straight edges.
+
+    Names are those of physical groups or of cell sets; numbers of `region` or of physical groups without a name become
+    `region_1`, … The orientation of tetrahedra is put right. Lengths have to be in m.
+
+    Raises `InputError` for a file that cannot be read or holds no tetrahedra.
+    """
+    try:
+        mesh = meshio.read(path)
+    except (OSError, meshio.ReadError, ValueError, KeyError, IndexError, SystemExit) as error:
+        raise InputError("mesh file", str(path), f"a mesh that meshio reads ({error})") from error
+    tets, region, regions = _cells(mesh, "tetra", 4, "region")
+    if not len(tets):
+        raise InputError("mesh file", "without tetrahedra", "tetrahedra with four nodes", Path(path))
+    triangles, boundary, boundaries = _cells(mesh, "triangle", 3, "boundary")
+    x = mesh.points[tets]
+    positive = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
+    tets[positive] = tets[positive][:, _POSITIVE]
+    return Elements(np.asarray(mesh.points, float), tets, region, triangles, boundary, regions, boundaries)
+
+
+def _cells(mesh: meshio.Mesh, kind: str, nodes: int, word: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Cells of a kind, the number of the name of each, and the names."""
+    cells, labels = [np.zeros((0, nodes), np.int32)], [np.zeros(0, object)]
+    named = {int(number): name for name, (number, _) in mesh.field_data.items() if np.size(number) == 1}
+    for i, block in enumerate(mesh.cells):
+        if block.type != kind:
+            continue
+        label = np.full(len(block.data), f"{word}_1", object)
+        for key in ("gmsh:physical", "region"):
+            if key in mesh.cell_data:
+                numbers = np.asarray(mesh.cell_data[key][i]).astype(int).ravel()
+                label = np.array([named.get(n, f"{word}_{n}") for n in numbers], object)
+                break
+        for name, members in mesh.cell_sets.items():
+            if members[i] is not None and len(members[i]):
+                label[np.asarray(members[i], int)] = name
+        cells.append(block.data.astype(np.int32))
+        labels.append(label)
+    every = np.concatenate(labels).astype(str)
+    names, number = np.unique(every, return_inverse=True)
+    return np.concatenate(cells), number.astype(np.int32), tuple(names.tolist())
+
+
+def _write_meshio(path: Path, elements: Elements) -> None:
+    kind = _FORMATS[path.suffix]
+    blocks, numbers, sets, groups = [], [], {}, {}
+    names = [*elements.regions, *elements.boundaries]
+    for i, name in enumerate(names):
+        solid = i < len(elements.regions)
+        mine = elements.tets[elements.region == i][:, _POSITIVE]
+        if not solid:
+            mine = elements.triangles[elements.boundary == i - len(elements.regions)]
+        if len(mine):
+            blocks.append(("tetra" if solid else "triangle", mine))
+            numbers.append(np.full(len(mine), i if kind != "gmsh22" else i + 1, np.int32))
+            sets[name] = len(blocks) - 1
+            groups[name] = np.array([i + 1, 3 if solid else 2])
+    mesh = meshio.Mesh(elements.points, blocks)
+    if kind == "gmsh22":
+        mesh.cell_data = {"gmsh:physical": numbers, "gmsh:geometrical": numbers}
+        mesh.field_data = groups
+    elif kind == "abaqus":
+        mesh.cell_sets = {
+            name: [np.arange(len(block.data)) if j == at else np.zeros(0, int) for j, block in enumerate(mesh.cells)]
+            for name, at in sets.items()
+        }
+    else:
+        mesh.cell_data = {"region": numbers}
+    options = {"binary": False} if kind == "gmsh22" else {}
+    meshio.write(path, mesh, file_format=kind, **options)
+
+
+def _write_netgen(path: Path, elements: Elements) -> None:
+    elements.mesh().ngmesh.Save(str(path))
+
+
+def _write_febio(path: Path, elements: Elements) -> None:
+    """FEBio 4: nodes, an element part for each region and a surface for each boundary; the rest is left to its user."""
+    with path.open("w", encoding="utf-8") as out:
+        out.write(
+            '<?xml version="1.0" encoding="UTF-8"?>\n<febio_spec version="4.0">\n\t<Mesh>\n\t\t<Nodes name="all">\n'
+        )
+        out.writelines(
+            f'\t\t\t<node id="{i}">{x:.9g},{y:.9g},{z:.9g}</node>\n'
+            for i, (x, y, z) in enumerate(elements.points.tolist(), 1)
+        )
+        out.write("\t\t</Nodes>\n")
+        first = 1
+        for i, name in enumerate(elements.regions):
+            tets = elements.tets[elements.region == i][:, _POSITIVE] + 1
+            out.write(f'\t\t<Elements type="tet4" name={quoteattr(name)}>\n')
+            out.writelines(_rows("elem", tets, first, "\t\t\t"))
+            out.write("\t\t</Elements>\n")
+            first += len(tets)
+        for i, name in enumerate(elements.boundaries):
+            out.write(f"\t\t<Surface name={quoteattr(name)}>\n")
+            out.writelines(_rows("tri3", elements.triangles[elements.boundary == i] + 1, 1, "\t\t\t"))
+            out.write("\t\t</Surface>\n")
+        out.write("\t</Mesh>\n\t<MeshDomains>\n")
+        out.writelines(f'\t\t<SolidDomain name={quoteattr(name)} mat=""/>\n' for name in elements.regions)
+        out.write("\t</MeshDomains>\n</febio_spec>\n")
+
+
+def _rows(tag: str, cells: np.ndarray, first: int, indent: str) -> Iterator[str]:
+    for number, nodes in enumerate(cells.tolist(), first):
+        yield f'{indent}<{tag} id="{number}">{",".join(map(str, nodes))}</{tag}>\n'

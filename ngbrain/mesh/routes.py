@@ -1,0 +1,80 @@
+"""From labels to a mesh by one of several routes, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from types import ModuleType
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.image import labelmap, volume
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.io.cache import kept
+from ngbrain.mesh import elements, from_labels, grading, hull, improve, levelset, quality, surfaces
+from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.quality import Quality, volumes_ml
+from ngbrain.mesh.surfaces import Sizes
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way from labels to a mesh: the function, the size (m) it takes by itself, the source files that decide its result."""
+
+    make: Callable[[LabelMap, Sizes], Elements]
+    size: float
+    modules: tuple[ModuleType, ...]
+
+
+ROUTES: Mapping[str, Route] = {
+    "hull": Route(hull.hull, 5e-3, (hull, from_labels, improve, levelset, surfaces, quality)),
+}
+
+
+def meshed(labels: LabelMap, route: str = "hull", size: Graded | None = None) -> Elements:
+    """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
+
+    size   None: as fine everywhere as the route takes by itself
+
+    Raises `InputError` for a route that there is none of, and what the route raises.
+
+    >>> meshed(None, "hul")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: route is 'hul'; wanted: did you mean 'hull'?
+    """
+    if route not in ROUTES:
+        raise InputError("route", repr(route), nearest(route, ROUTES))
+    way = ROUTES[route]
+    size = size or Graded(way.size, way.size)
+    names = {str(number): name for number, name in labels.names.items()}
+    made_from = [route, labels.volume.digest(), names, asdict(size), version("netgen-mesher")]
+    modules = (labelmap, volume, elements, grading, *way.modules)
+    arrays = kept("tissues", made_from, modules, lambda: way.make(labels, size).arrays())
+    return Elements.from_arrays(arrays)
+
+
+def described(made: Elements, labels: LabelMap) -> dict[str, Any]:
+    """For a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
+
+    A region of the mesh that no label is called by stands for all labels that no other region has.
+    """
+    meshed, wanted = volumes_ml(made), labels.volumes_ml()
+    rest = sum(ml for name, ml in wanted.items() if name not in meshed)
+    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted.get(name, rest)} for name, ml in meshed.items()}
+    return {"regions": regions, "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())}}
+
+
+def min_jacobian(mesh: ngs.Mesh, order: int = 4) -> float:
+    """Smallest ratio of det(dx/dξ) at a quadrature point of that order to its mean over the element.
+
+    1 with straight edges, ≤ 0 where an element is folded.
+    """
+    rule = ngs.IntegrationRule(ngs.TET, order)
+    jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(3))
+    values = np.asarray(jacobian(mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL))).reshape(mesh.ne, -1)
+    return float((values / values.mean(axis=1, keepdims=True)).min())

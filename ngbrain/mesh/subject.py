@@ -1,0 +1,112 @@
+"""A head from a file to a mesh in a file: labels read or made, meshed, written, and what came of it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.image.labelfile import TISSUES, read_labels
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.landmarks import landmarks
+from ngbrain.image.niftifile import on_grid, write_nifti
+from ngbrain.image.tissues import tissues
+from ngbrain.image.volume import Volume, read_scan
+from ngbrain.io import QuadraticGrid, save, versions, write_json
+from ngbrain.io.exchange import SUFFIXES, write_mesh
+from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.routes import described, meshed
+
+LEFT_OUT = {
+    "hull": "sulci, and surfaces between tissues: inside the hull a point takes the tissue of the label there",
+}
+"""By route, in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Labels of a head and where they come from.
+
+    labels   what is meshed; t1 the scan on the same voxels, or None
+    affine, shape  of the file's own grid, to which maps go back
+    source   the file
+    """
+
+    labels: LabelMap
+    t1: Volume | None
+    affine: np.ndarray
+    shape: tuple[int, int, int]
+    source: str
+
+    @classmethod
+    def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
+        """From a T1; raises what `read_scan` and `tissues` raise."""
+        scan = read_scan(path)
+        return cls(LabelMap(tissues(scan), TISSUES), scan.volume, scan.file_affine, scan.file_shape, scan.source)
+
+    @classmethod
+    def of_labels(cls, path: str | os.PathLike[str], names: str | Mapping[int, str] | None = None) -> Subject:
+        """From a map of labels; raises what `read_labels` raises."""
+        labels = read_labels(path, names)
+        shape = labels.volume.data.shape
+        return cls(labels, None, labels.volume.affine, (shape[0], shape[1], shape[2]), str(path))
+
+
+def write_subject(
+    subject: Subject, path: str | os.PathLike[str], route: str = "hull", size: Graded | None = None
+) -> tuple[dict[str, Any], Elements]:
+    """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
+
+    path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
+
+    Returns the result and the mesh. Raises `InputError` for another suffix and what `meshed` raises.
+    """
+    path, started = Path(path), time.monotonic()
+    stem = _stem(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    made = meshed(subject.labels, route, size)
+    if path.name.endswith(".vtkhdf"):
+        save(path, QuadraticGrid(made.mesh()), state={"route": route})
+    else:
+        write_mesh(path, made)
+    labels = path.with_name(f"{stem}_labels.nii.gz")
+    write_nifti(labels, on_grid(_numbered(subject.labels), subject.affine, subject.shape))
+    points = landmarks(subject.labels)
+    shown = np.array(size.site) if size and size.site else points["centre"]
+    result = {
+        "verb": "mesh",
+        "source": subject.source,
+        "route": route,
+        "left_out": LEFT_OUT[route],
+        "labels": ", ".join(f"{i} {name}" for i, name in enumerate(subject.labels.regions, 1)),
+        **described(made, subject.labels),
+        "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
+        "shown_mm": (1e3 * shown).round(2).tolist(),
+        "boundaries": sorted(made.boundaries),
+        "files": [path.name, labels.name, "result.json"],
+        "checks": {},
+        "versions": versions(),
+        "seed": 0,
+        "threads": 1,
+        "time_s": time.monotonic() - started,
+    }
+    write_json(path.with_name("result.json"), result)
+    return result, made
+
+
+def _numbered(labels: LabelMap) -> Volume:
+    return Volume(labels.numbered(), labels.volume.affine)
+
+
+def _stem(path: Path) -> str:
+    for suffix in (".vtkhdf", *SUFFIXES):
+        if path.name.lower().endswith(suffix):
+            return path.name[: -len(suffix)]
+    raise InputError("-o", repr(path.name), "a name that ends in " + ", ".join((".vtkhdf", *SUFFIXES)))
