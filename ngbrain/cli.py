@@ -119,7 +119,7 @@ def _mesh(arguments: argparse.Namespace) -> None:
     subject = (
         Subject.of_labels(arguments.image, arguments.names) if arguments.labels else Subject.of_scan(arguments.image)
     )
-    coarse = arguments.size or ROUTES[arguments.route].size
+    coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, arguments.radius)
     result, mesh = write_subject(subject, arguments.output, arguments.route, size)
     from ngbrain.report import anatomy

@@ -7,10 +7,14 @@ import subprocess
 import sys
 import time
 
+import nibabel
+import numpy as np
 import pytest
+from phantoms import nested
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
+from ngbrain.io import load
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 
@@ -237,3 +241,61 @@ def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_pat
         assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
     retract(scene, tmp_path, "--resume", "--threads", "2")
     assert numbers(tmp_path) == numbers(out)
+
+
+def labels_file(path):
+    labels = nested((20.0, 15.0, 8.0))
+    image = nibabel.Nifti1Image(labels.volume.data.astype("uint8"), np.diag([1e3, 1e3, 1e3, 1]) @ labels.volume.affine)
+    nibabel.save(image, path)
+    return labels
+
+
+def test_mesh_of_labels(tmp_path, capsys):
+    labels = labels_file(tmp_path / "labels.nii.gz")
+    names = "1=grey,2=white,3=ventricles"
+    status, lines = run(
+        capsys, "mesh", tmp_path / "labels.nii.gz", "--labels", "--names", names, "--size", "7", "--site", "10,0,0",
+        "-o", tmp_path / "out" / "head.vtkhdf", "-q",
+    )  # fmt: skip
+    assert status == 0 and not lines
+    found = {path.name for path in (tmp_path / "out").iterdir()}
+    assert found == {"head.vtkhdf", "head_labels.nii.gz", "result.json", "report.html"}
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    wanted = labels.volumes_ml()
+    assert result["verb"] == "mesh" and set(result["regions"]) == {"brain", "ventricles"}
+    assert result["regions"]["ventricles"]["label_volume_ml"] == pytest.approx(wanted["ventricles"])
+    for region in result["regions"].values():
+        assert region["volume_ml"] == pytest.approx(region["label_volume_ml"], rel=1e-2)
+    assert set(result["quality"]) >= {"n_tets", "min_dihedral_deg", "fraction_radius_ratio_below_0_1", "min_jacobian"}
+    assert {"versions", "seed", "threads", "time_s", "checks"} <= set(result)
+    mesh = load(tmp_path / "out" / "head.vtkhdf").mesh
+    assert mesh.ne == result["quality"]["n_tets"] and set(mesh.GetBoundaries()) == {"skull", "ventricle_wall"}
+    back = nibabel.load(tmp_path / "out" / "head_labels.nii.gz")
+    assert np.array_equal(np.asarray(back.dataobj), labels.volume.data)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("data:image/png;base64") == 3 and "ventricles" in page and "http" not in page
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--names", "1=grey"], ["labels is without a name for [2, 3]"]),
+        (["--names", "aseg"], ["names is 'aseg'", "freesurfer"]),
+        (["-o", "head.stl"], ["-o is 'head.stl'", ".vtkhdf", ".feb"]),
+        (["--size", "0"], ["mesh size", "above 0"]),
+    ],
+)
+def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    labels_file("labels.nii.gz")
+    status, lines = run(capsys, "mesh", "labels.nii.gz", "--labels", "-q", *arguments)
+    assert status == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
+    assert [path.name for path in tmp_path.iterdir()] == ["labels.nii.gz"]
+
+
+def test_labels_are_not_taken_for_a_scan(tmp_path, capsys):
+    labels = nested((55.0, 40.0, 12.0))
+    image = nibabel.Nifti1Image(labels.volume.data.astype("uint8"), np.diag([1e3, 1e3, 1e3, 1]) @ labels.volume.affine)
+    nibabel.save(image, tmp_path / "labels.nii.gz")
+    status, lines = run(capsys, "mesh", tmp_path / "labels.nii.gz", "-o", tmp_path / "head.vtkhdf", "-q")
+    assert status == 2 and len(lines) == 1 and "--labels" in lines[0]

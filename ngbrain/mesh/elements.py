@@ -14,6 +14,8 @@ from ngbrain.errors import InputError
 
 GRADING = 0.3
 """Growth of the tetrahedra away from the given triangles."""
+FINER = 0.75
+"""Netgen's tetrahedra have edges longer than the size that it is told by this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,7 @@ def _restrict(mesh: meshing.Mesh, points: np.ndarray, size: Callable[[np.ndarray
     fine = h < maxh
     mesh.CalcLocalH(GRADING, 1)
     for point, wanted in zip(grid[fine].tolist(), h[fine].tolist(), strict=True):
-        mesh.RestrictLocalH(meshing.Pnt(*point), wanted)
+        mesh.RestrictLocalH(meshing.Pnt(*point), FINER * wanted)
 
 
 def centres(mesh: ngs.Mesh) -> np.ndarray:

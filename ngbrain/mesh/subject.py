@@ -69,7 +69,7 @@ def write_subject(
     Returns the result and the mesh. Raises `InputError` for another suffix and what `meshed` raises.
     """
     path, started = Path(path), time.monotonic()
-    stem = _stem(path)
+    stem = _stem(path)  # before the work, not after it
     path.parent.mkdir(parents=True, exist_ok=True)
     made = meshed(subject.labels, route, size)
     if path.name.endswith(".vtkhdf"):

@@ -83,7 +83,7 @@ def bar_mm(axes: Any, mm: float, at: float = 0.06) -> None:
     y0, y1 = axes.get_ylim()
     x, y = x0 + at * (x1 - x0), y0 + 0.045 * (y1 - y0)
     axes.plot([x, x + mm], [y, y], color="#222222", lw=2.5, solid_capstyle="butt", zorder=20)
-    axes.text(x + mm / 2, y + 0.012 * (y1 - y0), f"{mm:g} mm", ha="center", va="bottom", fontsize=9.5, zorder=20)
+    axes.text(x + mm / 2, y + 0.012 * (y1 - y0), f"{abs(mm):g} mm", ha="center", va="bottom", fontsize=9.5, zorder=20)
 
 
 def direction(v: Floats, words: bool = False) -> str:

@@ -1,0 +1,127 @@
+"""Maps of labels from files: numbers and names, other programs' schemes, other grids, what is no map of labels."""
+
+import nibabel
+import numpy as np
+import pytest
+from phantoms import nested, turned
+from regridded import rotation
+
+from ngbrain.errors import InputError
+from ngbrain.image.labelfile import read_labels
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.landmarks import landmarks
+from ngbrain.image.niftifile import on_grid, write_nifti
+from ngbrain.image.volume import Volume
+
+MILLIMETRES = np.diag([1e3, 1e3, 1e3, 1])
+
+
+@pytest.fixture(scope="module")
+def labels():
+    return nested((12.0, 9.0, 4.0))
+
+
+def written(path, data, affine, **header):
+    image = nibabel.Nifti1Image(data, MILLIMETRES @ affine)
+    image.header.set_xyzt_units("mm")
+    image.set_sform(image.affine, header.get("code", 1))
+    image.set_qform(None, 0)
+    nibabel.save(image, path)
+    return path
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int16, np.float32])
+@pytest.mark.parametrize("suffix", [".nii", ".nii.gz", ".mgz"])
+def test_numbers_of_any_type_in_any_file(labels, kind, suffix, tmp_path):
+    path = tmp_path / f"labels{suffix}"
+    if suffix == ".mgz":
+        nibabel.MGHImage(
+            labels.volume.data.astype(kind), (MILLIMETRES @ labels.volume.affine).astype(np.float32)
+        ).to_filename(path)
+    else:
+        written(path, labels.volume.data.astype(kind), labels.volume.affine)
+    found = read_labels(path, {1: "grey", 2: "white", 3: "ventricles"})
+    assert np.array_equal(found.volume.data, labels.volume.data) and found.regions == labels.regions
+    assert found.volume.affine == pytest.approx(labels.volume.affine, abs=1e-9)
+
+
+def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_path):
+    aseg = np.array([0, 2, 41, 4])[labels.volume.data]
+    aseg[:, :, :3], aseg[:, :, 3], aseg[0, 0, 5] = 16, 1035, 251
+    found = read_labels(written(tmp_path / "aseg.nii", aseg.astype(np.int16), labels.volume.affine))
+    assert found.regions == ("white", "ventricles", "brain_stem", "corpus_callosum", "grey")
+    plain = read_labels(written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine))
+    assert plain.regions == ("label_1", "label_2", "label_3")
+    assert read_labels(tmp_path / "labels.nii", "spm").regions == ("grey", "white", "csf")
+    with pytest.raises(
+        InputError, match=r"names is 'spn'; wanted: number = name for every label, or one of ngbrain, spm"
+    ):
+        read_labels(tmp_path / "labels.nii", "spn")
+    with pytest.raises(InputError, match=r"labels.nii: labels is without a name for \[3\]"):
+        read_labels(tmp_path / "labels.nii", {1: "grey", 2: "white"})
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (np.zeros((9, 9, 9), np.uint8), "labels is 0 everywhere"),
+        (np.full((9, 9, 9), 0.5, np.float32), "labels is not whole numbers"),
+        (np.full((9, 9, 9), -1, np.int16), "labels is from -1 to -1"),
+        (np.arange(729, dtype=np.int16).reshape(9, 9, 9), "labels is 728 different numbers"),
+        (np.full((9, 9, 9), np.nan, np.float32), "labels is not whole numbers"),
+    ],
+)
+def test_what_is_no_map_of_labels(data, words, tmp_path):
+    with pytest.raises(InputError, match=words) as error:
+        read_labels(written(tmp_path / "a.nii", data, np.diag([1e-3, 1e-3, 1e-3, 1.0])))
+    assert "\n" not in str(error.value) and str(tmp_path / "a.nii") in str(error.value)
+
+
+def test_a_lost_place_is_refused(labels, tmp_path):
+    path = written(tmp_path / "a.nii", labels.volume.data.astype(np.uint8), labels.volume.affine, code=0)
+    with pytest.raises(InputError, match="image affine is not given"):
+        read_labels(path)
+
+
+def test_upright_copies_show_the_same(labels):
+    flipped = LabelMap(
+        Volume(labels.volume.data[::-1].transpose(2, 0, 1), labels.volume.affine @ turn()), labels.names
+    ).upright()
+    assert np.array_equal(flipped.volume.data, labels.volume.data)
+    oblique = turned(labels, rotation(20.0, np.array([1.0, 1.0, 0.3]))).upright()
+    print(oblique.volumes_ml(), labels.volumes_ml())
+    assert oblique.volumes_ml() == pytest.approx(labels.volumes_ml(), rel=0.03)
+    assert labels.upright(2e-3).volumes_ml()["grey"] == pytest.approx(labels.volumes_ml()["grey"], rel=0.1)
+
+
+def turn():
+    """Indices of the flipped and permuted array to those of the original."""
+    n = nested((12.0, 9.0, 4.0)).volume.data.shape[0]
+    back = np.zeros((4, 4))
+    back[0, 1], back[0, 3] = -1, n - 1
+    back[1, 2] = back[2, 0] = back[3, 3] = 1
+    return back
+
+
+def test_maps_go_back_to_the_grid_they_came_from(labels, tmp_path):
+    oblique = turned(labels, rotation(20.0, np.array([1.0, 1.0, 0.3])))
+    upright = oblique.upright()
+    back = on_grid(Volume(upright.numbered(), upright.volume.affine), oblique.volume.affine, oblique.volume.data.shape)
+    same = (back.data == oblique.volume.data)[oblique.volume.data > 0].mean()
+    print("same", same)
+    assert same > 0.9
+    write_nifti(tmp_path / "maps.nii.gz", back)
+    image = nibabel.load(tmp_path / "maps.nii.gz")
+    assert np.array_equal(np.asarray(image.dataobj), back.data)
+    assert image.affine == pytest.approx(MILLIMETRES @ oblique.volume.affine, abs=1e-4)
+    with pytest.raises(InputError, match=r"image file is 'maps.img'"):
+        write_nifti(tmp_path / "maps.img", back)
+
+
+def test_sides_are_told_by_the_place_and_not_by_the_array(labels):
+    lopsided = labels.volume.data.copy()
+    lopsided[: len(lopsided) // 2][lopsided[: len(lopsided) // 2] == 3] = 2
+    one = LabelMap(Volume(lopsided, labels.volume.affine), labels.names)
+    mirrored = LabelMap(Volume(lopsided, np.diag([-1, 1, 1, 1]) @ labels.volume.affine), labels.names)
+    assert landmarks(one)["right ventricle"][0] > 1e-3 and landmarks(mirrored)["left ventricle"][0] < -1e-3
+    assert landmarks(one)["right"] == pytest.approx(landmarks(mirrored)["left"] * [-1, 1, 1], abs=2e-3)
