@@ -1,0 +1,117 @@
+# %% [markdown]
+# # Meshes of a head: how much anatomy, at what price
+#
+# **Question.** The same labels can become a hull with tissue as a field inside, a lattice that follows every tissue, or a
+# mesh whose triangles are the tissues' surfaces. What does each get right, and what does it cost?
+#
+# **Number to reproduce.** Whatever the route, the mesh has the volumes of its labels: a ball of white matter in grey matter
+# with ventricles in it, **grey 154.8, white 105.8, ventricles 7.1 ml**, within 2 %. The last cell checks it.
+
+# %%
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import ngsolve as ngs
+import numpy as np
+
+import ngbrain
+from ngbrain.image import mni152
+from ngbrain.image.labelfile import TISSUES
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.landmarks import landmarks
+from ngbrain.image.tissues import tissues
+from ngbrain.image.volume import Volume
+from ngbrain.io.exchange import read_mesh, write_mesh
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.indicators import Indicators
+from ngbrain.mesh.quality import Quality, deviations, volumes_ml
+from ngbrain.mesh.routes import ROUTES, meshed
+from ngbrain.mesh.transfer import on_voxels
+
+FAST = bool(os.environ.get("NGBRAIN_FAST"))
+ngbrain.set_threads(1)
+
+# %% [markdown]
+# ## Labels
+# A map of labels is integers on voxels with a place in the world, and a name for every number. `read_labels("aseg.mgz")`
+# reads one from FreeSurfer or SPM, `tissues(read_scan("T1.nii.gz"))` makes one of a scan; here it is balls in balls.
+
+# %%
+x = np.stack(np.meshgrid(*[np.arange(-46, 47)] * 3, indexing="ij"), axis=-1)
+away = np.linalg.norm(x, axis=-1)
+affine = np.diag([1e-3, 1e-3, 1e-3, 1.0])
+affine[:3, 3] = -46e-3
+numbers = (away < 40).astype(int) + (away < 30) + (away < 12)
+balls = LabelMap(Volume(numbers, affine), {1: "grey", 2: "white", 3: "ventricles"})
+print({name: round(ml, 1) for name, ml in balls.volumes_ml().items()}, "ml")
+
+# %% [markdown]
+# ## Three routes
+# Each takes labels and a size field, any function of points. `deviations` says how far an interface is from where the
+# labels' smoothed shares are equal; a hull has none between grey and white.
+
+# %%
+indicators = Indicators.of(balls)
+made = {}
+for route in ROUTES:
+    start = time.process_time()
+    made[route] = meshed(balls, route, Graded(5e-3, 5e-3))
+    quality = Quality.of(made[route]).summary()
+    told = deviations(made[route], indicators) if route != "hull" else {}
+    off = f"{1e3 * np.concatenate(list(told.values())).mean():.2f} mm" if told else "not followed"
+    print(
+        f"{route:<11}{quality['n_tets']:7d} tetrahedra, smallest angle {quality['min_dihedral_deg']:4.1f}°, "
+        f"tissue interfaces: {off}, {time.process_time() - start:.1f} s, {made[route].regions}"
+    )
+
+# %% [markdown]
+# ## Fine where it is asked for
+# 2 mm around a site, 8 mm away from it.
+
+# %%
+site = (0.0, 0.0, 0.03)
+fine = meshed(balls, "hull", Graded(2e-3, 8e-3, site, radius=5e-3))
+size = np.cbrt(8.5 * np.abs(fine.volumes()))
+near = np.linalg.norm(fine.points[fine.tets].mean(axis=1) - site, axis=1) < 8e-3
+print(
+    f"{len(fine.tets)} tetrahedra, {1e3 * size[near].mean():.1f} mm at the site, {1e3 * size[~near].mean():.1f} mm elsewhere"
+)
+
+# %% [markdown]
+# ## A real head
+# The template's labels by the route that is chosen for surgery, and where things are in it.
+
+# %%
+brain = LabelMap(tissues(mni152()), TISSUES)
+head = meshed(brain, "hull", Graded(9e-3, 9e-3) if FAST else None)
+print(len(head.tets), "tetrahedra", {name: round(ml, 1) for name, ml in volumes_ml(head).items()}, "ml")
+places = landmarks(brain)
+print({name: (1e3 * places[name]).round().tolist() for name in ("front", "left ventricle", "right ventricle")}, "mm")
+
+# %% [markdown]
+# ## In and out
+# NGSolve's mesh, voxels of any grid, and other programs' files.
+
+# %%
+mesh = head.mesh()
+print(mesh.GetMaterials(), set(mesh.GetBoundaries()), f"{1e6 * ngs.Integrate(ngs.CF(1), mesh):.1f} ml")
+back, _, _ = on_voxels(head, brain.volume.affine, brain.volume.data.shape)
+print(f"back on the scan's voxels: {back.voxel_volume * 1e6 * (back.data > 0).sum():.1f} ml")
+with tempfile.TemporaryDirectory() as folder:
+    write_mesh(Path(folder) / "head.msh", head)
+    print("Gmsh:", read_mesh(Path(folder) / "head.msh").regions)
+
+# %% The number.
+wanted = balls.volumes_ml()
+assert np.allclose(list(wanted.values()), [154.8, 105.8, 7.1], atol=0.1)
+for route, elements in made.items():
+    found = volumes_ml(elements)
+    if route == "hull":
+        wanted_here = {"brain": wanted["grey"] + wanted["white"], "ventricles": wanted["ventricles"]}
+    else:
+        wanted_here = wanted
+    errors = {name: found[name] / ml - 1 for name, ml in wanted_here.items()}
+    print(route, {name: f"{error:+.2%}" for name, error in errors.items()})
+    assert all(abs(error) < 0.02 for error in errors.values())
