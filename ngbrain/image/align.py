@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -20,18 +21,22 @@ _BEST, _APART = 6, 20e-3  # starts that are followed, and how far (m) their midd
 _TOP = 15e-3  # m from the top of the head to the top of the brain
 _SEEN = 80e-3  # m below the top, where a head is as wide and long as its brain case
 _ROUNDS = 40
+_ARM = 0.07  # m, in which turns and stretches are counted, so that they are as large as shifts
+_DEEP = 4e-3  # m
+_LEAST = 0.5  # litres
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
     """The template in a head.
 
-    affine       (4, 4), takes points of the template (m) to points of the head (m)
-    correlation  of the grey values of the two in and just around the brain, -1 to 1
+    affine    (4, 4), takes points of the template (m) to points of the head (m)
+    likeness  correlation of the grey values of the two, -1 to 1, more than 4 mm inside the brain: there it speaks for
+              anatomy, while any bright lump in the dark is like a brain on the whole
     """
 
     affine: np.ndarray
-    correlation: float
+    likeness: float
 
 
 def align(head: Volume, template: Volume) -> Alignment:
@@ -45,31 +50,34 @@ def align(head: Volume, template: Volume) -> Alignment:
     Raises:
         InputError: there is next to nothing but background in `head`.
 
-    >>> at = np.indices((48, 56, 48)) - 24.0
-    >>> ball = np.linalg.norm(at / [[[[16]], [[[20]]], [[[14]]]], axis=0)
+    >>> at = 4e-3 * (np.indices((45, 55, 45)).reshape(3, -1).T - [22, 27, 22])
+    >>> egg = lambda points: np.clip(8 * (1 - np.linalg.norm(points / [0.06, 0.08, 0.05], axis=1)), 0, 1)
+    >>> affine = np.diag([4e-3, 4e-3, 4e-3, 1])
+    >>> one, other = (Volume(egg(at - shift).reshape(45, 55, 45), affine) for shift in (0, [0.008, -0.01, 0.004]))
+    >>> align(other, one).affine[:3, 3].round(3)
+    array([ 0.008, -0.01 , 0.004])
     """
-    bright = head.data > _otsu(head.data)
-    bright = _largest(ndimage.binary_opening(bright, iterations=2))
-    if bright.sum() * head.voxel_volume < 0.5e-3:
-        raise InputError("image", f"a head of {bright.sum() * head.voxel_volume * 1e3:.2f} litres", "at least 0.5")
+    bright = _largest(ndimage.binary_opening(head.data > _otsu(head.data), iterations=2))
+    litres = bright.sum() * head.voxel_volume * 1e3
+    if litres < _LEAST:
+        raise InputError(
+            "image", f"a picture whose largest bright part has {litres:.2f} litres", f"at least {_LEAST:g}"
+        )
     top = np.quantile(head.data[bright], 0.98)  # fat: as bright as it likes, it says nothing
     clipped = Volume(np.clip(head.data, head.data.min(), top).astype(np.float32), head.affine)
-    places: list[tuple[float, np.ndarray]] = []
-    for step in _STEPS:
-        pair = _Pair.of(clipped, template, step)
-        if not places:
-            starts = _starts(pair, _outline(bright, head))
-            places = [pair.climbed(start, similar=True) for start in starts]
-            places = sorted(places, key=lambda place: -place[0])[:2]
-        places = [pair.climbed(place, similar=False) for _, place in places]
-        places = sorted(places, key=lambda place: -place[0])[:1] if step < _STEPS[0] else places
-    correlation, affine = places[0]
-    return Alignment(affine, correlation)
+    coarse, *finer = (_Pair.of(clipped, template, step) for step in _STEPS)
+    places = [coarse.climbed(start, similar=True) for start in _starts(coarse, _outline(bright, head))]
+    places = [coarse.climbed(place, similar=False) for _, place in sorted(places, key=lambda place: -place[0])[:2]]
+    _, affine = max(places, key=lambda place: place[0])
+    for pair in finer:
+        _, affine = pair.climbed(affine, similar=False)
+    return Alignment(affine, pair.likeness(affine))
 
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A head, smoothed, and its gradient (per m); points of the template (n, 3) in m and its grey values there."""
+    """A head, smoothed, and its gradient (per m); points of the template (n, 3) in m, its grey values there less their
+    mean, and whether the points are deep in it."""
 
     head: np.ndarray
     slope: list[np.ndarray]
@@ -77,6 +85,7 @@ class _Pair:
     dark: float
     points: np.ndarray
     values: np.ndarray
+    deep: np.ndarray
 
     @classmethod
     def of(cls, head: Volume, template: Volume, step: float) -> _Pair:
@@ -95,7 +104,8 @@ class _Pair:
         where = np.argwhere(near & lattice)
         values = ndimage.gaussian_filter(padded, sigma / template.spacing)[tuple(where.T)]
         points = template.to_world(where - reach)
-        return cls(smooth, slope, np.linalg.inv(affine), float(smooth.min()), points, values - values.mean())
+        deep = ndimage.distance_transform_edt(padded, sampling=template.spacing)[tuple(where.T)] > _DEEP
+        return cls(smooth, slope, np.linalg.inv(affine), float(smooth.min()), points, values - values.mean(), deep)
 
     def seen(self, affine: np.ndarray, picture: np.ndarray, outside: float) -> np.ndarray:
         """Values (n,) of a picture of the head at the points of the template."""
@@ -105,12 +115,11 @@ class _Pair:
 
     def correlation(self, affine: np.ndarray) -> float:
         """Of the grey values."""
-        return self._alike(self.seen(affine, self.head, self.dark))
+        return _correlation(self.seen(affine, self.head, self.dark), self.values)
 
-    def _alike(self, seen: np.ndarray) -> float:
-        seen = seen - seen.mean()
-        both = float(np.sqrt((seen @ seen) * (self.values @ self.values)))
-        return float(seen @ self.values) / both if both > 0 else -1.0
+    def likeness(self, affine: np.ndarray) -> float:
+        """Correlation of the grey values deep in the brain."""
+        return _correlation(self.seen(affine, self.head, self.dark)[self.deep], self.values[self.deep])
 
     def climbed(self, affine: np.ndarray, similar: bool) -> tuple[float, np.ndarray]:
         """The correlation and the place that steps from a place lead to; `similar`: turns, shifts and one scale only."""
@@ -130,17 +139,17 @@ class _Pair:
                 break
         return best, affine
 
-    def _system(self, affine: np.ndarray, similar: bool):
+    def _system(self, affine: np.ndarray, similar: bool) -> Callable[[float], np.ndarray]:
         """The step of Gauss-Newton as a function of the damping, (4, 4), to be applied after the affine map."""
         at = self.points @ affine[:3, :3].T + affine[:3, 3]
         middle = at.mean(axis=0)
         seen = self.seen(affine, self.head, self.dark)
         slope = [self.seen(affine, part, 0.0) for part in self.slope]
-        arms = [*((at - middle) / 0.07).T, np.ones(len(at))]  # of some 70 mm, so that all unknowns are alike
+        arms = [*((at - middle) / _ARM).T, np.ones(len(at))]
         moves = np.array([s * arm for s in slope for arm in arms])  # (12, n)
         basis = _SIMILAR if similar else np.eye(12)
         rows = np.concatenate([basis @ moves, seen[None], np.ones((1, len(at)))])
-        gain = float((seen - seen.mean()) @ self.values / max(((seen - seen.mean()) ** 2).sum(), 1e-30))
+        gain = float(seen @ self.values / max(((seen - seen.mean()) ** 2).sum(), 1e-30))
         rows[:-2] *= gain
         normal = rows @ rows.T
         right = rows @ (self.values - gain * seen)
@@ -151,11 +160,17 @@ class _Pair:
             solved = np.linalg.lstsq(normal + damping * np.diag(scale), right, rcond=1e-12)[0]
             move = (basis.T @ solved[:-2]).reshape(3, 4)
             turn = np.eye(4)
-            turn[:3, :3] += move[:, :3] / 0.07
+            turn[:3, :3] += move[:, :3] / _ARM
             turn[:3, 3] = move[:, 3] - (turn[:3, :3] - np.eye(3)) @ middle
             return turn
 
         return step
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> float:
+    one, other = one - one.mean(), other - other.mean()
+    both = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / both if both > 0 else -1.0
 
 
 def _similar() -> np.ndarray:

@@ -34,9 +34,7 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     True
     """
     sitk = require("SimpleITK", "mri")
-    box = tuple(
-        slice(max(axis.start - 2, 0), axis.stop + 2) for axis in ndimage.find_objects(mask.astype(np.uint8))[0]
-    )
+    box = tuple(slice(max(axis.start - 2, 0), axis.stop + 2) for axis in ndimage.find_objects(mask.astype(np.uint8))[0])
     grey = (volume.data[box] - _zero(volume, mask)).astype(np.float32)
     inside = mask[box] & (grey > 0)  # their logarithm is taken
     shrunk = tuple(slice(_SHRINK // 2, None, _SHRINK) for _ in range(3))
