@@ -13,7 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.volume import Volume
 
 _SHELL = 6e-3  # m around the template's brain that are compared too: dark there, as fluid and bone are
-_STEPS = (8e-3, 4e-3, 3e-3)  # m between the points compared, coarse to fine
+_STEPS = (8e-3, 4e-3)  # m between the points compared, coarse to fine
 _TURNS = np.radians((-30.0, 0.0, 30.0))  # about each axis, where the search starts
 _SIZES = (0.9, 1.0, 1.12)
 _SHIFTS = (-20e-3, 0.0, 20e-3)  # m, forward and up
@@ -21,6 +21,7 @@ _BEST, _APART = 6, 20e-3  # starts that are followed, and how far (m) their midd
 _TOP = 15e-3  # m from the top of the head to the top of the brain
 _SEEN = 80e-3  # m below the top, where a head is as wide and long as its brain case
 _ROUNDS = 40
+_BLUR = 0.4  # of a step: standard deviation of the Gaussian
 _ARM = 0.07  # m, in which turns and stretches are counted, so that they are as large as shifts
 _DEEP = 4e-3  # m
 _LEAST = 0.5  # litres
@@ -90,22 +91,21 @@ class _Pair:
     @classmethod
     def of(cls, head: Volume, template: Volume, step: float) -> _Pair:
         """At points `step` (m) apart."""
-        sigma = 0.4 * step
-        stride = np.maximum(np.rint(step / 2 / head.spacing).astype(int), 1)
-        smooth = ndimage.gaussian_filter(head.data, sigma / head.spacing)[tuple(slice(None, None, s) for s in stride)]
-        affine = head.affine @ np.diag([*stride, 1.0])
-        slope = np.gradient(smooth, *np.linalg.norm(affine[:3, :3], axis=0))
-        reach = np.ceil(_SHELL / template.spacing).astype(int)
-        padded = np.pad(template.data, [(r, r) for r in reach])
-        near = ndimage.distance_transform_edt(padded == 0, sampling=template.spacing) <= _SHELL
-        every = np.rint(step / template.spacing).astype(int)
-        lattice = np.zeros_like(near)
-        lattice[tuple(slice(e // 2, None, e) for e in every)] = True
+        smooth, to_head = _thinned(head.data, head, step)
+        slope = np.gradient(smooth, *np.linalg.norm(to_head[:3, :3], axis=0))
+        reach = int(np.ceil(2 * _SHELL / step)) + 1
+        thin, to_template = _thinned(template.data, template, step)
+        brain, _ = _thinned((template.data != 0).astype(np.float32), template, step)
+        brain, thin = np.pad(brain, reach) > 0.5, np.pad(thin, reach)
+        spacing = np.linalg.norm(to_template[:3, :3], axis=0)
+        lattice = np.zeros_like(brain)
+        lattice[::2, ::2, ::2] = True
+        near = ndimage.distance_transform_edt(~brain, sampling=spacing) <= _SHELL
         where = np.argwhere(near & lattice)
-        values = ndimage.gaussian_filter(padded, sigma / template.spacing)[tuple(where.T)]
-        points = template.to_world(where - reach)
-        deep = ndimage.distance_transform_edt(padded, sampling=template.spacing)[tuple(where.T)] > _DEEP
-        return cls(smooth, slope, np.linalg.inv(affine), float(smooth.min()), points, values - values.mean(), deep)
+        points = (where - reach) @ to_template[:3, :3].T + to_template[:3, 3]
+        values = thin[tuple(where.T)]
+        deep = ndimage.distance_transform_edt(brain, sampling=spacing)[tuple(where.T)] > _DEEP
+        return cls(smooth, slope, np.linalg.inv(to_head), float(smooth.min()), points, values - values.mean(), deep)
 
     def seen(self, affine: np.ndarray, picture: np.ndarray, outside: float) -> np.ndarray:
         """Values (n,) of a picture of the head at the points of the template."""
@@ -165,6 +165,13 @@ class _Pair:
             return turn
 
         return step
+
+
+def _thinned(data: np.ndarray, volume: Volume, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """A picture on the grid of a volume, smoothed, on voxels of about half a step, and their affine."""
+    stride = np.maximum(np.rint(step / 2 / volume.spacing).astype(int), 1)
+    smooth = ndimage.gaussian_filter(data, _BLUR * step / volume.spacing, truncate=3)
+    return smooth[tuple(slice(None, None, each) for each in stride)], volume.affine @ np.diag([*stride, 1.0])
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
