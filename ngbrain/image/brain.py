@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ngbrain.image.extracted import check_whole, parted
@@ -9,10 +11,11 @@ from ngbrain.image.strip import strip
 from ngbrain.image.volume import Scan
 
 
-def find_brain(scan: Scan) -> np.ndarray:
+def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.ndarray:
     """The whole brain, sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
-    In a brain-extracted scan (`check_extracted`) it is what differs from the background. In any other, `strip` finds it.
+    In a brain-extracted scan (`check_extracted`) it is what differs from the background. In any other, `strip` finds it:
+    `ngbrain.image.strip.strip`, or what takes its place.
 
     Raises:
         InputError: the field of view cuts the brain; less than 0.7 litres; or a picture of something else, see `strip`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
@@ -13,7 +14,7 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.image import Scan, Volume, check_extracted, extracted, mni152, read_scan, segment, ventricles
+from ngbrain.image import Scan, Volume, align, bias, find_brain, mni152, read_scan, segment, strip, ventricles
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
 from ngbrain.io.cache import Arrays, kept
 from ngbrain.mesh import (
@@ -100,14 +101,24 @@ class Scanned:
 
     @classmethod
     def of(cls, scan: Scan, smoothing: float = 2e-3) -> Scanned:
-        """Segmented, or taken from the cache; raises `InputError` for a scan that is no extracted brain."""
-        mask = check_extracted(scan)
+        """Stripped of its skull, freed of the coil's field and segmented; each step once, then from the cache.
+
+        Raises `InputError` for a scan that is no T1 of a whole head or brain.
+        """
+        picture = scan.volume
+
+        def stripped(scan: Scan) -> np.ndarray:
+            made_by = (align, bias, strip)
+            return kept("brain", picture.digest(), made_by, lambda: {"mask": strip.strip(scan)})["mask"]
+
+        mask = find_brain(scan, stripped)
+        seen = [picture.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
 
         def make() -> Arrays:
-            return {"labels": segment.segment(scan.volume, mask).volume.data}
+            even = kept("even", seen, (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})["t1"]
+            return {"labels": segment.segment(Volume(even, picture.affine), mask).volume.data}
 
-        digest = scan.volume.digest()
-        labels = kept("labels", digest, (segment, ventricles, extracted), make)["labels"]
+        labels = kept("labels", seen, (segment, ventricles, bias), make)["labels"]
         return cls(scan, Volume(labels, scan.volume.affine), smoothing)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
