@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
+from ngbrain.image.topology import drown
 from ngbrain.image.ventricles import at_half_height, find_ventricles
 from ngbrain.image.volume import Volume
 
@@ -22,7 +23,6 @@ _START = (0.05, 0.45, 0.85)  # quantiles of the grey values in a brain that are 
 _BINS, _ROUNDS_OF_BINS = 512, 200
 _COUPLING, _ROUNDS = 0.75, 4
 _SLAB = 8  # layers of voxels at a time, so that they stay in the cache
-_ISLAND = 30  # voxels
 _RIND = 3  # mm
 _LEAST_VENTRICLES = 2.0  # ml
 
@@ -159,17 +159,7 @@ def _neighbours(share: np.ndarray, slab: slice) -> np.ndarray:
 def _drown_islands(labels: np.ndarray) -> None:
     """Small pieces of grey or white matter take the label that most of their faces look at."""
     for tissue in (WHITE, GREY):
-        pieces, count = ndimage.label(labels == tissue)
-        small = np.bincount(pieces.ravel(), minlength=count + 1) < _ISLAND
-        at = np.flatnonzero(small[pieces] & (pieces > 0))
-        piece = pieces.ravel()[at]
-        votes = np.zeros((count + 1, len(NAMES)), int)
-        for axis in range(3):
-            for way in (-1, 1):
-                step = way * labels.strides[axis] // labels.itemsize
-                np.add.at(votes, (piece, labels.ravel()[at + step]), 1)
-        votes[:, [OUTSIDE, tissue]] = 0
-        labels.ravel()[at] = np.where(votes.any(axis=1), votes.argmax(axis=1), tissue)[piece]
+        drown(labels, tissue)
 
 
 def _check_contrast(labels: np.ndarray) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.image import Scan, Volume, align, bias, find_brain, mni152, read_scan, segment, strip, ventricles
+from ngbrain.image import Scan, Volume, align, bias, find_brain, mni152, read_scan, segment, strip, topology, ventricles
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
 from ngbrain.io.cache import Arrays, kept
 from ngbrain.mesh import (
@@ -118,7 +118,7 @@ class Scanned:
             even = kept("even", seen, (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})["t1"]
             return {"labels": segment.segment(Volume(even, picture.affine), mask).volume.data}
 
-        labels = kept("labels", seen, (segment, ventricles, bias), make)["labels"]
+        labels = kept("labels", seen, (segment, topology, ventricles, bias), make)["labels"]
         return cls(scan, Volume(labels, scan.volume.affine), smoothing)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
