@@ -80,7 +80,7 @@ class Idealised(shapes.Ellipsoids):
 
 @dataclass(eq=False)
 class Scanned:
-    """A head from a T1 scan: tissue labels, and smooth outlines of the brain and of its ventricles."""
+    """A head from a T1 scan, raw or brain-extracted: tissue labels, and smooth outlines of the brain and of its ventricles."""
 
     scan: Scan
     labels: Volume
