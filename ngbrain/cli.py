@@ -51,7 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     demo = verbs.add_parser("demo", help="a retraction on the demonstration head, three ways")
     which = demo.add_mutually_exclusive_group()
     which.add_argument("--head", choices=["mni152", "idealised"], default="mni152", help="which head (mni152)")
-    which.add_argument("--image", metavar="FILE", help="a brain-extracted T1 scan (NIfTI) to operate on instead")
+    which.add_argument(
+        "--image", metavar="FILE", help="a T1 scan (NIfTI), with skull or without, to operate on instead"
+    )
     demo.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
     demo.set_defaults(verb=_demo)
     retract = verbs.add_parser("retract", help="one scene")

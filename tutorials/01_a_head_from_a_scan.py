@@ -7,7 +7,7 @@
 # (± 1 % and ± 5 %), whatever the size of the elements. The last cell checks it.
 #
 # The scan is the average of 152 people's (MNI152), without skull, as nilearn ships it; `read_scan("FILE.nii.gz")` reads
-# one of your own, if its skull has been taken off.
+# one of your own, with its skull or without.
 
 # %%
 import os

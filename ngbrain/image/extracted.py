@@ -8,7 +8,8 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.volume import Scan, border
 
-_WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain"
+_WANTED = "a brain-extracted T1 (e.g. from HD-BET, SynthStrip or BET), exactly constant around the brain, of at most 2.2 litres"
+_MOST = 2.2  # litres
 _LITRE = 1e-3  # m³
 _TOP = 70e-3  # m: above it, neck and face are not seen, and a head is an onion
 _DEEPEST = 35  # mm
@@ -32,29 +33,48 @@ def check_extracted(scan: Scan) -> np.ndarray:
     >>> f"{check_extracted(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
     '1.89 litres'
     """
+    mask, more = parted(scan)
+    if more:
+        raise InputError("image", more, _WANTED, scan.source)
+    check_whole(scan, mask)
+    return mask
+
+
+def parted(scan: Scan) -> tuple[np.ndarray, str]:
+    """What differs from the background (nx, ny, nz), and what in it shows that it is more than a brain: "" if nothing.
+
+    >>> from ngbrain.image import mni152
+    >>> parted(mni152())[1]
+    ''
+    """
     volume = scan.volume
     background, share = border(volume)
-    if share < 0.5:
-        found = (
-            f"without a constant background: its commonest value, {background:g}, has {100 * share:.0f} % of the border"
-        )
-        raise InputError("image", found, _WANTED, scan.source)
     other = volume.data != background
+    if share < 0.5:
+        of_border = f"its commonest value, {background:g}, has {100 * share:.0f} % of the border"
+        return other, f"without a constant background: {of_border}"
     mask = np.zeros_like(other)
     if other.any():
         box = ndimage.find_objects(other.astype(np.uint8))[0]
         if _has_dark_band(volume.data[box], other[box], background, volume.spacing):
-            raise InputError("image", "a head with its skull", _WANTED, scan.source)
+            return other, "a head with its skull"
         mask[box] = _largest(other[box])
     litres = mask.sum() * volume.voxel_volume / _LITRE
-    if litres > 2.2:
-        raise InputError("image", f"a head of {litres:.2f} litres", f"{_WANTED}: at most 2.2", scan.source)
+    return mask, f"a head of {litres:.2f} litres" if litres > _MOST else ""
+
+
+def check_whole(scan: Scan, mask: np.ndarray) -> None:
+    """Refuse a brain, `mask` (nx, ny, nz), that the field of view cuts, or that is less than 0.7 litres.
+
+    Raises:
+        InputError: that is so.
+    """
+    litres = mask.sum() * scan.volume.voxel_volume / _LITRE
     if sides := _cut_sides(scan, mask):
         found = f"cut off at the {' and the '.join(sides)} of the brain"
         raise InputError("image", found, "the whole brain in the field of view", scan.source)
     if litres < 0.7:
         raise InputError("image", f"a brain of {litres:.2f} litres", "a whole adult brain, at least 0.7", scan.source)
-    return mask
 
 
 def _has_dark_band(data: np.ndarray, other: np.ndarray, background: float, spacing: np.ndarray) -> bool:

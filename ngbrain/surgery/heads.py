@@ -101,7 +101,7 @@ class Scanned:
 
     @classmethod
     def of(cls, scan: Scan, smoothing: float = 2e-3) -> Scanned:
-        """Segmented, or taken from the cache; raises `InputError` for a scan that is no extracted brain."""
+        """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
         return cls(scan, tissues(scan), smoothing)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
