@@ -9,9 +9,9 @@ import numpy as np
 from ngbrain.mesh.quality import radius_ratios
 
 Points = np.ndarray
-ANGLE = 10.0
+ANGLE = 18.0
 """No move makes a dihedral angle smaller (degrees),"""
-RATIO = 0.11
+RATIO = 0.2
 """nor a radius ratio 3 r_in/r_circ."""
 _HALVINGS = 2
 _CHUNK = 1 << 15

@@ -10,7 +10,7 @@ import numpy as np
 from ngbrain.mesh.shares import Shares
 
 Points = np.ndarray
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
 _EDGES = np.array(list(combinations(range(4), 2)))
 _HALVINGS = 4  # of an edge until a Newton step is good enough
