@@ -16,6 +16,8 @@ _EDGES = np.array(list(combinations(range(4), 2)))
 _HALVINGS = 4  # of an edge until a Newton step is good enough
 _BALANCINGS = 3
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
+_RELAXED = 0.5  # part of the way to the middle of the tetrahedra around
+TANG = True
 _STEEP = 0.1  # part of an interface's usual slope above which a direction is to be trusted
 _DEEP = 0.999  # share at all corners with which a small tetrahedron is taken for inside a region
 _LARGE = 4.0  # widths of an interface above which a tetrahedron is sampled at 20 points instead of 4
@@ -134,7 +136,7 @@ class Net:
         t, k = np.nonzero((across > region[:, None]) | ((self.beside < 0) & (region > 0)[:, None]))
         return t, k, across[t, k]
 
-    def crossings(self) -> Points:
+    def crossings(self, near=0.5) -> Points:
         """Where the points (n, 3) are to go: onto the interface, if one cuts an edge of theirs in the half nearer to them."""
         number = self.shares(self.points).argmax(axis=1)
         p, q = _parted(self.tets, number)
@@ -151,7 +153,7 @@ class Net:
         distance = np.linalg.norm(place - self.points[node], axis=1)
         whole = np.linalg.norm(self.points[p] - self.points[q], axis=1)
         order = np.lexsort([distance, node])
-        order = order[(2 * distance <= np.r_[whole, whole])[order]]
+        order = order[(distance <= near*np.r_[whole, whole])[order]]
         node, first = np.unique(node[order], return_index=True)
         chosen = order[first]
         target = self.points.copy()
@@ -195,8 +197,14 @@ class Net:
         for k in range(4):
             has[self.tets[:, k], region] = True
         border = has.sum(axis=1) > 1
+        near = self.tets[border[self.tets].any(axis=1)]
+        count = np.bincount(near.ravel(), minlength=len(self.points))
+        middle = np.repeat(self.points[near].mean(axis=1), 4, axis=0)
+        total = np.stack([np.bincount(near.ravel(), middle[:, j], len(count)) for j in range(3)], axis=1)
+        relaxed = self.points + _RELAXED * (total / np.maximum(count, 1)[:, None] - self.points)
+        target = np.where(count[:, None] > 0, relaxed, self.points)
         on, has = np.flatnonzero(border), has[border]
-        x = self.points[on]
+        x = target[on] if TANG else self.points[on]
         for _ in range(2):
             values, gradients = self.shares.slopes(x)
             values = values + self.weight[on, None] * self.bias
@@ -210,14 +218,6 @@ class Net:
                 farthest[i[further]] = far[further]
                 move[i[further]] = (-value / steep**2)[further, None] * slope[further]
             x += move * np.minimum(1, _FARTHEST * self.scale[on] / np.maximum(farthest, 1e-12))[:, None]
-        near = self.tets[border[self.tets].any(axis=1)]
-        middles = self.points[near].mean(axis=1)
-        count = np.bincount(near.ravel(), minlength=len(self.points))
-        free = (count > 0) & ~border
-        target = self.points.copy()
-        for j in range(3):
-            total = np.bincount(near.ravel(), np.repeat(middles[:, j], 4), len(count))
-            target[free, j] += 0.5 * (total[free] / count[free] - target[free, j])
         target[on] = x
         return target, border
 
