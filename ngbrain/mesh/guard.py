@@ -9,9 +9,9 @@ import numpy as np
 from ngbrain.mesh.quality import radius_ratios
 
 Points = np.ndarray
-ANGLE = 18.0
+ANGLE = 12.0
 """No move makes a dihedral angle smaller (degrees),"""
-RATIO = 0.2
+RATIO = 0.11
 """nor a radius ratio 3 r_in/r_circ."""
 _HALVINGS = 2
 _CHUNK = 1 << 15
@@ -34,7 +34,7 @@ def guarded(points: Points, tets: np.ndarray, target: Points) -> tuple[Points, n
     tries = np.zeros(len(points), np.int8)
     touched = tets[moving[tets].any(axis=1)]
     while len(touched):
-        bad = touched[_bad(moved, touched) & (length[touched] > 0).any(axis=1)]
+        bad = touched[~good(moved, touched) & (length[touched] > 0).any(axis=1)]
         back = np.unique(bad[np.arange(len(bad)), length[bad].argmax(axis=1)])
         tries[back] += 1
         share = np.where(tries[back] > _HALVINGS, 0, 0.5)
@@ -46,12 +46,13 @@ def guarded(points: Points, tets: np.ndarray, target: Points) -> tuple[Points, n
     return moved, tries == 0
 
 
-def _bad(points: Points, tets: np.ndarray) -> np.ndarray:
-    bad = worst_cosines(points, tets) > np.cos(np.radians(ANGLE))
-    rest = np.flatnonzero(~bad)
+def good(points: Points, tets: np.ndarray) -> np.ndarray:
+    """Which tetrahedra (m,) have no angle below ANGLE and no radius ratio below RATIO, and are not inside out."""
+    found = worst_cosines(points, tets) <= np.cos(np.radians(ANGLE))
+    rest = np.flatnonzero(found)
     for part in np.array_split(rest, 1 + len(rest) // _CHUNK):
-        bad[part] = radius_ratios(points[tets[part]]) < RATIO
-    return np.asarray(bad)
+        found[part] = radius_ratios(points[tets[part]]) >= RATIO
+    return np.asarray(found)
 
 
 def worst_cosines(points: Points, tets: np.ndarray) -> np.ndarray:

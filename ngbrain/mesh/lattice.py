@@ -11,15 +11,18 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.indicators import SMOOTHING, Indicators
+from ngbrain.mesh.net import FACES, Net, scales
 from ngbrain.mesh.octree import MOST, PER_CUBE, body_centred
 from ngbrain.mesh.shares import Shares
-from ngbrain.mesh.snapping import FACES, Net
+from ngbrain.mesh.snapping import crossings, cut
 from ngbrain.mesh.surfaces import Sizes
 
 ROUNDS = 3
 """of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""
 SHIFT = 0.08
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
+CUT = 5.0
+"""Widths of an interface (smoothing and voxels) above which edges are not cut by it, as folds finer than them are not followed."""
 _BIAS = 0.3  # the same in shares; beyond they are no measure of distance
 
 
@@ -71,21 +74,21 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     points, tets = body_centred(low, high, size, finest, lambda points: shares(points).argmax(axis=1) > 0)
     # Voxels are boxes, and read linearly: each widens an interface as a Gaussian of the same variance would.
     width = float(np.sqrt(smoothing**2 + (labels.volume.spacing**2).mean() / 4))
-    net = Net(points, tets, shares, width)
+    slope = float(2 / (np.sqrt(2 * np.pi) * width))  # of s_a - s_b
+    scale = scales(points, tets)
+    points, _ = guarded(points, tets, crossings(points, tets, shares, slope))
+    points, tets, scale = cut(points, tets, shares, scale, CUT * width)
+    net = Net(points, tets, shares, width, scale)
     wanted = np.r_[0, list(labels.volumes_ml().values())] * 1e-6
     most = min(_BIAS, SHIFT * float(net.scale.max()) * net.slope)
-    net.points, arrived = guarded(net.points, net.tets, net.crossings())
     region = net.balance(wanted, most)
-    border = np.zeros(len(net.points), bool)
     for _ in range(ROUNDS):
-        target, border = net.steps(region)
-        net.points, arrived = guarded(net.points, net.tets, target)
+        net.points, _ = guarded(net.points, net.tets, net.steps(region))
         region = net.balance(wanted, most)
     if not region.any():
         raise InputError("size", "so large that no tetrahedron is inside", "smaller elements")
-    return Lattice(
-        _elements(net, region, labels.regions), int((border & arrived).sum()), int((border & ~arrived).sum())
-    )
+    settled = net.settled(region)
+    return Lattice(_elements(net, region, labels.regions), int(settled.sum()), int((~settled).sum()))
 
 
 def _extent(labels: LabelMap, size: Sizes) -> tuple[np.ndarray, np.ndarray, float]:
