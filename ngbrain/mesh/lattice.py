@@ -11,7 +11,7 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.indicators import SMOOTHING, Indicators
-from ngbrain.mesh.net import FACES, Net, scales
+from ngbrain.mesh.net import FACES, Net, scales, slope_across
 from ngbrain.mesh.octree import MOST, PER_CUBE, body_centred
 from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
@@ -23,7 +23,7 @@ SHIFT = 0.08
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
 CUT = 5.0
 """Widths of an interface (smoothing and voxels) above which edges are not cut by it, as folds finer than them are not followed."""
-_BIAS = 0.3  # the same in shares; beyond they are no measure of distance
+_BIAS = 0.3  # SHIFT in shares at most: beyond they are no measure of distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,10 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps (`Indicators`)
 
     The lattice is an octree of cubes (`octree.body_centred`). Points close to where an edge changes region are snapped onto
-    the interface; each tetrahedron takes the region of the largest mean share in it; then, for a few rounds, points of
-    interfaces go on to where the two shares are equal, and their neighbours to the middle of theirs. No move is made that
-    leaves a dihedral angle below `guard.ANGLE` or a radius ratio below `guard.RATIO`. What regions lack of the volume of their
+    the interface; edges that still cross one are cut there in two, unless they are longer than `CUT` times the blur of
+    interfaces; each tetrahedron takes the region of the largest mean share in it; then, for a few rounds, points of
+    interfaces go on to where the two shares are equal, and their neighbours to the middle of theirs. No move or cut is made
+    that leaves a dihedral angle below `guard.ANGLE` or a radius ratio below `guard.RATIO`. What regions lack of the volume of their
     voxels they get by a bias b_k of their shares, s_k + b_k (h/h_max)²: it acts where elements are large, as their errors do,
     and is bounded. Parts of regions thinner than elements are lost, or come in pieces.
 
@@ -76,9 +77,8 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
         raise InputError("size", "so large that no point of the lattice is inside", "smaller elements")
     # Voxels are boxes, and read linearly: each widens an interface as a Gaussian of the same variance would.
     width = float(np.sqrt(smoothing**2 + (labels.volume.spacing**2).mean() / 4))
-    slope = float(2 / (np.sqrt(2 * np.pi) * width))  # of s_a - s_b
     scale = scales(points, tets)
-    points, _ = guarded(points, tets, crossings(points, tets, shares, slope))
+    points, _ = guarded(points, tets, crossings(points, tets, shares, slope_across(width)))
     points, tets, scale = cut(points, tets, shares, scale, CUT * width)
     net = Net(points, tets, shares, width, scale)
     wanted = np.r_[0, list(labels.volumes_ml().values())] * 1e-6

@@ -60,7 +60,7 @@ class Net:
     @property
     def slope(self) -> float:
         """Of s_a - s_b across an interface (1/m)."""
-        return float(2 / (np.sqrt(2 * np.pi) * self.width))
+        return slope_across(self.width)
 
     def _sample(self) -> None:
         """Mean shares in each tetrahedron, anew where points have moved."""
@@ -152,8 +152,9 @@ class Net:
         interfaces from there onto these.
         """
         has = self.border(region)
-        on = np.flatnonzero(has.any(axis=1))
-        near = self.tets[has.any(axis=1)[self.tets].any(axis=1)]
+        border = np.asarray(has.any(axis=1))
+        on = np.flatnonzero(border)
+        near = self.tets[border[self.tets].any(axis=1)]
         count = np.bincount(near.ravel(), minlength=len(self.points))
         middle = np.repeat(self.points[near].mean(axis=1), 4, axis=0)
         total = np.stack([np.bincount(near.ravel(), middle[:, j], len(count)) for j in range(3)], axis=1)
@@ -170,6 +171,11 @@ class Net:
         on = np.flatnonzero(has.any(axis=1))
         far, _ = self.off(self.points[on], self.weight[on], has[on])
         return np.asarray(far < _ON * self.scale[on])
+
+
+def slope_across(width: float) -> float:
+    """Of s_a - s_b (1/m) where a step from -1 to 1 is blurred by a Gaussian of standard deviation `width` (m)."""
+    return float(2 / (np.sqrt(2 * np.pi) * width))
 
 
 def volumes(points: Points, tets: np.ndarray) -> np.ndarray:

