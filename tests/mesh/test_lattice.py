@@ -12,6 +12,7 @@ from ngbrain.image.volume import Volume
 from ngbrain.mesh.guard import ANGLE, RATIO, guarded, worst_cosines
 from ngbrain.mesh.indicators import Indicators
 from ngbrain.mesh.lattice import lattice
+from ngbrain.mesh.net import FACES, Net, scales
 from ngbrain.mesh.octree import body_centred
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.shares import Shares
@@ -290,6 +291,14 @@ def test_moves_are_held_back_where_they_would_flatten():
     assert (moved[arrived] == wild[arrived]).all() and 0.02 < arrived.mean() < 0.9
     still, arrived = guarded(points, tets, points + 1e-3 * (wild - points))
     assert arrived.all() and (still != points).all()
+
+
+def test_the_rim_of_a_lattice_that_is_all_inside_is_its_boundary():
+    shares = Shares.of(Indicators.of(phantom(nested)))
+    points, tets = body_centred(np.zeros(3), np.full(3, 4 * MM), uniform(2), 2 * MM, lambda x: np.ones(len(x), bool))
+    net = Net(points, tets, shares, MM, scales(points, tets))
+    t, k, other = net.facing(np.ones(len(tets), int))
+    assert (other == 0).all() and characteristic(tets[t[:, None], FACES[k]]) == 2
 
 
 def test_shares_are_those_of_the_indicators():
