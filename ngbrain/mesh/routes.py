@@ -15,7 +15,23 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.image import labelmap, volume
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.io.cache import kept
-from ngbrain.mesh import elements, from_labels, grading, hull, improve, levelset, quality, surfaces
+from ngbrain.mesh import (
+    elements,
+    from_labels,
+    grading,
+    guard,
+    hull,
+    improve,
+    indicators,
+    lattice,
+    levelset,
+    net,
+    octree,
+    quality,
+    shares,
+    snapping,
+    surfaces,
+)
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.quality import Quality, volumes_ml
@@ -24,15 +40,33 @@ from ngbrain.mesh.surfaces import Sizes
 
 @dataclass(frozen=True)
 class Route:
-    """A way from labels to a mesh: the function, the size (m) it takes by itself, the source files that decide its result."""
+    """A way from labels to a mesh.
+
+    make      labels and sizes → mesh
+    size      that it takes by itself (m)
+    left_out  what its mesh does not show, in words
+    modules   source files that decide its result
+    """
 
     make: Callable[[LabelMap, Sizes], Elements]
     size: float
+    left_out: str
     modules: tuple[ModuleType, ...]
 
 
 ROUTES: Mapping[str, Route] = {
-    "hull": Route(hull.hull, 5e-3, (hull, from_labels, improve, levelset, surfaces, quality)),
+    "hull": Route(
+        hull.hull,
+        5e-3,
+        "sulci, and surfaces between tissues: inside the hull a point takes the tissue of the label there",
+        (hull, from_labels, improve, levelset, surfaces, quality),
+    ),
+    "lattice": Route(
+        lambda labels, size: lattice.lattice(labels, size).elements,
+        4e-3,
+        "folds and films thinner than elements",
+        (lattice, guard, indicators, net, octree, shares, snapping),
+    ),
 }
 
 

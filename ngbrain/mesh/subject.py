@@ -22,12 +22,7 @@ from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.routes import described, meshed
-
-LEFT_OUT = {
-    "hull": "sulci, and surfaces between tissues: inside the hull a point takes the tissue of the label there",
-}
-"""By route, in words."""
+from ngbrain.mesh.routes import ROUTES, described, meshed
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +79,7 @@ def write_subject(
         "verb": "mesh",
         "source": subject.source,
         "route": route,
-        "left_out": LEFT_OUT[route],
+        "left_out": ROUTES[route].left_out,
         "labels": ", ".join(f"{i} {name}" for i, name in enumerate(subject.labels.regions, 1)),
         **described(made, subject.labels),
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
