@@ -15,7 +15,7 @@ def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.nd
     """The whole brain, sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
     In a brain-extracted scan (`check_extracted`) it is what differs from the background. In any other, `strip` finds it:
-    `ngbrain.image.strip.strip`, or what takes its place.
+    `ngbrain.image.strip.strip`, or what takes its place, such as those in `ngbrain.image.backends`.
 
     Raises:
         InputError: the field of view cuts the brain; less than 0.7 litres; or a picture of something else, see `strip`.
