@@ -13,6 +13,7 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 
 _ISLAND = 30  # voxels
+_HOLE = 1000  # voxels: what is closed in and larger is a cavity, as of a resection
 _ROUNDS = 5
 _FACES, _CORNERS = (ndimage.generate_binary_structure(3, rank) for rank in (1, 3))
 
@@ -89,11 +90,12 @@ class Tidying:
 
 
 def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
-    """The map without small islands and without holes to the outside, and what that changed.
+    """The map without small islands and holes, and what that changed.
 
     Pieces of a region (by faces) of less than `island` voxels take the label that most of their faces look at, the
-    outside only where there is no other; so does what is outside but closed in on all sides, however large. Again
-    until nothing changes, 5 times at most. Tunnels are counted, not closed: cortex and its folds have many at 1 mm.
+    outside only where there is no other. So do holes, which are outside but closed in on all sides and of less than
+    1000 voxels: a larger one is a cavity. Again until nothing changes, 5 times at most. Tunnels are counted, not closed:
+    cortex and its folds have many at 1 mm.
 
     >>> data = np.zeros((9, 9, 9), np.uint8)
     >>> data[1:8, 1:8, 1:8] = 1
@@ -140,9 +142,9 @@ def drown(labels: np.ndarray, label: int, island: int = _ISLAND, out: bool = Fal
 
 
 def _flood(labels: np.ndarray) -> None:
-    """What is outside and closed in takes the label that most of its faces look at."""
+    """What is outside and closed in, if it is small, takes the label that most of its faces look at."""
     pieces, count = ndimage.label(labels == 0, _CORNERS)
-    closed = np.ones(count + 1, bool)
+    closed = np.bincount(pieces.ravel(), minlength=count + 1) < _HOLE
     closed[[0, pieces[0, 0, 0]]] = False
     _outvoted(labels, pieces, closed, 0)
 

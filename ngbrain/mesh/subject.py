@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
 from ngbrain.image.tissues import tissues
+from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume, read_scan
 from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
@@ -59,6 +60,8 @@ def write_subject(
 ) -> tuple[dict[str, Any], Elements]:
     """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
 
+    Small islands and holes of the labels go first (`ngbrain.image.topology`); the labels written are those that were meshed.
+
     path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
 
     Returns the result and the mesh. Raises `InputError` for another suffix and what `meshed` raises.
@@ -66,22 +69,25 @@ def write_subject(
     path, started = Path(path), time.monotonic()
     stem = _stem(path)  # before the work, not after it
     path.parent.mkdir(parents=True, exist_ok=True)
-    made = meshed(subject.labels, route, size)
+    clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
+    made = meshed(clean, route, size)
     if path.name.endswith(".vtkhdf"):
         save(path, QuadraticGrid(made.mesh()), state={"route": route})
     else:
         write_mesh(path, made)
     labels = path.with_name(f"{stem}_labels.nii.gz")
-    write_nifti(labels, on_grid(_numbered(subject.labels), subject.affine, subject.shape))
-    points = landmarks(subject.labels)
+    write_nifti(labels, on_grid(clean.volume, subject.affine, subject.shape))
+    points = landmarks(clean)
     shown = np.array(size.site) if size and size.site else points["centre"]
     result = {
         "verb": "mesh",
         "source": subject.source,
         "route": route,
         "left_out": ROUTES[route].left_out,
-        "labels": ", ".join(f"{i} {name}" for i, name in enumerate(subject.labels.regions, 1)),
-        **described(made, subject.labels),
+        "labels": ", ".join(f"{i} {name}" for i, name in clean.names.items()),
+        "relabelled_voxels": tidying.moved,
+        "topology": {name: asdict(topology) for name, topology in tidying.after.items()},
+        **described(made, clean),
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),

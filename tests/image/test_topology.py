@@ -74,6 +74,14 @@ def test_islands_and_holes_go_and_all_else_stays():
     assert told.moved == 0 and again.volume.digest() == found.volume.digest()
 
 
+def test_a_hole_is_filled_and_a_cavity_stays():
+    for radius, left in ((4.0, 0), (7.0, 1)):  # 0.3 and 1.4 ml
+        data = ((RADIUS < 12) & (RADIUS >= radius)).astype(np.uint8)
+        found, told = tidied(LabelMap(Volume(data, MM), {1: "grey"}))
+        assert told.before["grey"].cavities == 1 and told.after["grey"].cavities == left
+        assert (told.moved == 0) == bool(left)
+
+
 def test_an_island_is_what_is_smaller_than_asked():
     for island, gone in ((8, False), (9, True)):
         data = np.where(RADIUS < 12, 1, 0).astype(np.uint8)
