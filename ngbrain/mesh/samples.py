@@ -16,7 +16,7 @@ APART = 0.8
 """Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
 CLEAR = 0.65
 """and samples inside at least this part of it away from those on interfaces."""
-FILM = 0.6e-3
+FILM = 0.72e-3
 """A film thinner than about twice this (m) is sampled as if it were one surface, a thicker one on both its sides."""
 
 
@@ -85,7 +85,7 @@ def inside(indicators: Indicators, size: Sizes, borders: Points, rng: np.random.
 
 
 def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
-    """Points thrown one into each of the cells of an octree of half a size."""
+    """Points thrown one into each of the cells of an octree of 0.7 sizes."""
     inside = np.argwhere(indicators.shares[0] < 0.5)
     low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
     low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]
@@ -93,7 +93,7 @@ def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Poi
     corners, found = low[None], []
     eighths = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     while len(corners):
-        large = side > 0.5 * size(corners + side / 2)
+        large = side > 0.7 * size(corners + side / 2)
         leaves = corners[~large]
         found.append(leaves + side * rng.random(leaves.shape))
         side /= 2
