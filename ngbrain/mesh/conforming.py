@@ -22,6 +22,10 @@ MOVES = 20
 """Rounds of moves after each of them,"""
 POLISHES = 8
 """and how often swaps and moves take turns in the last one at most."""
+FAVOUR = 0.1
+"""Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
+BALANCING = 6
+"""Rounds in which these are found."""
 GOAL = np.sin(np.radians(15))
 """Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
 SOUND = np.sin(np.radians(8))
@@ -60,10 +64,11 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     """
     _check(labels, size)
     indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
+    wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     borders = on_interfaces(indicators, size, rng)
     points = np.concatenate([borders, inside(indicators, size, borders, rng)])
     for _ in range(PASSES):
-        tets, region = _triangulated(points, indicators)
+        tets, region = _triangulated(points, indicators, wanted)
         points = _improved(_settled(points, tets, region, indicators), tets, region, indicators, rng)
     for _ in range(POLISHES):
         swaps = Reconnection(points, tets, region)
@@ -71,7 +76,6 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
             break
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, rng)
-    wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     points = matched(points, tets, region, wanted, size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
 
@@ -111,7 +115,7 @@ def _check(labels: LabelMap, size: Sizes) -> None:
         raise InputError("size", f"such that {count / 1e6:.0f} million elements are needed", "larger sizes")
 
 
-def _triangulated(points: Points, indicators: Indicators) -> tuple[np.ndarray, np.ndarray]:
+def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
     try:
         tets = Delaunay(points).simplices
@@ -120,7 +124,15 @@ def _triangulated(points: Points, indicators: Indicators) -> tuple[np.ndarray, n
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    region = sum(indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE).argmax(axis=1)  # type: ignore[union-attr]
+    shares = sum(indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE) / len(_INSIDE)
+    volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
+    favour = np.zeros(len(wanted) + 1)
+    for _ in range(BALANCING):
+        region = (shares + favour).argmax(axis=1)
+        got = np.bincount(region, volume, len(favour))[1:]
+        favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
+        favour = np.clip(favour, -FAVOUR, FAVOUR)
+    region = (shares + favour).argmax(axis=1)
     missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
     if missing:
         name = indicators.regions[min(missing) - 1]
