@@ -18,9 +18,13 @@ MOST = 20e6
 """Tetrahedra of a mesh that is refused, as it would not fit into memory."""
 PASSES = 3
 """Triangulations of ever better points, each labelled anew."""
-MOVES = 20
+OFF = 0.15
+"""Part of the element size by which points that stay off the interface that they border may miss it; others go."""
+MOVES = 8
 """Rounds of moves after each of them,"""
-POLISHES = 8
+LAST_MOVES = 20
+"""more after the last,"""
+POLISHES = 6
 """and how often swaps and moves take turns in the last one at most."""
 FAVOUR = 0.1
 """Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
@@ -65,17 +69,19 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     _check(labels, size)
     indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
     wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
-    borders = on_interfaces(indicators, size, rng)
-    points = np.concatenate([borders, inside(indicators, size, borders, rng)])
-    for _ in range(PASSES):
+    points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
+    for k in range(PASSES):
         tets, region = _triangulated(points, indicators, wanted)
-        points = _improved(_settled(points, tets, region, indicators), tets, region, indicators, rng)
+        points, off = _settled(points, tets, region, indicators)
+        points = _improved(points, tets, region, indicators, MOVES, rng)
+        if k < PASSES - 1:
+            points = points[off < OFF * size(points)]
     for _ in range(POLISHES):
         swaps = Reconnection(points, tets, region)
         if not swaps.improve(GOAL):
             break
         tets, region = swaps.arrays()
-        points = _improved(points, tets, region, indicators, rng)
+        points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
     points = matched(points, tets, region, wanted, size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
 
@@ -147,24 +153,36 @@ def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.nda
     return meeting
 
 
-def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> Points:
-    """Points with those between regions put where these meet, unless that turns a tetrahedron inside out."""
+def _settled(
+    points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators
+) -> tuple[Points, np.ndarray]:
+    """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
+
+    They have to where they would turn a tetrahedron inside out.
+    """
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
-    new = points.copy()
-    new[border] = indicators.onto(points[border], meeting[border], 2)
+    on = points.copy()
+    on[border] = indicators.onto(points[border], meeting[border], 2)
     floor = np.minimum(FLATTEST, shapes(points[tets]))
+    new = on.copy()
     while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
         stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]
         if not len(stuck):
             break
         new[stuck] = points[stuck]
-    return new
+    return new, np.linalg.norm(new - on, axis=1)
 
 
 def _improved(
-    points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators, rng: np.random.Generator
+    points: Points,
+    tets: np.ndarray,
+    region: np.ndarray,
+    indicators: Indicators,
+    moves: int,
+    rng: np.random.Generator,
 ) -> Points:
+    """Points moved so that bad tetrahedra get better, those between regions along their interfaces."""
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
 
@@ -173,4 +191,4 @@ def _improved(
         placed[on] = indicators.onto(wanted[on], meeting[vertices[on]], 1)
         return placed
 
-    return improved(points, tets, region > 0, place, GOAL, MOVES, rng)
+    return improved(points, tets, region > 0, place, GOAL, moves, rng)

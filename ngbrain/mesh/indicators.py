@@ -12,6 +12,8 @@ from ngbrain.image.labelmap import LabelMap
 Points = np.ndarray
 SMOOTHING = 0.75e-3
 """Standard deviation (m) of the Gaussian that rounds the voxels' steps."""
+FAR = 5e-3
+"""Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class Indicators:
         return self(points).argmax(axis=1)
 
     def distance(self, points: Points, a: int, b: int) -> np.ndarray:
-        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b."""
+        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b, at most `FAR`."""
         at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
         phi = self.shares[a] - self.shares[b]
 
@@ -60,7 +62,7 @@ class Indicators:
         steps = 0.5 * np.eye(3)
         slopes = np.stack([value(at + e[:, None]) - value(at - e[:, None]) for e in steps])
         gradient = np.linalg.norm(np.linalg.solve(self.affine[:3, :3].T, slopes), axis=0)
-        return np.abs(value(at)) / np.maximum(gradient, 1e-12)
+        return np.minimum(np.abs(value(at)) / np.maximum(gradient, 1e-12), FAR)
 
     def slopes(self, points: Points) -> np.ndarray:
         """∇s (n, regions + 1, 3) in 1/m, by differences over half a voxel to each side."""

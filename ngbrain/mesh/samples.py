@@ -15,7 +15,9 @@ Sizes = Callable[[Points], np.ndarray]
 APART = 0.8
 """Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
 CLEAR = 0.65
-"""and samples inside at least this part of it away from those on interfaces."""
+"""and samples inside at least this part of it away from interfaces."""
+AROUND = 1.5
+"""Outside samples are within this part of it of the surface."""
 FILM = 0.72e-3
 """A film thinner than about twice this (m) is sampled as if it were one surface, a thicker one on both its sides."""
 
@@ -68,11 +70,15 @@ def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator)
     return points[chosen]
 
 
-def inside(indicators: Indicators, size: Sizes, borders: Points, rng: np.random.Generator) -> Points:
-    """Samples (n, 3) inside the regions, `APART` sizes from one another and `CLEAR` from those on the borders."""
+def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
+    """Samples (n, 3) inside the regions, `APART` sizes from one another and `CLEAR` from all of the interfaces.
+
+    And outside, within `AROUND` sizes of the surface, so that nothing is bridged where the surface is hollow.
+    """
     candidates = _darts(indicators, size, rng)
     h = size(candidates)
-    free = (cKDTree(borders).query(candidates)[0] > CLEAR * h) & (indicators.region(candidates) > 0)
+    away = cKDTree(where_regions_meet(indicators)[0]).query(candidates)[0]
+    free = (away > CLEAR * h) & ((away < AROUND * h) | (indicators.region(candidates) > 0))
     candidates, h = candidates[free], h[free]
     tree = cKDTree(candidates)
     taken = np.zeros(len(candidates), bool)
