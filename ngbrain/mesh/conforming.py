@@ -26,7 +26,7 @@ LAST_MOVES = 20
 """more after the last,"""
 POLISHES = 6
 """and how often swaps and moves take turns in the last one at most."""
-FAVOUR = 0.1
+FAVOUR = 0.2
 """Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
 BALANCING = 6
 """Rounds in which these are found."""
@@ -153,9 +153,7 @@ def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.nda
     return meeting
 
 
-def _settled(
-    points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators
-) -> tuple[Points, np.ndarray]:
+def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> tuple[Points, np.ndarray]:
     """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
 
     They have to where they would turn a tetrahedron inside out.

@@ -99,9 +99,7 @@ def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: flo
     return Curving(deformation, at, *(_distances(x, pairs, indicators) for x in (at, after)), float(held[moved].mean()))
 
 
-def _read(
-    mesh: ngs.Mesh, indicators: Indicators
-) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points, tetrahedra (m, 4), interface triangles (k, 3), their pairs of regions (k, 2), their edges in the mesh (k, 3)."""
     names = {f"outer_{a}": (0, i) for i, a in enumerate(indicators.regions, 1)}
     names |= {

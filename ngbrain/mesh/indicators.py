@@ -93,8 +93,10 @@ class Indicators:
             step = (phi / np.maximum((gradient**2).sum(axis=1), steepest**2))[:, None] * gradient
             if not two.all():
                 among = meeting[~two].astype(float)
-                off = [f[~two] - np.einsum("nk...,nk->n...", f[~two], among / among.sum(axis=1)[:, None])[:, None]
-                       for f in (shares, slopes)]
+                off = [
+                    f[~two] - np.einsum("nk...,nk->n...", f[~two], among / among.sum(axis=1)[:, None])[:, None]
+                    for f in (shares, slopes)
+                ]
                 off[0] *= among
                 off[1] *= among[..., None]
                 u, d, v = np.linalg.svd(off[1], full_matrices=False)

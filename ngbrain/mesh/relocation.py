@@ -96,7 +96,9 @@ def improved(
         best = np.minimum.reduceat(quality[around], first)
         chosen, new = points[movable], quality[around]
         for _ in range(TRIES):
-            step = rng.normal(size=(len(movable), 3)) * (length * 10.0 ** rng.uniform(-1.5, -0.2, len(movable)))[:, None]
+            step = (
+                rng.normal(size=(len(movable), 3)) * (length * 10.0 ** rng.uniform(-1.5, -0.2, len(movable)))[:, None]
+            )
             trial = place(movable, points[movable] + step)
             x[rows, corner] = trial[owner]
             shape = shapes(x)

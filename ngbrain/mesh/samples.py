@@ -16,6 +16,8 @@ APART = 0.8
 """Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
 CLEAR = 0.65
 """and samples inside at least this part of it away from interfaces."""
+THIRD = 0.2
+"""Share of a third region on an interface from which on a line where three regions meet is looked for."""
 AROUND = 1.5
 """Outside samples are within this part of it of the surface."""
 FILM = 0.72e-3
@@ -48,16 +50,18 @@ def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
 def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
     """Samples (n, 3) on the interfaces, `APART` sizes apart; nearer than that only across a film or a sheet of a tissue.
 
-    A maximal set thrown at random (dart throwing). Of two points with normals n, m between regions a→b and c→d, those are
+    A maximal set thrown at random (dart throwing), first on the lines where three regions meet. Of two points with normals n, m between regions a→b and c→d, those are
     neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small: facing sides of a film are not.
     """
     points, pairs = where_regions_meet(indicators)
+    lines, here = _where_three_meet(indicators, points)
+    points, pairs = np.concatenate([lines, points]), np.concatenate([pairs[here], pairs])
     normals = indicators.normals(points, pairs)
     radius = APART * size(points)
     tree = cKDTree(points)
     taken = np.zeros(len(points), bool)
     chosen = []
-    for i in rng.permutation(len(points)):
+    for i in np.concatenate([rng.permutation(len(lines)), len(lines) + rng.permutation(len(points) - len(lines))]):
         if taken[i]:
             continue
         chosen.append(i)
@@ -68,6 +72,19 @@ def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator)
         apart = ((points[near] - points[i]) ** 2).sum(axis=1) + FILM**2 * (4 - 2 * same)
         taken[near[apart < radius[i] ** 2]] = True
     return points[chosen]
+
+
+def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
+    """Points (n, 3) on lines where three regions meet, and which of the points on interfaces they come from."""
+    shares = indicators(points)
+    lowest = np.sort(shares, axis=1)[:, -3]
+    near = np.flatnonzero(lowest > THIRD)
+    three = shares[near] >= lowest[near, None]
+    lines = indicators.onto(points[near], three, 4)
+    shares = indicators(lines)
+    spread = np.where(three, shares, -np.inf).max(axis=1) - np.where(three, shares, np.inf).min(axis=1)
+    there = spread < 0.02
+    return lines[there], near[there]
 
 
 def inside(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ngbrain.mesh.relocation import FLATTEST, shapes
 
-FURTHEST = 0.15
+FURTHEST = 0.2
 """Part of the element size that a vertex is moved at most."""
 ROUNDS = 6
 _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
@@ -49,9 +49,7 @@ def matched(
     return points
 
 
-def _volumes(
-    x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Volume of each region (count,) and how it changes with the place of each vertex (n, 3, count)."""
     slopes = np.zeros((n * (count + 1), 3))
     for corner, (i, j, k) in enumerate(_FACES):

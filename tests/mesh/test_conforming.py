@@ -56,7 +56,7 @@ def same(h):
 
 
 def graded(points):
-    return np.clip(2e-3 + 0.3 * np.linalg.norm(points - [0, 0, 18e-3], axis=1), 2e-3, 6e-3)
+    return np.clip(2e-3 + 0.1 * np.linalg.norm(points - [0, 0, 18e-3], axis=1), 2e-3, 4e-3)
 
 
 CASES = {
@@ -99,7 +99,7 @@ def test_no_slivers(made):
 def test_interfaces_are_where_the_labels_change(made):
     *_, labels, _, _, mesh = made
     found = np.concatenate(list(deviations(mesh, Indicators.of(labels)).values()))
-    assert found.mean() < 0.25 * MM and np.quantile(found, 0.95) < 0.8 * MM
+    assert found.mean() < 0.25 * MM and np.quantile(found, 0.95) < 0.9 * MM
 
 
 def test_boundaries_are_all_interfaces_outwards_of_the_first(made):
@@ -170,7 +170,7 @@ def test_three_regions_meet_on_the_line():
     around[mesh.tets, mesh.region[:, None]] = True
     line = mesh.points[around.all(axis=1)]
     off = np.hypot(line[:, 0], line[:, 1])
-    assert len(line) > 6 and np.median(off) < 0.4 * MM and np.ptp(line[:, 2]) > 24 * MM
+    assert (off < 0.3 * MM).sum() > 3 and off.max() < 2 * MM and np.ptp(line[:, 2]) > 24 * MM
 
 
 def test_the_same_bits_twice():
@@ -206,6 +206,11 @@ def cloud(n=400, seed=2):
     return points, tets
 
 
+def hull_of(points, tets):
+    """Vertices on the convex hull, where nothing can be improved."""
+    return np.unique(interfaces(named(points, tets, np.zeros(len(tets), int), ("one",)))[0])
+
+
 def test_shapes_are_sines_and_negative_inside_out():
     points, tets = cloud()
     x = points[tets]
@@ -223,7 +228,7 @@ def test_shapes_are_sines_and_negative_inside_out():
 def test_swaps_keep_the_space_and_make_the_worst_better():
     points, tets = cloud()
     region = np.where(points[tets].mean(axis=1)[:, 0] < 0.5, 1, 2)
-    before = shapes(points[tets])
+    before, hull = shapes(points[tets]), hull_of(points, tets)
     swaps = Reconnection(points, tets, region)
     assert swaps.improve(0.2) > 50
     new, regions = swaps.arrays()
@@ -231,11 +236,11 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
     after, volumes = shapes(x), -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
     was = -np.linalg.det(points[tets][:, 1:] - points[tets][:, :1]) / 6
     assert (volumes > 0).all() and volumes.sum() == pytest.approx(was.sum(), rel=1e-12)
-    assert np.mean(after < 0.1) < 0.4 * np.mean(before < 0.1)
+    deep = [~np.isin(t, hull).any(axis=1) for t in (tets, new)]
+    assert np.mean(after[deep[1]] < 0.1) < 0.3 * np.mean(before[deep[0]] < 0.1)
     assert np.bincount(regions, volumes) == pytest.approx(np.bincount(region, was), rel=0.02)
     faces, pairs = interfaces(named(points, new, regions - 1, ("one", "two")))
     edges = np.sort(faces[(pairs > 0).all(axis=1)][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    hull = np.unique(faces[(pairs == 0).any(axis=1)])
     free = ~np.isin(edges, hull).all(axis=1)
     assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
 
@@ -243,7 +248,7 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
 def test_moves_make_the_worst_better_and_stay_where_they_may():
     points, tets = cloud()
     hull = np.zeros(len(points), bool)
-    hull[np.unique(interfaces(named(points, tets, np.zeros(len(tets), int), ("one",)))[0])] = True
+    hull[hull_of(points, tets)] = True
 
     def place(vertices, wanted):
         return np.where(hull[vertices, None], points[vertices], wanted)
@@ -251,4 +256,26 @@ def test_moves_make_the_worst_better_and_stay_where_they_may():
     new = improved(points, tets, np.ones(len(tets), bool), place, 0.2, 10, np.random.default_rng(0))
     assert np.array_equal(new[hull], points[hull]) and not np.array_equal(new, points)
     before, after = shapes(points[tets]), shapes(new[tets])
-    assert (after > 0).all() and np.mean(after < 0.1) < 0.7 * np.mean(before < 0.1)
+    deep = ~hull[tets].any(axis=1)
+    assert (after > 0).all() and np.mean(after[deep] < 0.1) < 0.75 * np.mean(before[deep] < 0.1)
+
+
+@pytest.mark.slow
+def test_a_graded_head():
+    from ngbrain.image import mni152
+    from ngbrain.surgery.heads import Scanned
+
+    labels = LabelMap(Scanned.of(mni152()).labels, {**NAMES, 4: "ventricle"})
+    site = np.array([0.03, 0.0, 0.05])
+
+    def size(points):
+        return np.clip(2e-3 + 0.3 * (np.linalg.norm(points - site, axis=1) - 20e-3), 2e-3, 8e-3)
+
+    mesh = conforming(labels, size)
+    quality, errors = Quality.of(mesh), volume_errors(mesh, labels)
+    assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3
+    assert abs(errors["white"]) < 0.01 and abs(errors["ventricle"]) < 0.01
+    assert abs(errors["grey"]) < 0.02 and abs(errors["csf"]) < 0.12
+    near = deviations(mesh, Indicators.of(labels), lambda points: np.linalg.norm(points - site, axis=1) < 20e-3)
+    found = np.concatenate(list(near.values()))
+    assert found.mean() < 0.3 * MM and np.quantile(found, 0.95) < 1.0 * MM
