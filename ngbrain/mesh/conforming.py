@@ -62,7 +62,8 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
 
     >>> from ngbrain.image.volume import Volume
     >>> ball = np.linalg.norm(np.indices((13, 13, 13)) - 6, axis=0) < 5
-    >>> mesh = conforming(LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "gel"}), lambda x: 0 * x[:, 0] + 3e-3)
+    >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "gel"})
+    >>> mesh = conforming(labels, lambda points: np.full(len(points), 3e-3))
     >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), round(mesh.volumes().sum() / ball.sum() / 1e-9, 2)
     (('outer_gel',), True, 1.0)
     """
@@ -70,11 +71,11 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
     wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
-    for k in range(PASSES):
+    for turn in range(PASSES):
         tets, region = _triangulated(points, indicators, wanted)
         points, off = _settled(points, tets, region, indicators)
         points = _improved(points, tets, region, indicators, MOVES, rng)
-        if k < PASSES - 1:
+        if turn < PASSES - 1:
             points = points[off < OFF * size(points)]
     for _ in range(POLISHES):
         swaps = Reconnection(points, tets, region)

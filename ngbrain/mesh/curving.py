@@ -95,8 +95,9 @@ def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: flo
         if order == 2:
             values[len(points) + edges] = bow[between, k] / _BUBBLE
     mesh.SetDeformation(deformation)
-    at, after = (np.einsum("pn,tnd->tpd", _BASIS, x[six]).reshape(-1, 3) for x in (straight, straight + shift))
-    return Curving(deformation, at, *(_distances(x, pairs, indicators) for x in (at, after)), float(held[moved].mean()))
+    at, there = (np.einsum("pn,tnd->tpd", _BASIS, x[six]).reshape(-1, 3) for x in (straight, straight + shift))
+    before, after = _distances(at, pairs, indicators), _distances(there, pairs, indicators)
+    return Curving(deformation, at, before, after, float(held[moved].mean()))
 
 
 def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -6,12 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from ngbrain.mesh.relocation import Stars, shapes
+from ngbrain.mesh.relocation import FLATTEST, Stars, shapes
 
 LARGEST = 7
 """Most tetrahedra around an edge that is removed: of more, the others get worse."""
-FLATTEST = 1e-4
-"""Shape that tetrahedra outside have to keep."""
 
 
 class Reconnection:

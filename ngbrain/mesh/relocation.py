@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 Points = np.ndarray
+TRIES = 6
+"""Steps of a vertex of which the best is taken."""
+FLATTEST = 1e-4
+"""Shape that tetrahedra outside have to keep: they only must not turn inside out."""
 _EDGES = ((0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), (2, 3, 0, 1))
 """Of each edge its corners, and the corners opposite to the two faces that it lies between."""
 
@@ -82,7 +86,7 @@ def improved(
     points = points.copy()
     stars = Stars.of(tets, len(points))
     quality = np.where(kept, shapes(points[tets]), np.inf)
-    for k in range(rounds):
+    for _ in range(rounds):
         bad = np.flatnonzero(quality < goal)
         if not len(bad):
             break
@@ -111,10 +115,6 @@ def improved(
         points[movable] = chosen
         quality[around] = new
     return points
-
-
-TRIES = 6
-FLATTEST = 1e-4
 
 
 def _apart(

@@ -50,7 +50,8 @@ def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
 def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Points:
     """Samples (n, 3) on the interfaces, `APART` sizes apart; nearer than that only across a film or a sheet of a tissue.
 
-    A maximal set thrown at random (dart throwing), first on the lines where three regions meet. Of two points with normals n, m between regions a→b and c→d, those are
+    A maximal set thrown at random (dart throwing), first on the lines where three regions meet.
+    Of two points with normals n, m between regions a→b and c→d, those are
     neighbours for which |x - y|² + FILM² |n⊗(e_b - e_a) - m⊗(e_d - e_c)|² is small: facing sides of a film are not.
     """
     points, pairs = where_regions_meet(indicators)

@@ -104,7 +104,7 @@ def test_interfaces_are_where_the_labels_change(made):
 
 def test_boundaries_are_all_interfaces_outwards_of_the_first(made):
     *_, mesh = made
-    triangles, pairs = interfaces(mesh)
+    triangles, _ = interfaces(mesh)
     ours, theirs = (set(map(tuple, np.sort(t, axis=1).tolist())) for t in (mesh.triangles, triangles))
     assert ours == theirs and len(mesh.triangles) == len(triangles)
     for number, region in enumerate(mesh.regions):

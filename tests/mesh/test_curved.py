@@ -10,7 +10,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.mesh import Sizes, cleft_to, idealised_head, shapes
-from ngbrain.mesh.curved import _EDGES, LOWEST, determinants, curve
+from ngbrain.mesh.curved import _EDGES, LOWEST, curve, determinants
 
 # Vertices, points of the edges (their middles too), of the faces and inside, for NGSolve's own map.
 LATTICE = [p for p in np.ndindex(7, 7, 7) if sum(p) <= 6]
