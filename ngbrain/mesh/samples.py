@@ -78,6 +78,8 @@ def on_interfaces(indicators: Indicators, size: Sizes, rng: np.random.Generator)
 def _where_three_meet(indicators: Indicators, points: Points) -> tuple[Points, np.ndarray]:
     """Points (n, 3) on lines where three regions meet, and which of the points on interfaces they come from."""
     shares = indicators(points)
+    if shares.shape[1] < 3:
+        return np.zeros((0, 3)), np.zeros(0, int)
     lowest = np.sort(shares, axis=1)[:, -3]
     near = np.flatnonzero(lowest > THIRD)
     three = shares[near] >= lowest[near, None]
