@@ -64,7 +64,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     >>> ball = np.linalg.norm(np.indices((13, 13, 13)) - 6, axis=0) < 5
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "gel"})
     >>> mesh = conforming(labels, lambda points: np.full(len(points), 3e-3))
-    >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), round(mesh.volumes().sum() / ball.sum() / 1e-9, 2)
+    >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), float(round(mesh.volumes().sum() / ball.sum() / 1e-9, 2))
     (('outer_gel',), True, 1.0)
     """
     _check(labels, size)
