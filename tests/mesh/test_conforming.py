@@ -97,9 +97,9 @@ def test_no_slivers(made):
 
 
 def test_interfaces_are_where_the_labels_change(made):
-    *_, labels, _, _, mesh = made
+    name, labels, _, _, mesh = made
     found = np.concatenate(list(deviations(mesh, Indicators.of(labels)).values()))
-    assert found.mean() < 0.25 * MM and np.quantile(found, 0.95) < 0.9 * MM
+    assert found.mean() < 0.25 * MM and np.quantile(found, 0.95) < (0.9 if name == "sectors" else 0.5) * MM
 
 
 def test_boundaries_are_all_interfaces_outwards_of_the_first(made):
@@ -243,6 +243,19 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
     edges = np.sort(faces[(pairs > 0).all(axis=1)][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
     free = ~np.isin(edges, hull).all(axis=1)
     assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
+
+
+def test_a_face_is_swapped_inside_a_region_only():
+    corners = [[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * np.arange(3)]
+    points = np.array([*corners, [0, 0, 0.25], [0, 0, -0.25]])
+    tets = np.array([[0, 2, 1, 3], [0, 1, 2, 4]])
+    if shapes(points[tets])[0] < 0:
+        tets = tets[:, [0, 2, 1, 3]]
+    assert (shapes(points[tets]) > 0).all()
+    for region, count in (([1, 1], 3), ([1, 2], 2)):
+        swaps = Reconnection(points, tets, np.array(region))
+        assert swaps.improve(0.8) == count - 2 and len(swaps.arrays()[0]) == count
+        assert (shapes(points[swaps.arrays()[0]]) > 0).all()
 
 
 def test_moves_make_the_worst_better_and_stay_where_they_may():
