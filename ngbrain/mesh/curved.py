@@ -39,11 +39,11 @@ def curve(mesh: meshing.Mesh) -> int:
     kept[np.abs(bow).max(axis=1) < 1e-9 * np.ptp(straight, axis=0).max()] = 0  # straight, but for rounding
     bowed = kept > 0
     suspects = nodes[bowed[nodes].any(axis=1)]
-    while len(folded := suspects[_folds(_determinants(points[suspects]))]):
+    while len(folded := suspects[folds(determinants(points[suspects]))]):
         trials = np.repeat(points[folded][None], 6, axis=0)
         for k in range(6):
             trials[k, :, 4 + k] -= STEP * bow[folded[:, 4 + k]]
-        gain = _determinants(trials.reshape(-1, 10, 3)).min(axis=1).reshape(6, -1).T
+        gain = determinants(trials.reshape(-1, 10, 3)).min(axis=1).reshape(6, -1).T
         gain[kept[folded[:, 4:]] == 0] = -np.inf
         pulled = np.unique(folded[np.arange(len(folded)), 4 + gain.argmax(axis=1)])
         kept[pulled] -= STEP
@@ -52,7 +52,7 @@ def curve(mesh: meshing.Mesh) -> int:
     return int(np.sum(bowed & (kept < 1)))
 
 
-def _determinants(elements: np.ndarray) -> np.ndarray:
+def determinants(elements: np.ndarray) -> np.ndarray:
     """Bernstein coefficients (n, 20) of the Jacobian determinant, a cubic polynomial, of ten-node tetrahedra (n, 10, 3).
 
     The determinant lies between the least and the largest of them everywhere, so that no fold goes unseen.
@@ -61,7 +61,8 @@ def _determinants(elements: np.ndarray) -> np.ndarray:
     return -np.linalg.det(jacobians) @ _COEFFICIENTS.T
 
 
-def _folds(coefficients: np.ndarray) -> np.ndarray:
+def folds(coefficients: np.ndarray) -> np.ndarray:
+    """Which elements (n,) fold, or nearly do, by what `determinants` says of them."""
     return ~(coefficients.min(axis=1) > LOWEST * coefficients.max(axis=1))
 
 

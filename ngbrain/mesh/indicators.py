@@ -12,6 +12,8 @@ from ngbrain.image.labelmap import LabelMap
 Points = np.ndarray
 SMOOTHING = 0.75e-3
 """Standard deviation (m) of the Gaussian that rounds the voxels' steps."""
+FAR = 5e-3
+"""Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ class Indicators:
         return self(points).argmax(axis=1)
 
     def distance(self, points: Points, a: int, b: int) -> np.ndarray:
-        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b."""
+        """First-order distance (n,) in m from where regions a and b meet: |φ|/|∇φ| with φ = s_a - s_b, at most `FAR`."""
         at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
         phi = self.shares[a] - self.shares[b]
 
@@ -60,4 +62,46 @@ class Indicators:
         steps = 0.5 * np.eye(3)
         slopes = np.stack([value(at + e[:, None]) - value(at - e[:, None]) for e in steps])
         gradient = np.linalg.norm(np.linalg.solve(self.affine[:3, :3].T, slopes), axis=0)
-        return np.abs(value(at)) / np.maximum(gradient, 1e-12)
+        return np.minimum(np.abs(value(at)) / np.maximum(gradient, 1e-12), FAR)
+
+    def slopes(self, points: Points) -> np.ndarray:
+        """∇s (n, regions + 1, 3) in 1/m, by differences over half a voxel to each side."""
+        steps = 0.5 * self.affine[:3, :3].T
+        differences = np.stack([self(points + e) - self(points - e) for e in steps], axis=2)
+        return np.asarray(differences @ np.linalg.inv(self.affine[:3, :3]))
+
+    def normals(self, points: Points, pairs: np.ndarray) -> np.ndarray:
+        """Unit vectors (n, 3) from the first region of each pair (n, 2) to the second, where the two meet."""
+        slopes, rows = self.slopes(points), np.arange(len(points))
+        gradient = slopes[rows, pairs[:, 1]] - slopes[rows, pairs[:, 0]]
+        return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)[:, None])
+
+    def onto(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
+        """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.
+
+        The shortest Newton steps, of at most a voxel each; a condition that hardly changes in space is left alone.
+        """
+        points = np.array(points, float)
+        two, rows = meeting.sum(axis=1) == 2, np.arange(len(points))
+        first = meeting.argmax(axis=1)
+        last = meeting.shape[1] - 1 - meeting[:, ::-1].argmax(axis=1)
+        longest, steepest = np.linalg.norm(self.affine[:3, :3], axis=0).min(), 0.1 / np.linalg.norm(self.affine[:3, 0])
+        for _ in range(steps):
+            shares, slopes = self(points), self.slopes(points)
+            phi = shares[rows, last] - shares[rows, first]
+            gradient = slopes[rows, last] - slopes[rows, first]
+            step = (phi / np.maximum((gradient**2).sum(axis=1), steepest**2))[:, None] * gradient
+            if not two.all():
+                among = meeting[~two].astype(float)
+                off = [
+                    f[~two] - np.einsum("nk...,nk->n...", f[~two], among / among.sum(axis=1)[:, None])[:, None]
+                    for f in (shares, slopes)
+                ]
+                off[0] *= among
+                off[1] *= among[..., None]
+                u, d, v = np.linalg.svd(off[1], full_matrices=False)
+                inverse = np.where(d > 2 * steepest, 1 / np.maximum(d, steepest), 0)
+                step[~two] = np.einsum("nji,nj,nkj,nk->ni", v, inverse, u, off[0])
+            length = np.linalg.norm(step, axis=1)
+            points -= step * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
+        return points

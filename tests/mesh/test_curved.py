@@ -10,7 +10,7 @@ import pytest
 from ngbrain.errors import InputError
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.mesh import Sizes, cleft_to, idealised_head, shapes
-from ngbrain.mesh.curved import _EDGES, LOWEST, _determinants, curve
+from ngbrain.mesh.curved import _EDGES, LOWEST, curve, determinants
 
 # Vertices, points of the edges (their middles too), of the faces and inside, for NGSolve's own map.
 LATTICE = [p for p in np.ndindex(7, 7, 7) if sum(p) <= 6]
@@ -106,7 +106,7 @@ def test_coefficients_bound_the_determinant(rng):
     corners = np.vstack([np.eye(3), np.zeros((1, 3))])
     straight = np.vstack([corners, corners[_EDGES].mean(axis=1)])
     elements = straight + 0.1 * rng.standard_normal((50, 10, 3))
-    coefficients = _determinants(elements)
+    coefficients = determinants(elements)
     for at in np.vstack([np.eye(4), rng.dirichlet(np.ones(4), 200)]):
         slopes = np.zeros((10, 4))
         slopes[range(4), range(4)] = 4 * at - 1

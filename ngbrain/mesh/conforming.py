@@ -1,0 +1,193 @@
+"""Tetrahedra of tissues that conform where tissues meet, straight from a map of labels, as fine as a size field asks."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from ngbrain.errors import InputError
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.indicators import SMOOTHING, Indicators, Points
+from ngbrain.mesh.reconnection import Reconnection
+from ngbrain.mesh.relocation import FLATTEST, improved, shapes
+from ngbrain.mesh.samples import Sizes, inside, on_interfaces
+from ngbrain.mesh.volumes import matched
+
+MOST = 20e6
+"""Tetrahedra of a mesh that is refused, as it would not fit into memory."""
+PASSES = 3
+"""Triangulations of ever better points, each labelled anew."""
+OFF = 0.15
+"""Part of the element size by which points that stay off the interface that they border may miss it; others go."""
+MOVES = 8
+"""Rounds of moves after each of them,"""
+LAST_MOVES = 20
+"""more after the last,"""
+POLISHES = 6
+"""and how often swaps and moves take turns in the last one at most."""
+FAVOUR = 0.2
+"""Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
+BALANCING = 6
+"""Rounds in which these are found."""
+GOAL = np.sin(np.radians(15))
+"""Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
+SOUND = np.sin(np.radians(8))
+"""What matching volumes may make of good ones."""
+
+_INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
+"""Barycentric coordinates at which a tetrahedron asks for its region."""
+
+
+def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed: int = 0) -> Elements:
+    """Tetrahedra of every region of a map of labels, which meet in common triangles; the same bits every time.
+
+    Samples on the interfaces of the labels' smoothed indicators and inside the regions; their Delaunay tetrahedra, each
+    in the region of the largest share in it (a restricted Delaunay triangulation of many materials, as of Boltcheva,
+    Yvinec & Boissonnat 2009, 10.1111/j.1467-8659.2009.01521.x). Vertices are put where the regions around them meet,
+    and all is triangulated again, so that tetrahedra and interfaces settle. Last, moves of single vertices and swaps of
+    edges and faces take turns on the worst tetrahedra (Freitag & Ollivier-Gooch 1997), and interfaces move by a small
+    part of the element size so that regions have the volumes of their voxels. What is thinner than elements is lost to
+    what is around it.
+
+    labels     regions on voxels
+    size       points (n, 3) m → wanted lengths of edges (n,) m; it should not change faster than about 0.3 of distance
+    smoothing  standard deviation (m) of the Gaussian that rounds the voxels' steps
+
+    Boundaries are `outer_<region>` on the outside and `<a>_<b>` between regions, in the order of `labels.regions`, with
+    triangles outwards of the first.
+
+    Raises `InputError` for labels without voxels, sizes that are not positive numbers, sizes that need more than
+    `MOST` tetrahedra, and sizes so large that a region has no tetrahedron.
+
+    >>> from ngbrain.image.volume import Volume
+    >>> ball = np.linalg.norm(np.indices((13, 13, 13)) - 6, axis=0) < 5
+    >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "gel"})
+    >>> mesh = conforming(labels, lambda points: np.full(len(points), 3e-3))
+    >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), float(round(mesh.volumes().sum() / ball.sum() / 1e-9, 2))
+    (('outer_gel',), True, 1.0)
+    """
+    _check(labels, size)
+    indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
+    wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
+    points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
+    for turn in range(PASSES):
+        tets, region = _triangulated(points, indicators, wanted)
+        points, off = _settled(points, tets, region, indicators)
+        points = _improved(points, tets, region, indicators, MOVES, rng)
+        if turn < PASSES - 1:
+            points = points[off < OFF * size(points)]
+    for _ in range(POLISHES):
+        swaps = Reconnection(points, tets, region)
+        if not swaps.improve(GOAL):
+            break
+        tets, region = swaps.arrays()
+        points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
+    points = matched(points, tets, region, wanted, size(points), SOUND)
+    return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
+
+
+def named(points: Points, tets: np.ndarray, region: np.ndarray, regions: tuple[str, ...]) -> Elements:
+    """Tetrahedra (m, 4) in regions (m,) from 0, with the boundaries and interfaces between them named as by `conforming`.
+
+    Points that no tetrahedron uses are left out.
+    """
+    used, tets = np.unique(tets, return_inverse=True)
+    tets = tets.reshape(-1, 4).astype(np.int32)
+    outwards = tets[:, [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]]].reshape(-1, 3)
+    owner = np.repeat(region, 4)
+    order = np.lexsort([owner, *np.sort(outwards, axis=1).T])  # of two, that of the lower region first
+    outwards, owner = outwards[order], owner[order]
+    same = (np.sort(outwards[1:], axis=1) == np.sort(outwards[:-1], axis=1)).all(axis=1)
+    first, twice = np.flatnonzero(np.r_[True, ~same]), np.r_[same, False]
+    a, b = owner[first], np.where(twice[first], owner[np.minimum(first + 1, len(owner) - 1)], -1)
+    first, a, b = (x[a != b] for x in (first, a, b))
+    pairs, number = np.unique(np.stack([b, a], axis=1), axis=0, return_inverse=True)
+    names = tuple(f"outer_{regions[j]}" if i < 0 else f"{regions[j]}_{regions[i]}" for i, j in pairs.tolist())
+    triangles = outwards[first]
+    return Elements(
+        points[used], tets, region.astype(np.int32), triangles, number.reshape(-1).astype(np.int32), regions, names
+    )
+
+
+def _check(labels: LabelMap, size: Sizes) -> None:
+    at = labels.volume.to_world(np.argwhere(labels.volume.data > 0))
+    if not len(at):
+        raise InputError("labels", "0 everywhere", "at least one region")
+    h = np.asarray(size(at))
+    if h.shape != (len(at),) or not (np.isfinite(h).all() and (h > 0).all()):
+        raise InputError("size", "not a positive number at every point", "a function points (n, 3) m -> sizes (n,) m")
+    count = 7.5 * labels.volume.voxel_volume * float((h**-3.0).sum())
+    if count > MOST:
+        raise InputError("size", f"such that {count / 1e6:.0f} million elements are needed", "larger sizes")
+
+
+def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
+    try:
+        tets = Delaunay(points).simplices
+    except (QhullError, ValueError) as error:
+        raise InputError("size", "such that there are too few points", "smaller sizes") from error
+    x = points[tets]
+    swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
+    tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
+    shares = sum(indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE) / len(_INSIDE)
+    volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
+    favour = np.zeros(len(wanted) + 1)
+    for _ in range(BALANCING):
+        region = (shares + favour).argmax(axis=1)
+        got = np.bincount(region, volume, len(favour))[1:]
+        favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
+        favour = np.clip(favour, -FAVOUR, FAVOUR)
+    region = (shares + favour).argmax(axis=1)
+    missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
+    if missing:
+        name = indicators.regions[min(missing) - 1]
+        raise InputError("size", f"so large that {name} has no element", "smaller sizes there")
+    return tets, region
+
+
+def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.ndarray:
+    """Which regions (n, count) there are around each vertex."""
+    meeting = np.zeros((n, count), bool)
+    meeting[tets, region[:, None]] = True
+    return meeting
+
+
+def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> tuple[Points, np.ndarray]:
+    """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
+
+    They have to where they would turn a tetrahedron inside out.
+    """
+    meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
+    border = meeting.sum(axis=1) > 1
+    on = points.copy()
+    on[border] = indicators.onto(points[border], meeting[border], 2)
+    floor = np.minimum(FLATTEST, shapes(points[tets]))
+    new = on.copy()
+    while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
+        stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]
+        if not len(stuck):
+            break
+        new[stuck] = points[stuck]
+    return new, np.linalg.norm(new - on, axis=1)
+
+
+def _improved(
+    points: Points,
+    tets: np.ndarray,
+    region: np.ndarray,
+    indicators: Indicators,
+    moves: int,
+    rng: np.random.Generator,
+) -> Points:
+    """Points moved so that bad tetrahedra get better, those between regions along their interfaces."""
+    meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
+    border = meeting.sum(axis=1) > 1
+
+    def place(vertices: np.ndarray, wanted: Points) -> Points:
+        placed, on = wanted.copy(), border[vertices]
+        placed[on] = indicators.onto(wanted[on], meeting[vertices[on]], 1)
+        return placed
+
+    return improved(points, tets, region > 0, place, GOAL, moves, rng)

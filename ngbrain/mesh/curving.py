@@ -1,0 +1,166 @@
+"""Meshes of tissues curved to where the labels say that tissues meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.mesh.curved import determinants, folds
+from ngbrain.mesh.indicators import Indicators, Points
+
+FURTHEST = 0.5e-3
+"""Distance (m) that a node is moved at most."""
+HALVINGS = 6
+"""of a node's move in an element that folds, before it stays where it is."""
+_BUBBLE = -0.125
+"""Value in the middle of an edge of NGSolve's second-order function of that edge."""
+_EDGES = list(combinations(range(4), 2))
+_AT = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6
+"""Barycentric coordinates of the points of a triangle at which its distance is measured,"""
+_BASIS = np.concatenate([_AT * (2 * _AT - 1), 4 * _AT[:, [0, 0, 1]] * _AT[:, [1, 2, 2]]], axis=1)
+"""and the functions there of its corners and of the middles of its edges 01, 02, 12."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curving:
+    """How a mesh was curved.
+
+    deformation  the displacement (m) that the mesh now has, `mesh.SetDeformation`'s
+    at           points (n, 3) m all over the straight interfaces
+    before       distance (n,) m there from where the labels' regions meet, to first order; huge where none do for some mm
+    after        the same, curved
+    held         share of the interfaces' nodes that were moved less than wanted, as an element would have folded
+    """
+
+    deformation: ngs.GridFunction
+    at: Points
+    before: np.ndarray
+    after: np.ndarray
+    held: float
+
+
+def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: float = FURTHEST) -> Curving:
+    """Give a mesh of straight tetrahedra a deformation that brings its interfaces onto where the labels' regions meet.
+
+    Interfaces are the boundaries `outer_<a>` and `<a>_<b>` of regions of the indicators. Their vertices and, of order 2,
+    the middles of their edges move by the shortest way to equal shares of the regions around them, `furthest` m at most
+    (and a quarter of the shortest edge beside them). Where an element folds, its nodes' moves are halved, until the
+    Jacobian determinant is positive all over every element: by its Bernstein coefficients, not only at quadrature
+    points (Johnen, Remacle & Geuzaine 2013, 10.1016/j.jcp.2012.08.051).
+
+    Raises `InputError` for another order, a mesh that is curved already, that has an element inside out, or that has no
+    such boundary.
+    """
+    if order not in (1, 2):
+        raise InputError("order", order, "1 or 2")
+    points, tets, triangles, pairs, edges = _read(mesh, indicators)
+    if not (np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]]) < 0).all():
+        raise InputError("mesh", "one with an element inside out", "positive volumes")
+    ends, middle = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    nodes = np.concatenate([tets, len(points) + middle.reshape(-1, 6)], axis=1)
+    # A triangle's nodes: its corners and the middles of its edges, in the order in which NGSolve has the edges.
+    keys = ends[:, 0] * len(points) + ends[:, 1]
+    sides = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]], axis=2)
+    between = np.searchsorted(keys, sides[..., 0] * len(points) + sides[..., 1])
+    six = np.concatenate([triangles, len(points) + between], axis=1)
+    straight = np.concatenate([points, points[ends].mean(axis=1)])
+    meeting = np.zeros((len(straight), len(indicators.regions) + 1), bool)
+    for k in range(2):
+        meeting[six, pairs[:, k, None]] = True
+    moved = np.flatnonzero(meeting.any(axis=1))
+    if order == 1:
+        moved = moved[moved < len(points)]
+    shortest = np.full(len(straight), np.inf)
+    length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    for side in (ends[:, 0], ends[:, 1], np.arange(len(points), len(straight))):
+        np.minimum.at(shortest, side, length)
+    move = np.zeros_like(straight)
+    move[moved] = indicators.onto(straight[moved], meeting[moved]) - straight[moved]
+    far = np.linalg.norm(move, axis=1)
+    move *= np.minimum(1, np.minimum(furthest, shortest / 4) / np.maximum(far, 1e-12))[:, None]
+    on = np.zeros(len(straight), bool)
+    on[moved] = True
+    held, shift = _backtracked(straight, nodes, ends, move, on)
+
+    space = ngs.VectorH1(mesh, order=order)
+    deformation = ngs.GridFunction(space)
+    bow = shift[len(points) :] - shift[ends].mean(axis=1)
+    for k, component in enumerate(deformation.components):
+        values = component.vec.FV().NumPy()
+        values[: len(points)] = shift[: len(points), k]
+        if order == 2:
+            values[len(points) + edges] = bow[between, k] / _BUBBLE
+    mesh.SetDeformation(deformation)
+    at, there = (np.einsum("pn,tnd->tpd", _BASIS, x[six]).reshape(-1, 3) for x in (straight, straight + shift))
+    before, after = _distances(at, pairs, indicators), _distances(there, pairs, indicators)
+    return Curving(deformation, at, before, after, float(held[moved].mean()))
+
+
+def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, tetrahedra (m, 4), interface triangles (k, 3), their pairs of regions (k, 2), their edges in the mesh (k, 3)."""
+    names = {f"outer_{a}": (0, i) for i, a in enumerate(indicators.regions, 1)}
+    names |= {
+        f"{a}_{b}": (i, j)
+        for i, a in enumerate(indicators.regions, 1)
+        for j, b in enumerate(indicators.regions, 1)
+        if i != j
+    }
+    solid = mesh.ngmesh.Elements3D().NumPy()
+    if mesh.GetCurveOrder() > 1 or solid["nodes"].shape[1] > 4:
+        raise InputError("mesh", "curved already", "straight tetrahedra")
+    known = [names.get(name) for name in mesh.GetBoundaries()]
+    if not any(known):
+        raise InputError("mesh", f"one with boundaries {', '.join(mesh.GetBoundaries())}", "outer_<a> or <a>_<b>")
+    triangles, edges, pairs = [], [], []
+    for element in mesh.Elements(ngs.BND):
+        pair = known[element.index]
+        if pair is not None:
+            triangles.append([v.nr for v in element.vertices])
+            edges.append([e.nr for e in element.edges])
+            pairs.append(pair)
+    corners, numbers = np.array(triangles), np.array(edges)
+    numbers = _in_order(mesh, corners, numbers)
+    return mesh.ngmesh.Coordinates().copy(), solid["nodes"][:, :4].astype(int) - 1, corners, np.array(pairs), numbers
+
+
+def _in_order(mesh: ngs.Mesh, triangles: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """The edges (k, 3) of triangles in the order 01, 02, 12 of their corners; it is the same for every triangle."""
+    ends = [sorted(v.nr for v in mesh[ngs.NodeId(ngs.EDGE, int(e))].vertices) for e in edges[0]]
+    wanted = [sorted(triangles[0][[i, j]].tolist()) for i, j in ((0, 1), (0, 2), (1, 2))]
+    return edges[:, [ends.index(pair) for pair in wanted]]
+
+
+def _backtracked(
+    straight: Points, nodes: np.ndarray, ends: np.ndarray, move: np.ndarray, on: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which nodes had to be held back, and moves (n, 3) of all such that no element (m, 10) folds; edges inside stay straight."""
+    n = len(straight) - len(ends)
+    halvings = np.zeros(len(straight), int)
+
+    def shifted() -> np.ndarray:
+        shift = move * np.where(halvings > HALVINGS, 0, 0.5**halvings)[:, None]
+        middles = shift[ends].mean(axis=1)
+        shift[n:] = np.where((on & (halvings <= HALVINGS))[n:, None], shift[n:], middles)
+        return np.asarray(shift)
+
+    suspects = nodes[on[nodes].any(axis=1)]
+    while True:
+        shift = shifted()
+        folded = suspects[folds(determinants((straight + shift)[suspects]))]
+        if not len(folded):
+            return halvings > 0, shift
+        halvings[np.unique(folded)] += 1
+
+
+def _distances(at: Points, pairs: np.ndarray, indicators: Indicators) -> np.ndarray:
+    """Distance (m) of the points on triangles, as many on each, from where their two regions (k, 2) meet."""
+    both = np.repeat(pairs, len(at) // len(pairs), axis=0)
+    found = np.empty(len(at))
+    for i, j in np.unique(pairs, axis=0).tolist():
+        mine = (both == (i, j)).all(axis=1)
+        found[mine] = indicators.distance(at[mine], i, j)
+    return found

@@ -1,0 +1,76 @@
+"""Moves of a mesh's interfaces that give its regions the volumes that they should have."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ngbrain.mesh.relocation import FLATTEST, shapes
+
+FURTHEST = 0.2
+"""Part of the element size that a vertex is moved at most."""
+ROUNDS = 6
+_FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
+"""Opposite to each corner of a tetrahedron in Netgen's orientation, turning such that normals point to the corner."""
+
+
+def matched(
+    points: np.ndarray, tets: np.ndarray, region: np.ndarray, wanted: np.ndarray, size: np.ndarray, sound: float
+) -> np.ndarray:
+    """Points (n, 3) with interfaces moved along their normals, by the same part of the element size all over each.
+
+    Facets cut corners, so that regions bounded by convex interfaces are too small, and films too thin for the mesh are
+    counted to what is around them. A region whose volume cannot be matched within `FURTHEST` leaves the rest to the one
+    that it shares the largest interface with. No tetrahedron gets a shape (see `relocation.shapes`) worse than `sound`,
+    unless it has it.
+
+    region   (m,), 0 for outside; wanted (regions,) m³; size (n,) m
+    """
+    count, kept = len(wanted), region > 0
+    start, points, limit = points, points.copy(), FURTHEST * size
+    floor = np.minimum(shapes(points[tets]), np.where(kept, sound, FLATTEST))
+    free = np.ones(len(points), bool)
+    for k in range(ROUNDS):
+        volumes, slopes = _volumes(points[tets], tets, region, len(points), count)
+        if k == 0:
+            wanted = _attainable(wanted, volumes, slopes, limit)
+        slopes[~free] = 0
+        weight = size / np.maximum(np.linalg.norm(slopes, axis=(1, 2)), 1e-30)
+        matrix = np.einsum("v,vdr,vds->rs", weight, slopes, slopes)
+        factors = np.linalg.lstsq(matrix, wanted - volumes, rcond=1e-9)[0]
+        off = points + weight[:, None] * (slopes @ factors) - start
+        new = start + off * np.minimum(1, limit / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]
+        while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
+            stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]
+            if not len(stuck):
+                break
+            new[stuck] = points[stuck]
+            free[stuck] = False
+        points = new
+    return points
+
+
+def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Volume of each region (count,) and how it changes with the place of each vertex (n, 3, count)."""
+    slopes = np.zeros((n * (count + 1), 3))
+    for corner, (i, j, k) in enumerate(_FACES):
+        area = np.cross(x[:, j] - x[:, i], x[:, k] - x[:, i]) / 6
+        at = tets[:, corner] * (count + 1) + region
+        slopes += np.stack([np.bincount(at, area[:, d], len(slopes)) for d in range(3)], axis=1)
+    volume = -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
+    every = slopes.reshape(n, count + 1, 3)[:, 1:]
+    every[np.abs(every).max(axis=(1, 2)) < 1e-9 * np.abs(every).max()] = 0  # inside a region the sum cancels
+    return np.bincount(region, volume, count + 1)[1:], every.transpose(0, 2, 1).copy()
+
+
+def _attainable(wanted: np.ndarray, volumes: np.ndarray, slopes: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The volumes wanted, as far as moves within half the limit give them; what is left goes to the largest neighbour."""
+    wanted = wanted.copy()
+    reach = 0.5 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
+    shared = -np.einsum("vdr,vds->rs", slopes, slopes)
+    for r in np.argsort(wanted):
+        missing = wanted[r] - volumes[r]
+        rest = missing - np.clip(missing, -reach[r], reach[r])
+        neighbour = np.where(np.arange(len(wanted)) == r, -np.inf, shared[r]).argmax()
+        wanted[r] -= rest
+        wanted[neighbour] += rest
+    return wanted

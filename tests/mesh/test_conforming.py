@@ -1,0 +1,294 @@
+"""Conforming meshes of phantoms with known volumes and contacts, and of a head: names, shapes, distances, crossings, refusals."""
+
+from itertools import combinations
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from ngbrain.errors import InputError
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.volume import Volume
+from ngbrain.mesh.conforming import conforming, named
+from ngbrain.mesh.indicators import Indicators
+from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
+from ngbrain.mesh.reconnection import Reconnection
+from ngbrain.mesh.relocation import improved, shapes
+
+MM = 1e-3
+NAMES = {1: "csf", 2: "grey", 3: "white"}
+
+
+def labelled(numbers, names=NAMES):
+    affine = np.diag([MM, MM, MM, 1.0])
+    affine[:3, 3] = -(np.array(numbers.shape) - 1) / 2 * MM
+    return LabelMap(Volume(numbers.astype(np.int16), affine), names)
+
+
+def grid(n):
+    return np.indices((n, n, n)) - (n - 1) / 2
+
+
+def nested():
+    r = np.linalg.norm(grid(42), axis=0)
+    return labelled(np.select([r < 9, r < 14, r < 18], [3, 2, 1]))
+
+
+def sectors():
+    x, y, z = grid(36)
+    angle = np.floor((np.arctan2(y, x) / np.pi + 1) * 1.4999).astype(int) + 1
+    return labelled(np.where(x**2 + y**2 + z**2 < 15**2, angle, 0))
+
+
+def touching():
+    x, y, z = grid(48)
+    return labelled(np.where((np.abs(x) - 10) ** 2 + y**2 + z**2 < 100, np.where(x < 0, 1, 2), 0))
+
+
+def shell():
+    r = np.linalg.norm(grid(42), axis=0)
+    return labelled(np.select([r < 15.5, r < 17.5], [2, 1]))
+
+
+def same(h):
+    return lambda points: np.full(len(points), h)
+
+
+def graded(points):
+    return np.clip(2e-3 + 0.1 * np.linalg.norm(points - [0, 0, 18e-3], axis=1), 2e-3, 4e-3)
+
+
+CASES = {
+    "nested": (nested, same(3e-3), {"outer_csf", "csf_grey", "grey_white"}),
+    "sectors": (
+        sectors,
+        same(3e-3),
+        {"outer_csf", "outer_grey", "outer_white", "csf_grey", "csf_white", "grey_white"},
+    ),
+    "touching": (touching, same(2.5e-3), {"outer_csf", "outer_grey", "csf_grey"}),
+    "shell": (shell, same(2.5e-3), {"outer_csf", "csf_grey"}),
+    "graded": (nested, graded, {"outer_csf", "csf_grey", "grey_white"}),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def made(request):
+    phantom, size, names = CASES[request.param]
+    labels = phantom()
+    return request.param, labels, size, names, conforming(labels, size)
+
+
+def test_boundaries_are_the_contacts_of_the_phantom(made):
+    _, _, _, names, mesh = made
+    assert set(mesh.boundaries) == names and set(mesh.boundary) == set(range(len(names)))
+
+
+def test_volumes_are_the_voxels(made):
+    _, labels, _, _, mesh = made
+    assert max(map(abs, volume_errors(mesh, labels).values())) < 0.01
+
+
+def test_no_slivers(made):
+    *_, mesh = made
+    quality = Quality.of(mesh)
+    assert (mesh.volumes() > 0).all()
+    assert quality.dihedrals.min() > 6 and (quality.ratios < 0.1).mean() <= 1e-3
+
+
+def test_interfaces_are_where_the_labels_change(made):
+    name, labels, _, _, mesh = made
+    found = np.concatenate(list(deviations(mesh, Indicators.of(labels)).values()))
+    assert found.mean() < 0.25 * MM and np.quantile(found, 0.95) < (0.9 if name == "sectors" else 0.5) * MM
+
+
+def test_boundaries_are_all_interfaces_outwards_of_the_first(made):
+    *_, mesh = made
+    triangles, _ = interfaces(mesh)
+    ours, theirs = (set(map(tuple, np.sort(t, axis=1).tolist())) for t in (mesh.triangles, triangles))
+    assert ours == theirs and len(mesh.triangles) == len(triangles)
+    for number, region in enumerate(mesh.regions):
+        flow = 0.0
+        for k, name in enumerate(mesh.boundaries):
+            first, second = name.split("_")
+            sign = {f"outer_{region}": 1, f"{region}_{second}": 1, f"{first}_{region}": -1}.get(name, 0)
+            sign = 1 if name == f"outer_{region}" else sign
+            a, b, c = np.moveaxis(mesh.points[mesh.triangles[mesh.boundary == k]], 1, 0)
+            flow += sign * np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+        assert flow == pytest.approx(mesh.volumes()[mesh.region == number].sum(), rel=1e-9)
+
+
+def test_ngsolve_integrates_each_region(made):
+    *_, mesh = made
+    solid = mesh.mesh()
+    assert set(solid.GetBoundaries()) == set(mesh.boundaries)
+    for k, name in enumerate(mesh.regions):
+        volume = ngs.Integrate(ngs.CF(1), solid, definedon=solid.Materials(name))
+        assert volume == pytest.approx(mesh.volumes()[mesh.region == k].sum(), rel=1e-9)
+
+
+def test_edges_are_as_long_as_asked(made):
+    _, _, size, _, mesh = made
+    ends = mesh.points[mesh.tets[:, list(combinations(range(4), 2))].reshape(-1, 2)]
+    relative = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / size(ends.mean(axis=1))
+    assert 0.9 < relative.mean() < 1.3 and np.quantile(relative, 0.99) < 2
+
+
+def crossing(points, triangles):
+    """Pairs of triangles without a common corner, an edge of one of which pierces the other."""
+    corners = points[triangles]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    found = 0
+    for i in range(len(triangles)):
+        near = (low <= high[i]).all(axis=1) & (high >= low[i]).all(axis=1)
+        near &= ~np.isin(triangles, triangles[i]).any(axis=1)
+        a, b, c = np.moveaxis(corners[near], 1, 0)
+        for p, q in ((0, 1), (1, 2), (2, 0)):
+            start, end = corners[i, p], corners[i, q]
+            normal = np.cross(b - a, c - a)
+            s, t = (np.einsum("ij,ij->i", normal, at - a) for at in (start, end))
+            sides = [
+                np.einsum("ij,ij->i", np.cross(y - x, end - start), start - x) for x, y in ((a, b), (b, c), (c, a))
+            ]
+            same_side = np.abs(np.sign(sides).sum(axis=0)) == 3
+            found += int((same_side & (s * t < 0)).sum())
+    return found
+
+
+def test_no_triangles_cross(made):
+    name, *_, mesh = made
+    assert crossing(mesh.points, mesh.triangles) == 0
+    folded = mesh.points.copy()
+    moved = mesh.triangles[0, 0]
+    folded[moved] += 3 * (folded.mean(axis=0) - folded[moved])  # through the middle and out at the other side
+    assert crossing(folded, mesh.triangles) > 0, name
+
+
+def test_three_regions_meet_on_the_line():
+    mesh = conforming(sectors(), same(3e-3))
+    around = np.zeros((len(mesh.points), 3), bool)
+    around[mesh.tets, mesh.region[:, None]] = True
+    line = mesh.points[around.all(axis=1)]
+    off = np.hypot(line[:, 0], line[:, 1])
+    assert (off < 0.3 * MM).sum() > 3 and off.max() < 2 * MM and np.ptp(line[:, 2]) > 24 * MM
+
+
+def test_the_same_bits_twice():
+    one, other = (conforming(touching(), same(4e-3)).arrays() for _ in range(2))
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+    third = conforming(touching(), same(4e-3), seed=1)
+    assert not np.array_equal(third.points, one["points"])
+
+
+@pytest.mark.parametrize(
+    "labels, size, message",
+    [
+        (lambda: labelled(np.zeros((9, 9, 9), int)), same(3e-3), "labels is 0 everywhere"),
+        (nested, same(-1.0), "size is not a positive number at every point"),
+        (nested, same(np.nan), "size is not a positive number at every point"),
+        (nested, lambda points: 3e-3, "size is not a positive number at every point"),
+        (nested, same(5e-5), r"size is such that \d+ million elements are needed"),
+        (nested, same(60e-3), "size is "),
+    ],
+)
+def test_refusals(labels, size, message):
+    with pytest.raises(InputError, match=message) as caught:
+        conforming(labels(), size)
+    assert "\n" not in str(caught.value)
+
+
+def cloud(n=400, seed=2):
+    points = np.random.default_rng(seed).random((n, 3))
+    tets = Delaunay(points).simplices
+    x = points[tets]
+    turned = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
+    tets[turned] = tets[turned][:, [1, 0, 2, 3]]
+    return points, tets
+
+
+def hull_of(points, tets):
+    """Vertices on the convex hull, where nothing can be improved."""
+    return np.unique(interfaces(named(points, tets, np.zeros(len(tets), int), ("one",)))[0])
+
+
+def test_shapes_are_sines_and_negative_inside_out():
+    points, tets = cloud()
+    x = points[tets]
+    sines = np.full(len(x), np.inf)
+    for i, j in combinations(range(4), 2):
+        k, m = sorted({0, 1, 2, 3} - {i, j})
+        edge = x[:, j] - x[:, i]
+        p, q = (np.cross(edge, x[:, c] - x[:, i]) for c in (k, m))
+        sine = np.linalg.norm(np.cross(p, q), axis=1) / np.linalg.norm(p, axis=1) / np.linalg.norm(q, axis=1)
+        sines = np.minimum(sines, sine)
+    assert shapes(x) == pytest.approx(sines, rel=1e-6)
+    assert shapes(x[:, [1, 0, 2, 3]]) == pytest.approx(-sines, rel=1e-6)
+
+
+def test_swaps_keep_the_space_and_make_the_worst_better():
+    points, tets = cloud()
+    region = np.where(points[tets].mean(axis=1)[:, 0] < 0.5, 1, 2)
+    before, hull = shapes(points[tets]), hull_of(points, tets)
+    swaps = Reconnection(points, tets, region)
+    assert swaps.improve(0.2) > 50
+    new, regions = swaps.arrays()
+    x = points[new]
+    after, volumes = shapes(x), -np.linalg.det(x[:, 1:] - x[:, :1]) / 6
+    was = -np.linalg.det(points[tets][:, 1:] - points[tets][:, :1]) / 6
+    assert (volumes > 0).all() and volumes.sum() == pytest.approx(was.sum(), rel=1e-12)
+    deep = [~np.isin(t, hull).any(axis=1) for t in (tets, new)]
+    assert np.mean(after[deep[1]] < 0.1) < 0.3 * np.mean(before[deep[0]] < 0.1)
+    assert np.bincount(regions, volumes) == pytest.approx(np.bincount(region, was), rel=0.02)
+    faces, pairs = interfaces(named(points, new, regions - 1, ("one", "two")))
+    edges = np.sort(faces[(pairs > 0).all(axis=1)][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    free = ~np.isin(edges, hull).all(axis=1)
+    assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
+
+
+def test_a_face_is_swapped_inside_a_region_only():
+    corners = [[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * np.arange(3)]
+    points = np.array([*corners, [0, 0, 0.25], [0, 0, -0.25]])
+    tets = np.array([[0, 2, 1, 3], [0, 1, 2, 4]])
+    if shapes(points[tets])[0] < 0:
+        tets = tets[:, [0, 2, 1, 3]]
+    assert (shapes(points[tets]) > 0).all()
+    for region, count in (([1, 1], 3), ([1, 2], 2)):
+        swaps = Reconnection(points, tets, np.array(region))
+        assert swaps.improve(0.8) == count - 2 and len(swaps.arrays()[0]) == count
+        assert (shapes(points[swaps.arrays()[0]]) > 0).all()
+
+
+def test_moves_make_the_worst_better_and_stay_where_they_may():
+    points, tets = cloud()
+    hull = np.zeros(len(points), bool)
+    hull[hull_of(points, tets)] = True
+
+    def place(vertices, wanted):
+        return np.where(hull[vertices, None], points[vertices], wanted)
+
+    new = improved(points, tets, np.ones(len(tets), bool), place, 0.2, 10, np.random.default_rng(0))
+    assert np.array_equal(new[hull], points[hull]) and not np.array_equal(new, points)
+    before, after = shapes(points[tets]), shapes(new[tets])
+    deep = ~hull[tets].any(axis=1)
+    assert (after > 0).all() and np.mean(after[deep] < 0.1) < 0.75 * np.mean(before[deep] < 0.1)
+
+
+@pytest.mark.slow
+def test_a_graded_head():
+    from ngbrain.image import mni152
+    from ngbrain.surgery.heads import Scanned
+
+    labels = LabelMap(Scanned.of(mni152()).labels, {**NAMES, 4: "ventricle"})
+    site = np.array([0.03, 0.0, 0.05])
+
+    def size(points):
+        return np.clip(2e-3 + 0.3 * (np.linalg.norm(points - site, axis=1) - 20e-3), 2e-3, 8e-3)
+
+    mesh = conforming(labels, size)
+    quality, errors = Quality.of(mesh), volume_errors(mesh, labels)
+    assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3
+    assert abs(errors["white"]) < 0.01 and abs(errors["ventricle"]) < 0.01
+    assert abs(errors["grey"]) < 0.02 and abs(errors["csf"]) < 0.12
+    near = deviations(mesh, Indicators.of(labels), lambda points: np.linalg.norm(points - site, axis=1) < 20e-3)
+    found = np.concatenate(list(near.values()))
+    assert found.mean() < 0.3 * MM and np.quantile(found, 0.95) < 1.0 * MM
