@@ -16,6 +16,7 @@ from ngbrain.image import labelmap, volume
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.io.cache import kept
 from ngbrain.mesh import (
+    conforming,
     elements,
     from_labels,
     grading,
@@ -28,9 +29,13 @@ from ngbrain.mesh import (
     net,
     octree,
     quality,
+    reconnection,
+    relocation,
+    samples,
     shares,
     snapping,
     surfaces,
+    volumes,
 )
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
@@ -66,6 +71,12 @@ ROUTES: Mapping[str, Route] = {
         4e-3,
         "folds and films thinner than elements",
         (lattice, guard, indicators, net, octree, shares, snapping),
+    ),
+    "conforming": Route(
+        conforming.conforming,
+        4e-3,
+        "folds and films thinner than elements",
+        (conforming, indicators, reconnection, relocation, samples, volumes),
     ),
 }
 
