@@ -11,8 +11,8 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements, Surface
 from ngbrain.mesh.from_labels import HORNS, REGIONS, enclosing
-from ngbrain.mesh.improve import improved
 from ngbrain.mesh.levelset import LevelSet
+from ngbrain.mesh.relocation import improved
 from ngbrain.mesh.surfaces import Sizes, triangulated
 
 SMOOTHING = 2e-3
@@ -20,6 +20,8 @@ SMOOTHING = 2e-3
 MARGIN = 8e-3 + 4 * SMOOTHING
 WALL = 2e-3
 """Tissue (m) that stays between a ventricle and the surface where the labels have less."""
+GOAL, MOVES = float(np.sin(np.radians(16))), 40
+"""Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
 SPECK = 0.1
 """Millilitres of a piece of a ventricle below which it is left out."""
 
@@ -57,12 +59,32 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
 
 def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
     """Without flat elements, and the surfaces moved back to where they enclose what they should."""
-    elements = improved(elements, outlines)
+    elements = rounder(elements, outlines)
     points = elements.points
     for name, outline in outlines.items():
         mine = elements.triangles[elements.boundary == elements.boundaries.index(name)]
         points = enclosing(outline, points, mine)
-    return improved(replace(elements, points=points), {})
+    return rounder(replace(elements, points=points), {})
+
+
+def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
+    """With corners of flat elements moved, those of boundaries on the level of the outline that they are on, or not at all."""
+    start, tets = elements.points, elements.tets
+    on = np.full(len(start), -1)
+    for i in range(len(elements.boundaries)):
+        on[elements.triangles[elements.boundary == i]] = i
+    levels = [outlines.get(name) for name in elements.boundaries]
+
+    def place(vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        placed = wanted.copy()
+        for i, phi in enumerate(levels):
+            mine = on[vertices] == i
+            was = start[vertices[mine]]
+            placed[mine] = was if phi is None else phi.project(wanted[mine], phi(was))
+        return placed
+
+    kept = np.ones(len(tets), bool)
+    return replace(elements, points=improved(start, tets, kept, place, GOAL, MOVES, np.random.default_rng(0)))
 
 
 def outlines(labels: LabelMap) -> tuple[LevelSet, LevelSet | None]:

@@ -62,8 +62,8 @@ class LevelSet:
         vertices, faces, *_ = measure.marching_cubes(self.values, 0.0, step_size=stride)
         return np.asarray((self.origin + vertices.astype(float) * self.spacing)[faces])
 
-    def project(self, points: Points, level: float = 0.0) -> Points:
-        """Points (n, 3) moved along the gradient to φ = level, at most two voxels at a time."""
+    def project(self, points: Points, level: float | np.ndarray = 0.0) -> Points:
+        """Points (n, 3) moved along the gradient to φ = level, one or one each, at most two voxels at a time."""
         points = np.array(points, float)
         for _ in range(NEWTON):
             gradient = self.normals(points)

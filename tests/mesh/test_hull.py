@@ -11,8 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import hull, outlines
-from ngbrain.mesh.improve import improved
+from ngbrain.mesh.hull import hull, outlines, rounder
 from ngbrain.mesh.quality import Quality, volumes_ml
 from ngbrain.mesh.routes import described, meshed, min_jacobian
 from ngbrain.mesh.transfer import on_voxels
@@ -77,11 +76,11 @@ def test_flat_elements_become_round(labels):
         flat = replace(good, points=points)
         if (flat.volumes() > 0).all():
             break
-    before, after = Quality.of(flat), Quality.of(improved(flat, {}))
+    before, after = Quality.of(flat), Quality.of(rounder(flat, {}))
     print(before.summary(), after.summary())
     assert before.dihedrals.min() < 8 and after.dihedrals.min() > 11
     fixed = np.unique(good.triangles)
-    assert np.array_equal(improved(flat, {}).points[fixed], points[fixed])
+    assert np.array_equal(rounder(flat, {}).points[fixed], points[fixed])
 
 
 def test_ventricles_that_touch_the_surface_are_kept_under_it():
