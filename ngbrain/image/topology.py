@@ -105,7 +105,7 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
     (2, 2, Topology(pieces=1, tunnels=0, cavities=0), 1)
     """
     old = labels.volume.data
-    new = np.pad(old, 1)  # so that neighbours need no cases
+    new = np.ascontiguousarray(np.pad(old, 1))  # so that neighbours need no cases; files are in Fortran order
     for _ in range(_ROUNDS):
         before = new.copy()
         _flood(new)

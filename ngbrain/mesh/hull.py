@@ -9,9 +9,11 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements, Surface
 from ngbrain.mesh.from_labels import HORNS, REGIONS, enclosing
 from ngbrain.mesh.levelset import LevelSet
+from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import improved
 from ngbrain.mesh.surfaces import Sizes, triangulated
 
@@ -22,6 +24,8 @@ WALL = 2e-3
 """Tissue (m) that stays between a ventricle and the surface where the labels have less."""
 GOAL, MOVES = float(np.sin(np.radians(16))), 40
 """Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
+SWAPS = 4
+"""Rounds in which swaps and moves take turns at most: Netgen leaves flat elements with all corners on a wall."""
 SPECK = 0.1
 """Millilitres of a piece of a ventricle below which it is left out."""
 
@@ -60,11 +64,24 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
 def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
     """Without flat elements, and the surfaces moved back to where they enclose what they should."""
     elements = rounder(elements, outlines)
+    for _ in range(SWAPS):
+        swaps = Reconnection(elements.points, elements.tets, elements.region + 1)
+        if not swaps.improve(GOAL):
+            break
+        elements = rounder(_swapped(elements, *swaps.arrays()), outlines)
     points = elements.points
     for name, outline in outlines.items():
         mine = elements.triangles[elements.boundary == elements.boundaries.index(name)]
         points = enclosing(outline, points, mine)
     return rounder(replace(elements, points=points), {})
+
+
+def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elements:
+    """With other tetrahedra in regions from 1 on the same corners, and the wall that they have then."""
+    made = named(elements.points, tets, region - 1, elements.regions)
+    triangles, wall = made.triangles, made.boundary == 1
+    triangles[wall] = triangles[wall][:, [0, 2, 1]]  # outwards of the ventricles
+    return replace(made, triangles=triangles, boundaries=elements.boundaries)
 
 
 def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
