@@ -28,6 +28,8 @@ POLISHES = 6
 """and how often swaps and moves take turns in the last one at most."""
 FAVOUR = 0.2
 """Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
+THORNS = 3
+"""Layers of a thorn that are taken off the surface."""
 BALANCING = 6
 """Rounds in which these are found."""
 GOAL = np.sin(np.radians(15))
@@ -125,26 +127,36 @@ def _check(labels: LabelMap, size: Sizes) -> None:
 def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
     try:
-        tets = Delaunay(points).simplices
+        delaunay = Delaunay(points)
     except (QhullError, ValueError) as error:
         raise InputError("size", "such that there are too few points", "smaller sizes") from error
+    tets, beside = delaunay.simplices, delaunay.neighbors
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
     shares = sum(indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE) / len(_INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
-    favour = np.zeros(len(wanted) + 1)
+    # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air.
+    deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros(len(wanted) + 1)
     for _ in range(BALANCING):
-        region = (shares + favour).argmax(axis=1)
+        within = _without_thorns(deep + favour[0] > 0, beside)
+        region = np.where(within, 1 + (shares[:, 1:] + favour[1:]).argmax(axis=1), 0)
         got = np.bincount(region, volume, len(favour))[1:]
+        favour[0] += 0.1 * np.clip(wanted.sum() / got.sum() - 1, -0.5, 0.5)
         favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
         favour = np.clip(favour, -FAVOUR, FAVOUR)
-    region = (shares + favour).argmax(axis=1)
     missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
     if missing:
         name = indicators.regions[min(missing) - 1]
         raise InputError("size", f"so large that {name} has no element", "smaller sizes there")
     return tets, region
+
+
+def _without_thorns(within: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """What is inside (m,) without tetrahedra of which three faces or more look outside; `beside` (m, 4) are those across."""
+    for _ in range(THORNS):
+        within = within & ((np.where(beside >= 0, within[beside], False)).sum(axis=1) >= 2)
+    return within
 
 
 def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.ndarray:

@@ -170,7 +170,8 @@ def test_three_regions_meet_on_the_line():
     around[mesh.tets, mesh.region[:, None]] = True
     line = mesh.points[around.all(axis=1)]
     off = np.hypot(line[:, 0], line[:, 1])
-    assert (off < 0.3 * MM).sum() > 3 and off.max() < 2 * MM and np.ptp(line[:, 2]) > 24 * MM
+    assert (off < 0.3 * MM).sum() > 3 and np.median(off) < 1.2 * MM and off.max() < 3.5 * MM  # elements of 3 mm
+    assert np.ptp(line[:, 2]) > 24 * MM
 
 
 def test_the_same_bits_twice():
