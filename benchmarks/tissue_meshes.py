@@ -88,9 +88,7 @@ def record(method: str, size: str, make: Callable[[], Elements], labels: LabelMa
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
     labels = LabelMap(tissues(mni152()), TISSUES)
-    even = (
-        {"lattice": (7,), "conforming": (8,)} if quick else {"lattice": (6, 4, 3.1, 2.5), "conforming": (6, 4, 2.5)}
-    )
+    even = {"lattice": (7,), "conforming": (8,)} if quick else {"lattice": (6, 4, 3.1, 2.5), "conforming": (6, 4, 2.5)}
     records = []
     for route, sizes in even.items():
         make = ROUTES[route].make

@@ -8,10 +8,11 @@ from scipy.spatial import Delaunay, QhullError
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.indicators import SMOOTHING, Indicators, Points
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import FLATTEST, improved, shapes
-from ngbrain.mesh.samples import Sizes, inside, on_interfaces
+from ngbrain.mesh.samples import inside, on_interfaces
 from ngbrain.mesh.volumes import matched
 
 MOST = 20e6
@@ -134,7 +135,7 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    shares = sum(indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE) / len(_INSIDE)
+    shares = np.mean([indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE], axis=0)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air.
     deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros(len(wanted) + 1)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ngbrain.errors import InputError
+
+Sizes = Callable[[np.ndarray], np.ndarray]
+"""Points (n, 3) m → element size (n,) m: what every route takes."""
 
 
 @dataclass(frozen=True)

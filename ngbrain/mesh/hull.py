@@ -12,10 +12,11 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements, Surface
 from ngbrain.mesh.from_labels import HORNS, REGIONS, enclosing
+from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import improved
-from ngbrain.mesh.surfaces import Sizes, triangulated
+from ngbrain.mesh.surfaces import triangulated
 
 SMOOTHING = 2e-3
 """Standard deviation (m) of the Gaussian that rounds the voxels' steps; sulci go with it."""

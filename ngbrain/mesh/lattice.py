@@ -9,13 +9,13 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.indicators import SMOOTHING, Indicators
 from ngbrain.mesh.net import FACES, Net, scales, slope_across
 from ngbrain.mesh.octree import MOST, PER_CUBE, body_centred
 from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
-from ngbrain.mesh.surfaces import Sizes
 
 ROUNDS = 3
 """of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""

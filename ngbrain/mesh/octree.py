@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.mesh.surfaces import Sizes
+from ngbrain.mesh.grading import Sizes
 
 Points = np.ndarray
 Cells = np.ndarray

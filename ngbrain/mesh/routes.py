@@ -36,9 +36,8 @@ from ngbrain.mesh import (
     volumes,
 )
 from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.grading import Graded, Sizes
 from ngbrain.mesh.quality import Quality, volumes_ml
-from ngbrain.mesh.surfaces import Sizes
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.indicators import Indicators
 
 Points = np.ndarray
-Sizes = Callable[[Points], np.ndarray]
-"""Points (n, 3) m → element size (n,) m."""
 APART = 0.8
 """Samples are at least this part of the element size apart; as many as fit are then a size apart on average."""
 CLEAR = 0.65

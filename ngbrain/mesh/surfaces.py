@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
+from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.levelset import LevelSet, Points
 
-Sizes = Callable[[Points], np.ndarray]
-"""Points (n, 3) m → element size (n,) m."""
 CLOSE = 0.72
 """Samples are first this part of the element size apart; spread evenly they end up a size apart."""
 ROUNDS = 12
