@@ -135,7 +135,9 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    shares = np.mean([indicators(np.einsum("k,nkd->nd", at, x)) for at in _INSIDE], axis=0)
+    shares = np.zeros((len(tets), len(wanted) + 1))
+    for at in _INSIDE:
+        shares += indicators(np.einsum("k,nkd->nd", at, x)) / len(_INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air.
     deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros(len(wanted) + 1)
