@@ -67,10 +67,11 @@ def ball(mask: np.ndarray) -> np.ndarray:
     simple = _simple()
     inside = np.zeros(allowed.size, bool)
     inside[depth.argmax()] = True
+    border = depth.argmax() + beside  # voxels next to what is inside that are not deep enough yet
     for level in np.unique(depth[depth > 0])[::-1]:
-        open_ = depth >= level
-        front = np.flatnonzero(ndimage.binary_dilation(inside.reshape(allowed.shape), NEIGHBOURS).ravel())
-        front = front[open_[front] & ~inside[front]]
+        border = np.unique(border[(depth[border] > 0) & ~inside[border]])
+        later = [border[depth[border] < level]]
+        front = border[depth[border] >= level]
         while len(front):
             added = []
             for number in range(8):
@@ -79,7 +80,10 @@ def ball(mask: np.ndarray) -> np.ndarray:
                 inside[mine] = True
                 added.append(mine)
             near = np.unique(np.concatenate(added)[:, None] + beside)
-            front = near[open_[near] & ~inside[near]]
+            near = near[(depth[near] > 0) & ~inside[near]]
+            later.append(near[depth[near] < level])
+            front = near[depth[near] >= level]
+        border = np.concatenate(later)
     return np.ascontiguousarray(inside.reshape(allowed.shape)[1:-1, 1:-1, 1:-1])
 
 

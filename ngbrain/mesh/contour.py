@@ -142,7 +142,7 @@ def _tube(a: list[int], b: list[int]) -> list[tuple[int, ...]]:
     """Triangles between two loops of three edges that face each other."""
     middle = np.array([_CORNERS[list(edge)].mean(axis=0) for edge in _EDGES])
     turn = min(range(3), key=lambda s: sum(np.linalg.norm(middle[a[i]] - middle[b[(s - i) % 3]]) for i in range(3)))
-    made = []
+    made: list[tuple[int, ...]] = []
     for i in range(3):
         j = (i + 1) % 3
         to, of = b[(turn - j) % 3], b[(turn - i) % 3]

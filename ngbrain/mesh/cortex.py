@@ -109,7 +109,7 @@ def _of(labels: LabelMap, spheres: bool) -> Cortex:
         points, triangles = contour(mask)
         rough.append(SurfaceMesh(origin + spacing * points, triangles))
     wanted = {name: float(mask.sum()) * voxels.volume.voxel_volume for name, mask in masks.items()}
-    found = dict(zip(masks, faired(rough, STEPS), strict=True))
+    found = dict(zip(masks, faired(rough, list(wanted.values()), STEPS), strict=True))
     return Cortex(
         found["white"],
         found["pial"],
@@ -133,7 +133,7 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     def region(*which: str) -> np.ndarray:
         return np.isin(data, [names.index(name) + 1 for name in which if name in names])
 
-    shaped = (lambda mask: ball(mask)) if spheres else largest
+    shaped = ball if spheres else largest
     tissue, white, fluid = region(*set(names) - {FLUID}), region(*WHITE), region("ventricles")
     pial = shaped(tissue)
     cavities = _without_specks(fluid, labels.volume.voxel_volume)
@@ -143,9 +143,7 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
         raise InputError("labels", "such that nothing is around the white matter", "white matter inside grey matter")
     inner = shaped(inner)
     cavities = _without_specks(cavities & ndimage.binary_erosion(inner, _CUBE), labels.volume.voxel_volume)
-    outer = largest((data > 0) | ndimage.binary_dilation(pial, _CUBE))
-    if spheres:
-        outer = ball(ndimage.binary_closing(np.pad(outer, 4), NEIGHBOURS, 3)[4:-4, 4:-4, 4:-4] | outer)
+    outer = shaped((data > 0) | ndimage.binary_dilation(pial, _CUBE))
     masks = {"white": inner, "pial": pial, "outer": outer}
     asked = {"ventricles": fluid, "white": white, "pial": tissue, "outer": data > 0}
     if cavities.any():

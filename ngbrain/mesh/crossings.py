@@ -68,23 +68,23 @@ def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nd
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a))
 
 
-def faired(surfaces: list[SurfaceMesh], steps: int) -> list[SurfaceMesh]:
-    """Smoother surfaces of the same volumes that cross neither themselves nor each other, given that they did not before.
+def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> list[SurfaceMesh]:
+    """Smoother surfaces that enclose given volumes (m³) and cross neither themselves nor each other, given that they did not before.
 
     Taubin's steps (Taubin 1995, doi:10.1145/218380.218473): a vertex moves half of the way to the middle of its neighbours,
-    then a little more than that back; at last all of a surface's vertices by one distance along their normals, so that it
-    encloses what it did. Vertices of triangles that cross go back to where they were, more and more of those around them
+    then a little more than that back; at last all of a surface's vertices by one distance along their normals, to the
+    volume. Vertices of triangles that cross go back to where they were, more and more of those around them
     with every round, of 12 at most: `crossings` tells what is left.
 
     >>> from ngbrain.mesh.contour import contour
     >>> rough = SurfaceMesh(*contour(np.linalg.norm(np.indices((15, 15, 15)) - 7, axis=0) < 5))
-    >>> smooth = faired([rough], 10)[0]
+    >>> smooth = faired([rough], [rough.volume], 10)[0]
     >>> bool(smooth.area < rough.area), round(smooth.volume / rough.volume, 3), smooth.genus
     (True, 1.0, 0)
     """
     first = np.cumsum([0, *(len(s.points) for s in surfaces)])
     rough = np.concatenate([s.points for s in surfaces])
-    smooth = np.concatenate([_smooth(s, steps) for s in surfaces])
+    smooth = np.concatenate([_smooth(s, volume, steps) for s, volume in zip(surfaces, volumes, strict=True)])
     triangles = np.concatenate([s.triangles + k for s, k in zip(surfaces, first, strict=False)])
     joined = SurfaceMesh(rough, triangles).adjacency()
     looked_at = triangles
@@ -101,7 +101,7 @@ def faired(surfaces: list[SurfaceMesh], steps: int) -> list[SurfaceMesh]:
     return [SurfaceMesh(smooth[a:b], s.triangles) for s, a, b in zip(surfaces, first[:-1], first[1:], strict=True)]
 
 
-def _smooth(surface: SurfaceMesh, steps: int) -> np.ndarray:
+def _smooth(surface: SurfaceMesh, volume: float, steps: int) -> np.ndarray:
     joined = surface.adjacency()
     degree = np.maximum(np.asarray(joined.sum(axis=1)), 1)
     points = surface.points.copy()
@@ -110,7 +110,7 @@ def _smooth(surface: SurfaceMesh, steps: int) -> np.ndarray:
             points += share * (joined @ points / degree - points)
     for _ in range(3):  # volumes are not linear in the distance, nearly
         now = SurfaceMesh(points, surface.triangles)
-        points = points + (surface.volume - now.volume) / now.area * now.normals()
+        points = points + (volume - now.volume) / now.area * now.normals()
     return points
 
 
