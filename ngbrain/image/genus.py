@@ -67,9 +67,16 @@ def ball(mask: np.ndarray) -> np.ndarray:
     simple = _simple()
     inside = np.zeros(allowed.size, bool)
     inside[depth.argmax()] = True
+    slot = np.zeros(allowed.size, np.int32)
+
+    def once(voxels: np.ndarray) -> np.ndarray:
+        voxels = voxels[(depth[voxels] > 0) & ~inside[voxels]]
+        slot[voxels] = np.arange(len(voxels))  # the last of equal ones; faster than to sort them
+        return voxels[slot[voxels] == np.arange(len(voxels))]
+
     border = depth.argmax() + beside  # voxels next to what is inside that are not deep enough yet
     for level in np.unique(depth[depth > 0])[::-1]:
-        border = np.unique(border[(depth[border] > 0) & ~inside[border]])
+        border = once(border)
         later = [border[depth[border] < level]]
         front = border[depth[border] >= level]
         while len(front):
@@ -79,8 +86,7 @@ def ball(mask: np.ndarray) -> np.ndarray:
                 mine = mine[simple[inside[mine[:, None] + beside] @ weights]]
                 inside[mine] = True
                 added.append(mine)
-            near = np.unique(np.concatenate(added)[:, None] + beside)
-            near = near[(depth[near] > 0) & ~inside[near]]
+            near = once((np.concatenate(added)[:, None] + beside).ravel())
             later.append(near[depth[near] < level])
             front = near[depth[near] >= level]
         border = np.concatenate(later)
