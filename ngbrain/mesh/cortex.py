@@ -24,7 +24,7 @@ SPECK = 0.1e-6
 STEPS = 10
 """of smoothing the triangles."""
 THICKEST = 5e-3
-"""Distance (m) beyond which white matter's surface is not that under cortex, but at the ventricles, the stem, …"""
+"""Distance (m) from the pial surface beyond which white matter's surface is not taken for that under cortex."""
 _CUBE = np.ones((3, 3, 3), bool)
 
 
@@ -35,7 +35,8 @@ class Cortex:
     ventricles   None where the labels have none; in white: the surface of what is called as in `WHITE`
     pial         around all tissue; outer: around everything
     thickness    (n,) m at the vertices of `white`: the mean of the distance to `pial` and of that back from the point
-                 reached (Fischl & Dale 2000, doi:10.1073/pnas.200033797)
+                 reached (Fischl & Dale 2000, doi:10.1073/pnas.200033797); too large where the labels show no fluid between
+                 the two sides of a sulcus, and not of cortex at ventricles, stem and deep grey matter
     voxels       surface → volume (m³) of the voxels that it should enclose
     moved        surface → voxels on another side of it than their labels say: islands, cavities, what a surface needs
                  so as to stay a voxel from the next one, and cut handles

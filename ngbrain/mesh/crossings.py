@@ -69,7 +69,7 @@ def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.nd
 
 
 def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> list[SurfaceMesh]:
-    """Smoother surfaces that enclose given volumes (m³) and cross neither themselves nor each other, given that they did not before.
+    """Smoother surfaces that enclose given volumes (m³), and cross neither themselves nor each other if they did not before.
 
     Taubin's steps (Taubin 1995, doi:10.1145/218380.218473): a vertex moves half of the way to the middle of its neighbours,
     then a little more than that back; at last all of a surface's vertices by one distance along their normals, to the

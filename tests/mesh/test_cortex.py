@@ -158,16 +158,21 @@ def test_an_edge_away_from_a_common_corner_counts(away):
 
 
 def test_smoothing_goes_back_where_surfaces_would_cross():
-    # A small block in the corner of a large one, which smoothing rounds.
-    x = np.indices((24, 24, 24))
-    low, high = ((x.min(axis=0) > a) & (x.max(axis=0) < b) for a, b in ((4, 9), (3, 20)))
-    rough = [SurfaceMesh(*contour(mask)) for mask in (low, high)]
+    # A ball with a spike that smoothing takes away, and a needle in the spike.
+    x = SurfaceMesh(*contour(np.linalg.norm(np.indices((17, 17, 17)) - 8, axis=0) < 6))
+    points = x.points - 8
+    tip = points[:, 0].argmax()
+    points[tip] += [5, 0, 0]
+    needle = (x.points - 8) * [0.25, 0.005, 0.005] + points[tip] - [3.2, 0, 0]
+    rough = [SurfaceMesh(needle, x.triangles), SurfaceMesh(points, x.triangles)]
     assert len(crossings(*joined(rough))) == 0
     volumes = [s.volume for s in rough]
-    alone = [faired([s], [v], 60)[0] for s, v in zip(rough, volumes, strict=True)]
-    together = faired(rough, volumes, 60)
-    print(len(crossings(*joined(alone))))
+    alone = [faired([s], [v], 10)[0] for s, v in zip(rough, volumes, strict=True)]
+    together = faired(rough, volumes, 10)
+    print(len(crossings(*joined(alone))), [np.ptp(s.points, axis=0) for s in (*alone, *together)])
     assert len(crossings(*joined(alone))) > 0 and len(crossings(*joined(together))) == 0
+    moved = np.linalg.norm(together[1].points - rough[1].points, axis=1)
+    assert (moved > 0).mean() > 0.5 and together[1].points[tip, 0] == points[tip, 0]
 
 
 @pytest.mark.parametrize("names", [{1: "grey"}, {1: "white"}, {1: "label_1"}])
