@@ -140,6 +140,7 @@ def test_crossing_triangles_are_found():
     assert len(found) and (pushed[found].sum(axis=1) >= 1).all()
     # Two balls one into the other, against every pair.
     two = SurfaceMesh(*joined([sphere, SurfaceMesh(sphere.points + np.array([6.3, 0.2, 0.1]), sphere.triangles)]))
+    assert (two.pieces, two.genus) == (2, 0)
     found = crossings(two.points, two.triangles)
     n = len(sphere.triangles)
     assert len(found) > 20 and (found[:, 0] < n).all() and (found[:, 1] >= n).all()
