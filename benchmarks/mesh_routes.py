@@ -38,8 +38,8 @@ BULK, DENSITY, FREQUENCY, STIFFER = 20.0, 1000.0, 50.0, 3 * (1 + 0.3j)
 DENT, RADIUS, NEAR = 5e-3, 12e-3, 20e-3
 SITE_FROM = np.array([0.03, 0.02, 0.06])
 """The dent is where the surface is nearest to this point (m)."""
-SIZES = {"hull": (14, 10, 7, 6), "lattice": (14, 11, 9), "conforming": (14, 11, 9)}
-QUICK = {"hull": (14, 11), "lattice": (14,), "conforming": (14,)}
+SIZES = {"hull": (14, 10, 8), "lattice": (14, 10), "conforming": (14, 10)}
+QUICK = {"hull": (14, 11), "lattice": (16,), "conforming": ()}
 LOOK = {"hull": ("#0072B2", "o-"), "lattice": ("#D55E00", "s-"), "conforming": ("#009E73", "^-")}
 WAVE_UNKNOWNS = 150_000
 """A wave's factor has complex numbers: more would not fit."""
