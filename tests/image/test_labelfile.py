@@ -52,6 +52,10 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     assert found.regions == ("white", "ventricles", "brain_stem", "corpus_callosum", "grey")
     plain = read_labels(written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine))
     assert plain.regions == ("label_1", "label_2", "label_3")
+    some = written(tmp_path / "some.nii", (labels.volume.data + 1).astype(np.uint8), labels.volume.affine)
+    assert read_labels(some).regions == ("label_1", "label_2", "label_3", "label_4")
+    some = written(tmp_path / "some.nii", np.array([0, 2, 3, 4], np.uint8)[labels.volume.data], labels.volume.affine)
+    assert read_labels(some).regions == ("label_2", "label_3", "label_4")  # FreeSurfer's numbers, but of one side
     assert read_labels(tmp_path / "labels.nii", "spm").regions == ("grey", "white", "csf")
     with pytest.raises(
         InputError, match=r"names is 'spn'; wanted: number = name for every label, or one of ngbrain, spm"
