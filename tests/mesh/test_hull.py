@@ -98,7 +98,7 @@ def test_labels_with_faults_give_the_same_head(labels, made, fault):
     numbers = labels.volume.data.copy()
     middle = len(numbers) // 2
     if fault == "island":
-        numbers[1:6, 1:6, 1:6] = 1
+        numbers[1:13, 1:13, 1:13] = 1
     elif fault == "hole":
         numbers[middle + 20, middle, middle] = 0
     elif fault == "cavity":  # a resection: outside is open to the surface by a channel of a voxel
