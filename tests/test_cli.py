@@ -276,6 +276,22 @@ def test_mesh_of_labels(tmp_path, capsys):
     assert page.count("data:image/png;base64") == 3 and "ventricles" in page and "http" not in page
 
 
+def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys):
+    labels = nested((20.0, 15.0, 8.0))
+    numbers = np.array([0, 1035, 41, 4], np.int16)[labels.volume.data]
+    numbers[: len(numbers) // 2][numbers[: len(numbers) // 2] == 41] = 2
+    turn = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]) @ labels.volume.affine
+    nibabel.save(nibabel.Nifti1Image(numbers, np.diag([1e3, 1e3, 1e3, 1]) @ turn), tmp_path / "aseg.nii.gz")
+    status, lines = run(
+        capsys, "mesh", tmp_path / "aseg.nii.gz", "--labels", "--size", "7", "-o", tmp_path / "a.msh", "-q"
+    )
+    assert status == 0 and not lines
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert (
+        result["labels"] == "1 white, 2 ventricles, 3 grey" and "ventricles" in (tmp_path / "report.html").read_text()
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -41,14 +41,14 @@ def build(
     """Write the page to `path`.
 
     result   of the verb `mesh`
-    labels   on upright cubic voxels; t1 on the same ones, or None where there is no scan
+    labels   on any voxels; t1 on upright ones of 1 mm, or None where there is no scan
     at       point (3,) m that the slices go through
 
     Raises `MissingExtra` where matplotlib or jinja2 is not installed.
     """
     jinja2 = require("jinja2", "report")
     pictures = {
-        "slices": slices(elements, labels, t1, at),
+        "slices": slices(elements, labels.upright(), t1, at),
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }
@@ -70,7 +70,10 @@ def build(
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) -> bytes:
-    """Three planes through a point: above the scan with its labels tinted, below the labels with the mesh cut by the plane."""
+    """Three planes through a point: above the scan with its labels tinted, below the labels with the mesh cut by the plane.
+
+    Labels and scan are on the same upright cubic voxels.
+    """
     numbers, spacing = labels.volume.data, 1e3 * labels.volume.spacing[0]
     origin = 1e3 * labels.volume.affine[:3, 3]
     names = labels.regions
