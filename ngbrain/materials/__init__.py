@@ -5,7 +5,7 @@ from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constan
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh
-from ngbrain.materials.linear import LinearElastic, SaintVenant, TransverselyIsotropic
+from ngbrain.materials.linear import LinearElastic, SaintVenant, Shearing, TransverselyIsotropic
 from ngbrain.materials.modulus import fourier
 from ngbrain.materials.viscous import Branch, Prony, RelaxingPolynomial, Viscous, step_factors
 from ngbrain.materials.volumetric import (
@@ -43,6 +43,7 @@ __all__ = [
     "RelaxingPolynomial",
     "SaintVenant",
     "Scaled",
+    "Shearing",
     "Sum",
     "TransverselyIsotropic",
     "UnsplitNeoHooke",

@@ -48,6 +48,28 @@ class LinearElastic(OfSmallStrain):
 
 
 @dataclass(frozen=True)
+class Shearing(OfSmallStrain):
+    """W = μ |dev ε|², dev ε = ε - (tr ε/3) 1: shear alone, μ in Pa and complex for harmonic work (G* = G' + iG'').
+
+    Change of volume is left to a bulk modulus.
+
+    >>> import ngsolve as ngs
+    >>> Shearing(1000.0 + 200.0j).energy(ngs.Id(3)).dim
+    1
+    """
+
+    mu: Value
+
+    def __post_init__(self) -> None:
+        positive(self.mu, "Shearing.mu")
+
+    def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
+        """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
+        volume = ngs.Trace(strain)
+        return self.mu * (ngs.Trace(strain * strain) - 1 / 3 * volume * volume)
+
+
+@dataclass(frozen=True)
 class SaintVenant(OfWholeStretch):
     """W = μ E:E + λ/2 (tr E)², E = (C - 1)/2; initial shear modulus μ₀ = μ (Pa), bulk modulus λ + 2μ/3 as in linear theory.
 

@@ -1,0 +1,325 @@
+"""Time-harmonic waves of small amplitude, u(x, t) = Re(u(x) e^{iωt}), in elastic and viscoelastic bodies.
+
+For every wave find u with u = g where it is held and, for all v that are zero there,
+
+    ∫ ∂W/∂ε(ε(u)) : ε(v) - ω² ρ u·v  +  iω ∫_absorbing (z_p (u·n)(v·n) + z_s u_t·v_t)  =  ∫ f·v + ∫ t·v
+
+W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so its factor
+serves the adjoint too. Nearly incompressible bodies take the pressure p as one more unknown,
+W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpace
+
+from ngbrain.errors import InputError, SolverError
+from ngbrain.forward.elements import Form
+from ngbrain.forward.kinematics import Solid, kinematics_of
+from ngbrain.forward.patterns import boundaries
+from ngbrain.materials.base import Value
+from ngbrain.materials.linear import OfSmallStrain
+
+Array = np.ndarray
+Vector: TypeAlias = Sequence[Value] | CoefficientFunction
+LawOfFrequency: TypeAlias = OfSmallStrain | Callable[[float], OfSmallStrain]
+"""A law of ε with complex moduli, or a function that gives it for ω (rad/s)."""
+
+ROUGH = 1e-6
+"""A residual larger than this part of the load: the factor is of no use."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """What drives the body at one frequency (Hz, 0 for quasi-static).
+
+    held      boundary pattern → displacement amplitude (m, complex), for boundaries among those that the body is held at
+    traction  boundary pattern → force per area (Pa, complex)
+    force     per volume (N/m³, complex)
+    """
+
+    frequency: float
+    held: Mapping[str, Vector] = field(default_factory=dict)
+    traction: Mapping[str, Vector] = field(default_factory=dict)
+    force: Vector | None = None
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.frequency, (int, float)) and 0 <= self.frequency < math.inf):
+            raise InputError("Wave.frequency", self.frequency, "a frequency in Hz of at least 0")
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency (rad/s)."""
+        return 2 * math.pi * self.frequency
+
+
+@dataclass(frozen=True)
+class Absorbing:
+    """A boundary that lets plane waves out: z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
+
+    Exact for waves that meet it squarely. Source: Lysmer and Kuhlemeyer 1969, 10.1061/JMCEA3.0001144.
+    """
+
+    boundary: str
+    shear: Value
+    bulk: Value = 0.0
+
+
+class Harmonic:
+    """A body in which waves are looked for.
+
+    mesh       2-D (plane strain, or `kinematics=Axisymmetric()`) or 3-D
+    law        of the strain, complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`,
+               `TransverselyIsotropic`). A function of ω (rad/s) gives a law for each frequency.
+    waves      the loads; those of one frequency share a factorisation
+    bulk       K (Pa, complex allowed); None where the law has it all
+    density    ρ (kg/m³)
+    form       "P4" or, with the pressure as an unknown, "P4/P3", "P4/L2(2)"; on quadrilaterals "Q1", "Q1/L2(0)" too
+    held       boundaries whose displacement each wave prescribes (0 where it says nothing)
+    quadrature rules of degree 2 × this on elements; unasked one more than the order
+
+    Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density.
+
+    >>> from ngbrain.materials import Shearing
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.1, 9))
+    >>> body = Harmonic(mesh, Shearing(2000 + 800j), [Wave(50.0, {"top": (1e-3, 0)})], bulk=2e5, held="top|bottom")
+    >>> u, = body.solve()
+    >>> u(mesh(0.05, 0.1))[0]
+    (0.001+0j)
+    """
+
+    def __init__(
+        self,
+        mesh: ngs.Mesh,
+        law: LawOfFrequency,
+        waves: Sequence[Wave],
+        *,
+        bulk: Value | None = None,
+        density: Value = 1000.0,
+        form: str = "P4",
+        held: str = ".*",
+        absorbing: Sequence[Absorbing] = (),
+        kinematics: Solid | None = None,
+        quadrature: int | None = None,
+    ) -> None:
+        self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
+        self.waves, self.absorbing = tuple(waves), tuple(absorbing)
+        self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
+        self._check(held)
+        displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, dirichlet=held)
+        if self.form.pressure is None:
+            self.fes = displacement
+        else:
+            pressures = ngs.H1 if self.form.continuous else ngs.L2
+            self.fes = displacement * pressures(mesh, order=self.form.pressure, complex=True)
+        self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
+        degree = self.form.order + 1 if quadrature is None else quadrature
+        self.rules = IntegrationRuleSpace(mesh, order=degree).GetIntegrationRules()
+        self.boundary_rules = {shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)}
+        self.prescribed = [self._prescribed(wave) for wave in self.waves]
+        """Displacement amplitudes of the held unknowns (m), one array for each wave; zero elsewhere."""
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the pressure is an unknown."""
+        return self.form.pressure is not None
+
+    def split(self, whole: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction | None, CoefficientFunction]:
+        """Displacement, pressure (if there is one) and displacement gradient of a trial, test or grid function."""
+        if not self.mixed:
+            return whole, None, ngs.Grad(whole)
+        parts = whole.components if isinstance(whole, ngs.GridFunction) else whole
+        return parts[0], parts[1], ngs.Grad(parts[0])
+
+    def strain(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """ε(u): 2×2 in plane strain, else 3×3."""
+        if self.mesh.dim == 2 and type(self.kinematics).__name__ == "PlaneStrain":
+            return ngs.Sym(grad)
+        return ngs.Sym(self.kinematics.gradient(u, grad)) - ngs.Id(3)
+
+    def density_of_work(
+        self, omega: float, trial: CoefficientFunction, test: CoefficientFunction
+    ) -> CoefficientFunction:
+        """The integrand over volume, bilinear in `trial` and `test`; from the energy, by differentiation."""
+        (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
+        strain = self.strain(u, grad_u).MakeVariable()
+        law = self.law if isinstance(self.law, OfSmallStrain) else self.law(omega)
+        energy = law.energy(strain)
+        if self.bulk is not None and p is None:
+            energy = energy + self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain)
+        if p is not None:
+            pressure = p.MakeVariable()
+            energy = energy + pressure * ngs.Trace(strain) - 1 / (2 * self.bulk) * pressure * pressure
+        work = ngs.Trace(energy.Diff(strain) * self.strain(v, grad_v))
+        if p is not None:
+            work = work + energy.Diff(pressure) * q
+        if omega:
+            work = work - omega**2 * self.density * _dot(u, v)
+        return self.kinematics.weight() * work
+
+    def terms(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change) -> Terms:
+        """All integrals; `change` may turn an integrand into its derivative."""
+        total = change(self.density_of_work(omega, trial, test)) * ngs.dx(intrules=self.rules)
+        u, v = self.split(trial)[0], self.split(test)[0]
+        for wall in self.absorbing if omega else ():
+            normal = ngs.specialcf.normal(self.mesh.dim)
+            u_n, v_n = _dot(u, normal), _dot(v, normal)
+            squeezed = ngs.sqrt(self.density * (wall.bulk + 4 / 3 * wall.shear) * ngs.CF(1))
+            sheared = ngs.sqrt(self.density * wall.shear * ngs.CF(1))
+            work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (_dot(u, v) - u_n * v_n))
+            total = total + change(work) * ngs.ds(wall.boundary, intrules=self.boundary_rules)
+        return total
+
+    def factorised(self) -> Factorised:
+        """Matrices of the moduli as they now are, and their factors."""
+        return Factorised(self)
+
+    def solve(self) -> list[ngs.GridFunction]:
+        """Amplitudes (m, complex), one for each wave; with a pressure its first component is the displacement.
+
+        Raises `SolverError` when a matrix has no usable factor, as at a resonance without loss.
+        """
+        factors, found = self.factorised(), []
+        for number, g in enumerate(self.prescribed):
+            gfu = ngs.GridFunction(self.fes)
+            gfu.vec.FV().NumPy()[:] = factors.driven(number, g)
+            found.append(gfu)
+        return found
+
+    def pushed(self, number: int) -> Array:
+        """∫ f·v + ∫ t·v of a wave."""
+        wave, test = self.waves[number], self.split(self.fes.TestFunction())[0]
+        load = ngs.LinearForm(self.fes)
+        if wave.force is not None:
+            load += self.kinematics.weight() * _dot(_vector(wave.force), test) * ngs.dx(intrules=self.rules)
+        for boundary, traction in wave.traction.items():
+            work = self.kinematics.weight() * _dot(_vector(traction), test)
+            load += work * ngs.ds(boundary, intrules=self.boundary_rules)
+        load.Assemble()
+        return load.vec.FV().NumPy().copy()
+
+    def _check(self, held: str) -> None:
+        if not self.waves:
+            raise InputError("waves", "none", "one Wave or more")
+        allowed = boundaries(self.mesh, held) if held else set()
+        for wave in self.waves:
+            for pattern in wave.held:
+                if not boundaries(self.mesh, pattern) <= allowed:
+                    raise InputError("Wave.held", repr(pattern), f"boundaries among those held: {held!r}")
+            for pattern in wave.traction:
+                boundaries(self.mesh, pattern)
+        for wall in self.absorbing:
+            boundaries(self.mesh, wall.boundary)
+        if self.form.pressure is not None and self.bulk is None:
+            raise InputError("bulk", None, f"a bulk modulus in Pa for the form {self.form}")
+        if not isinstance(self.density, CoefficientFunction) and not self.density > 0:
+            raise InputError("density", self.density, "a positive density in kg/m³")
+        self.form.check(self.mesh)
+
+    def _prescribed(self, wave: Wave) -> Array:
+        gfu = ngs.GridFunction(self.fes)
+        part = gfu.components[0] if self.mixed else gfu
+        for pattern, value in wave.held.items():
+            part.Set(_vector(value), definedon=self.mesh.Boundaries(pattern), dual=True)
+        return np.where(self.held, gfu.vec.FV().NumPy(), 0)
+
+
+Terms: TypeAlias = ngs.comp.SumOfIntegrals
+Change: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
+
+
+def _same(work: CoefficientFunction) -> CoefficientFunction:
+    return work
+
+
+class Factorised:
+    """A body's matrices at its present moduli, one for each frequency, with factors: complex-symmetric, all unknowns."""
+
+    def __init__(self, body: Harmonic) -> None:
+        self.body = body
+        trial, test = body.fes.TnT()
+        self._forms, self._inverses = {}, {}
+        for omega in {wave.omega for wave in body.waves}:
+            form = ngs.BilinearForm(body.fes)
+            form += body.terms(omega, trial, test, _same)
+            form.Assemble()
+            self._forms[omega] = form
+            self._inverses[omega] = _inverse(form)
+        self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
+
+    @property
+    def number(self) -> int:
+        """How many factors there are."""
+        return len(self._inverses)
+
+    def apply(self, number: int, x: Array) -> Array:
+        """A x of the wave's matrix."""
+        self._in.FV().NumPy()[:] = x
+        self._out.data = self._forms[self.body.waves[number].omega].mat * self._in
+        return self._out.FV().NumPy().copy()
+
+    def solve(self, number: int, b: Array) -> Array:
+        """x with (A x - b) = 0 in the free unknowns and x = 0 in the held ones."""
+        self._in.FV().NumPy()[:] = b
+        self._out.data = self._inverses[self.body.waves[number].omega] * self._in
+        return self._out.FV().NumPy().copy()
+
+    def driven(self, number: int, g: Array) -> Array:
+        """The wave with held unknowns g and its own forces; `SolverError` if the factor does not solve for it."""
+        b = self.body.pushed(number) - self.apply(number, g)
+        x = self.solve(number, b)
+        left = np.where(self.body.held, 0, b - self.apply(number, x))
+        size = np.linalg.norm(np.where(self.body.held, 0, b))
+        if not np.linalg.norm(left) <= ROUGH * size:
+            raise SolverError(
+                f"the matrix of {self.body.waves[number].frequency:g} Hz has no usable factor: a resonance? add loss"
+            )
+        return x + g
+
+    def detuning(self, number: int, steps: int = 12) -> float:
+        """How far the nearest resonance is: |ω_j - ω|/ω of it, by inverse iteration; meant for bodies without loss.
+
+        A tenth means that the response is about five times the static one; data near a resonance magnify every error
+        of the model.
+        """
+        body, omega = self.body, self.body.waves[number].omega
+        trial, test = body.fes.TnT()
+        mass = ngs.BilinearForm(body.fes)
+        weighed = body.kinematics.weight() * body.density * _dot(body.split(trial)[0], body.split(test)[0])
+        mass += weighed * ngs.dx(intrules=body.rules)
+        mass.Assemble()
+        x, y = mass.mat.CreateColVector(), mass.mat.CreateColVector()
+        x.FV().NumPy()[:] = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof))
+        shift = math.inf  # ω_j² - ω²
+        for _ in range(steps):
+            y.data = mass.mat * x
+            z = self.solve(number, y.FV().NumPy())
+            shift = (np.dot(x.FV().NumPy(), y.FV().NumPy()) / np.dot(z, y.FV().NumPy())).real
+            x.FV().NumPy()[:] = z / np.linalg.norm(z)
+        return abs(math.sqrt(max(0.0, 1 + shift / omega**2)) - 1)
+
+
+def _inverse(form: ngs.BilinearForm) -> ngs.BaseMatrix:
+    try:
+        return form.mat.Inverse(form.space.FreeDofs(), inverse="sparsecholesky")
+    except Exception as error:  # NGSolve raises bare exceptions of several kinds here
+        raise SolverError(f"the harmonic matrix cannot be factorised: {error}") from error
+
+
+def _dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
+    """a·b without a conjugate, which InnerProduct would take."""
+    first, *rest = (a[i] * b[i] for i in range(a.dim))
+    return sum(rest, first)
+
+
+def _vector(value: Vector) -> CoefficientFunction:
+    return value if isinstance(value, CoefficientFunction) else ngs.CF(tuple(value))

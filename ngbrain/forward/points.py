@@ -1,0 +1,52 @@
+"""Values of a finite-element function at given points, as one sparse matrix: for data there, and transposed for adjoints."""
+
+from __future__ import annotations
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+
+
+def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
+    """The matrix (n, ndof) that takes a scalar space's unknowns to values at points (n, 2 or 3) in m.
+
+    Raises `InputError` when points lie outside of the mesh; `inside` says which.
+
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    >>> gfu = ngs.GridFunction(ngs.H1(mesh, order=2)); gfu.Set(ngs.x * ngs.y)
+    >>> at = evaluation(gfu.space, np.array([[0.25, 0.75], [1.0, 1.0]]))
+    >>> (at @ gfu.vec.FV().NumPy()).round(12).tolist()
+    [0.1875, 1.0]
+    """
+    mesh, points = space.mesh, np.asarray(points, float)
+    found = mesh(*points.T)
+    if np.any(found["nr"] < 0):
+        missed = int(np.sum(found["nr"] < 0))
+        raise InputError("points", f"{missed} of {len(points)} outside of the mesh", "points inside of it")
+    rows, columns, values = [], [], []
+    order = np.argsort(found["nr"], kind="stable")
+    numbers = found["nr"][order]
+    for group in np.split(order, np.flatnonzero(np.diff(numbers)) + 1):
+        element = ngs.ElementId(ngs.VOL, int(found["nr"][group[0]]))
+        shapes, dofs = space.GetFE(element), np.array(space.GetDofNrs(element))
+        for point in group:
+            at = found[point]
+            values.append(np.array(shapes.CalcShape(at["x"], at["y"], at["z"])))
+            columns.append(dofs)
+            rows.append(np.full(len(dofs), point))
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return sp.coo_array(entries, shape=(len(points), space.ndof)).tocsr()
+
+
+def inside(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
+    """Which points (n, 2 or 3) in m lie in the mesh.
+
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    >>> inside(mesh, np.array([[0.5, 0.5], [1.5, 0.5]])).tolist()
+    [True, False]
+    """
+    return np.asarray(mesh(*np.asarray(points, float).T)["nr"] >= 0)

@@ -1,0 +1,206 @@
+"""How waves at measured points change with the fields that a body is made of, and with what drives its boundary.
+
+For the discrete problem A(θ) u = b with u = g on the boundary and data d = B u,
+
+    J δθ = B δu,   A δu = -(∂A/∂θ δθ) u - A δg        one solve for each wave
+    Jᵀ w:          A λ = Bᵀ w,   -((∂A/∂θ) u)ᵀ λ      the same factor, as A is symmetric
+
+∂A/∂θ comes from the integrand by differentiation, `(∂A/∂θ) u` as one sparse matrix where many products are wanted and as
+one linear form where only a gradient is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.harmonic import Change, Factorised, Harmonic
+from ngbrain.forward.points import evaluation
+
+Array = np.ndarray
+BOUNDARY = "boundary"
+"""Name of the block of held displacements: real parts, then imaginary parts, for each wave (m)."""
+
+
+@dataclass
+class Solves:
+    """What was done: factorisations, and back-substitutions by purpose."""
+
+    factorisations: int = 0
+    forward: int = 0
+    adjoint: int = 0
+    incremental: int = 0
+
+
+class WaveModel:
+    """From a vector θ to complex displacements at points.
+
+    body     whose law is made of `fields`
+    fields   name → real GridFunction; their unknowns one after the other, then the block `boundary`, are θ
+    points   (n, 2 or 3) m where waves are measured
+
+    >>> from ngbrain.forward.harmonic import Wave
+    >>> from ngbrain.materials import Shearing
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 0.1, 6), np.linspace(0, 0.1, 6))
+    >>> storage = ngs.GridFunction(ngs.H1(mesh, order=1)); storage.Set(2000.0)
+    >>> body = Harmonic(mesh, Shearing(storage * (1 + 0.2j)), [Wave(50.0, {"top": (1e-3, 0)})], bulk=1e5, form="P2")
+    >>> model = WaveModel(body, {"storage": storage}, np.array([[0.05, 0.05]]))
+    >>> model.at(model.theta).data.shape
+    (1, 1, 2)
+    """
+
+    def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction], points: Array) -> None:
+        if BOUNDARY in fields:
+            raise InputError("fields", repr(BOUNDARY), "another name: this is what drives the boundary")
+        self.body, self.fields, self.points = body, dict(fields), np.asarray(points, float)
+        displacement = body.fes.components[0] if body.mixed else body.fes
+        self.dim = body.mesh.dim
+        scalar = evaluation(ngs.H1(body.mesh, order=body.form.order), self.points)
+        if scalar.shape[1] * self.dim != displacement.ndof:
+            raise InputError("form", str(body.form), "components of the displacement in spaces of their own")
+        self._scalar = scalar
+        self.driving = np.flatnonzero(body.held[: displacement.ndof])
+        sizes = {name: field.space.ndof for name, field in self.fields.items()}
+        sizes[BOUNDARY] = 2 * len(self.driving) * len(body.waves)
+        ends = np.cumsum(list(sizes.values()))
+        self.blocks = {
+            name: slice(int(end - size), int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
+        self.size = int(ends[-1])
+        self.solves = Solves()
+
+    @property
+    def theta(self) -> Array:
+        """θ of the fields and boundary values as the body has them now."""
+        held = [g[self.driving] for g in self.body.prescribed]
+        parts = [field.vec.FV().NumPy() for field in self.fields.values()]
+        return np.concatenate([*parts, *(part for g in held for part in (g.real, g.imag))])
+
+    def at(self, theta: Array) -> Linearised:
+        """Waves of θ, and their derivatives; the fields keep the values of the last call."""
+        for name, field in self.fields.items():
+            field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
+        return Linearised(self, self.held(theta))
+
+    def held(self, theta: Array) -> Array:
+        """Boundary values in θ as arrays over all unknowns (waves, ndof)."""
+        parts = theta[self.blocks[BOUNDARY]].reshape(len(self.body.waves), 2, -1)
+        g = np.zeros((len(parts), self.body.fes.ndof), complex)
+        g[:, self.driving] = parts[:, 0] + 1j * parts[:, 1]
+        return g
+
+    def observed(self, u: Array) -> Array:
+        """Unknowns of a wave to values at the points (n, dim)."""
+        width = self._scalar.shape[1]
+        return np.column_stack([self._scalar @ u[i * width : (i + 1) * width] for i in range(self.dim)])
+
+    def spread(self, values: Array) -> Array:
+        """The transpose of `observed`."""
+        u = np.zeros(self.body.fes.ndof, complex)
+        width = self._scalar.shape[1]
+        for i in range(self.dim):
+            u[i * width : (i + 1) * width] = self._scalar.T @ values[:, i]
+        return u
+
+
+class Linearised:
+    """Waves at one θ: `data` (waves, n, dim) in m, and the products of J and Jᵀ. It is of use until the model moves on."""
+
+    def __init__(self, model: WaveModel, held: Array) -> None:
+        self.model, body = model, model.body
+        self.factors: Factorised = body.factorised()
+        self.waves = np.array([self.factors.driven(k, g) for k, g in enumerate(held)])
+        self.data = np.array([model.observed(u) for u in self.waves])
+        self._sensitivities: list[sp.csr_array] | None = None
+        model.solves.factorisations += self.factors.number
+        model.solves.forward += len(held)
+
+    def push(self, direction: Array) -> Array:
+        """J δθ, as `data`."""
+        change = np.empty_like(self.data)
+        fields = direction[: self.model.blocks[BOUNDARY].start]
+        driven = self.model.held(direction)
+        for k, sensitivity in enumerate(self.sensitivities):
+            b = -(sensitivity @ fields)
+            if driven[k].any():
+                b -= self.factors.apply(k, driven[k])
+            change[k] = self.model.observed(self.factors.solve(k, b) + driven[k])
+        self.model.solves.incremental += len(change)
+        return change
+
+    def pull(self, w: Array) -> Array:
+        """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `push` uses."""
+        adjoints = self._adjoints(w)
+        self.model.solves.incremental += len(adjoints)
+        parts = [s.T @ adjoint for s, (adjoint, _) in zip(self.sensitivities, adjoints, strict=True)]
+        return np.concatenate([-np.sum(parts, axis=0).real, self._of_boundary(adjoints)])
+
+    def gradient(self, w: Array) -> Array:
+        """The same as `pull` by one linear form: cheaper for a single product."""
+        model, body = self.model, self.model.body
+        adjoints = self._adjoints(w)
+        model.solves.adjoint += len(adjoints)
+        total = []
+        for field in model.fields.values():
+            form = ngs.LinearForm(_complex(field.space))
+            test = form.space.TestFunction()
+            for k, (adjoint, _) in enumerate(adjoints):
+                form += body.terms(
+                    body.waves[k].omega, self._function(self.waves[k]), self._function(adjoint), _along(field, test)
+                )
+            form.Assemble()
+            total.append(-form.vec.FV().NumPy().real)
+        return np.concatenate([*total, self._of_boundary(adjoints)])
+
+    @property
+    def sensitivities(self) -> Sequence[sp.csr_array]:
+        """(∂A/∂θ) u of each wave (ndof, unknowns of the fields), assembled when first asked for."""
+        if self._sensitivities is None:
+            self._sensitivities = [self._sensitivity(k) for k in range(len(self.waves))]
+        return self._sensitivities
+
+    def _sensitivity(self, k: int) -> sp.csr_array:
+        body, columns = self.model.body, []
+        u, test = self._function(self.waves[k]), body.fes.TestFunction()
+        for field in self.model.fields.values():
+            space = _complex(field.space)
+            form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
+            form += body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            form.Assemble()
+            values, indices, rows = (np.array(part) for part in form.mat.CSR())
+            columns.append(sp.csr_array((values, indices, rows), shape=(form.mat.height, form.mat.width)))
+        return sp.csr_array(sp.hstack(columns))
+
+    def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:
+        """For each wave λ and what is left of Bᵀ w̄ at held unknowns."""
+        found = []
+        for k, part in enumerate(np.conj(w)):
+            b = self.model.spread(part)
+            adjoint = self.factors.solve(k, b)
+            found.append((adjoint, b - self.factors.apply(k, adjoint)))
+        return found
+
+    def _of_boundary(self, adjoints: list[tuple[Array, Array]]) -> Array:
+        left = [rest[self.model.driving] for _, rest in adjoints]
+        return np.concatenate([part for rest in left for part in (rest.real, -rest.imag)])
+
+    def _function(self, u: Array) -> ngs.GridFunction:
+        gfu = ngs.GridFunction(self.model.body.fes)
+        gfu.vec.FV().NumPy()[:] = u
+        return gfu
+
+
+def _complex(space: ngs.FESpace) -> ngs.FESpace:
+    """The space over the complex numbers, where forms with complex waves live."""
+    return type(space)(space.mesh, order=space.globalorder, complex=True)
+
+
+def _along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
+    return lambda work: work.Diff(field, direction)
