@@ -10,20 +10,20 @@ import numpy as np
 from ngbrain.errors import InputError, require
 from ngbrain.image.volume import Volume
 
-_SUFFIXES = (".nii", ".nii.gz")
+NIFTI = (".nii", ".nii.gz")
 
 
 def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
     """Write a picture as NIfTI-1, in mm, its place as a sform with code 1 (scanner); the file is whole or not there.
+
+    Further axes of the values (time, components) may follow the three of the picture.
 
     Raises:
         InputError: the name does not end in .nii or .nii.gz.
         MissingExtra: nibabel is not installed.
     """
     path = Path(path)
-    suffix = next((s for s in reversed(_SUFFIXES) if path.name.endswith(s)), None)
-    if suffix is None:
-        raise InputError("image file", repr(path.name), " or ".join(_SUFFIXES))
+    suffix = suffix_of(path)
     nibabel = require("nibabel", "mri")
     affine = np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine
     image = nibabel.Nifti1Image(volume.data, affine)
@@ -36,6 +36,14 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def suffix_of(path: Path) -> str:
+    """.nii or .nii.gz; raises `InputError` for another name."""
+    for suffix in reversed(NIFTI):
+        if path.name.endswith(suffix):
+            return suffix
+    raise InputError("image file", repr(path.name), " or ".join(NIFTI))
 
 
 def on_grid(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> Volume:

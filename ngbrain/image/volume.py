@@ -17,6 +17,7 @@ from ngbrain.errors import InputError, require
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
+_SIDES = (0.2e-3, 5e-3)  # m, of a voxel
 _LEAST = 0.1  # m, along each axis of a scan
 _FWHM = np.sqrt(8 * np.log(2))  # full width at half maximum of a Gaussian, in standard deviations
 _UNITS = {1: 1.0, 2: 1e-3, 3: 1e-6}  # NIfTI's code for the unit of length -> m
@@ -100,9 +101,14 @@ class Stored:
 def stored(path: str | os.PathLike[str]) -> Stored:
     """Open a NIfTI or MGH file and check its place and size, not its values; raises what `read_scan` does of these."""
     path = Path(path)
-    image = _parsed(path)
-    affine = _file_affine(image, path)
+    image, affine = opened(path)
     return Stored(image, affine, _file_shape(image, path))
+
+
+def opened(path: Path, sides: tuple[float, float] = _SIDES) -> tuple[Any, np.ndarray]:
+    """nibabel's image with any number of axes, voxels of `sides` (m), and its affine (4, 4) to m; else as `stored`."""
+    image = _parsed(path)
+    return image, _file_affine(image, path, sides)
 
 
 def read_scan(path: str | os.PathLike[str]) -> Scan:
@@ -255,7 +261,7 @@ def _parsed(path: Path) -> Any:
         raise InputError("image", f"a file with a damaged header ({error})", "a sound one", path) from error
 
 
-def _file_affine(stored: Any, path: Path) -> np.ndarray:
+def _file_affine(stored: Any, path: Path, sides: tuple[float, float]) -> np.ndarray:
     """Indices of the stored array to m, (4, 4)."""
     header = stored.header
     if "sform_code" not in header:  # MGH, in mm
@@ -271,9 +277,10 @@ def _file_affine(stored: Any, path: Path) -> np.ndarray:
     # The determinant over the product of the sizes is 1 for right angles.
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) <= 0.1 * sizes.prod():
         raise InputError("image affine", stored.affine[:3].tolist(), "three independent axes, finite", path)
-    if sizes.min() < 0.2e-3 or sizes.max() > 5e-3:
+    if sizes.min() < sides[0] or sizes.max() > sides[1]:
         text = " x ".join(f"{1e3 * size:.4g}" for size in sizes)
-        raise InputError("image voxel", f"{text} mm", "0.2 to 5 mm along each side", path)
+        wanted = f"{1e3 * sides[0]:g} to {1e3 * sides[1]:g} mm along each side"
+        raise InputError("image voxel", f"{text} mm", wanted, path)
     return affine
 
 

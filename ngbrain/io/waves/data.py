@@ -1,0 +1,288 @@
+"""The displacements of a harmonic or quasi-static experiment, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.io.waves.grid import Grid, hull
+
+SYMMETRIES = ("isotropic", "transversely_isotropic")
+RHEOLOGIES = ("elastic", "viscoelastic")
+ELEMENTS = ("q4", "q4p0")
+TRUTHS = ("youngs", "shear", "mu", "zeta", "phi")
+_LARGEST = 2.0  # m, across all points
+_DENSITY = (100.0, 20000.0)  # kg/m³
+_POSITIVE = ("youngs", "shear", "mu")
+
+
+@dataclass(frozen=True, eq=False)
+class WaveData:
+    """Displacements u(x, t) = Re(u(x) e^{iωt}) at points, and what is known of the material that moves.
+
+    Attributes:
+        points: (n, d) m, d = 2 or 3.
+        displacement: (loads, n, d) complex, m; NaN where a component is not measured.
+        frequency: (loads,) Hz; 0 is quasi-static.
+        density: kg/m³.
+        symmetry: isotropic | transversely_isotropic.
+        rheology: elastic | viscoelastic.
+        poisson: Poisson's ratio, above -1 and below 0.5; this or `bulk`.
+        bulk: Pa, real or complex; this or `poisson`.
+        fibre: (n, d) unit vectors, or one vector (d,) for all points; needed when transversely isotropic.
+        element: q4 | q4p0 when the data were computed with these elements on the grid of the points, else None.
+        dirichlet: (n,) bool, where the displacement is taken as a boundary value; by default the hull of the mask.
+        mask: (n,) bool, the points that count; by default all.
+        noise: of the displacement, relative to the rms of each component; None: not known.
+        labels: (n,) whole numbers from 0 on, or None.
+        truth: name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
+        affine: (4, 4), indices of the image that the points are the voxels of → m; None: not from an image.
+
+    Raises:
+        InputError: a field of another shape or kind, not finite or out of bounds; points given twice; points or
+            displacements that cannot be in m; both or neither of `poisson` and `bulk`; transversely isotropic without
+            `fibre`; `element` or `affine` where the points are no grid along the coordinates, or no grid.
+
+    >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> u = 1e-6 * np.ones((1, 9, 2))
+    >>> data = WaveData(grid, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> data.dim, data.loads, data.structured.shape, int(data.dirichlet.sum())
+    (2, 1, (3, 3), 8)
+    >>> WaveData(1000 * grid, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: points is 20 across; wanted: metres: at most 2 m
+    """
+
+    points: np.ndarray
+    displacement: np.ndarray
+    frequency: np.ndarray
+    density: float
+    symmetry: str
+    rheology: str
+    poisson: float | None = None
+    bulk: complex | None = None
+    fibre: np.ndarray | None = None
+    element: str | None = None
+    dirichlet: np.ndarray = None  # type: ignore[assignment]
+    mask: np.ndarray = None  # type: ignore[assignment]
+    noise: float | None = None
+    labels: np.ndarray | None = None
+    truth: Mapping[str, np.ndarray] = field(default_factory=dict)
+    affine: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        for name, values in (("symmetry", SYMMETRIES), ("rheology", RHEOLOGIES), ("element", (None, *ELEMENTS))):
+            if getattr(self, name) not in values:
+                hint = nearest(str(getattr(self, name)), [value for value in values if value])
+                raise InputError(name, repr(getattr(self, name)), hint)
+        self._check_points()
+        self._check_displacement()
+        n = len(self.points)
+        mask = np.ones(n, bool) if self.mask is None else _flags("mask", self.mask, n)
+        if not mask.any():
+            raise InputError("mask", "false everywhere", "some points that count")
+        self._set(mask=mask)
+        self._check_material()
+        self._check_grid()
+        given = self.dirichlet
+        self._set(
+            dirichlet=hull(self.points, self.structured, mask) if given is None else _flags("dirichlet", given, n)
+        )
+        if self.noise is not None:
+            self._set(
+                noise=_number("noise", self.noise, 0.0, 10.0, "relative, from 0 (0.02: two per cent), or nothing")
+            )
+        if self.labels is not None:
+            labels = _array("labels", self.labels, (n,), "fiub")
+            if not (np.isfinite(labels) & (labels == np.rint(labels)) & (labels >= 0)).all():
+                raise InputError("labels", "not whole or negative somewhere", "whole numbers from 0 on")
+            self._set(labels=labels.astype(np.int32))
+        self._set(truth={name: self._true(name, values) for name, values in dict(self.truth or {}).items()})
+
+    def _set(self, **fields: Any) -> None:
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)  # the class is frozen for everyone else
+
+    def _check_points(self) -> None:
+        points = _array("points", self.points, (None, (2, 3)), "fiu").astype(float)
+        if not np.isfinite(points).all():
+            raise InputError("points", f"not finite in {int((~np.isfinite(points)).any(axis=1).sum())} rows", "numbers")
+        if len(points) < points.shape[1] + 1:
+            raise InputError("points", f"{len(points)} points", f"at least {points.shape[1] + 1}")
+        across = float(np.ptp(points, axis=0).max())
+        if across > _LARGEST:
+            raise InputError("points", f"{across:.6g} across", f"metres: at most {_LARGEST:g} m")
+        self._set(points=points)
+        if self.structured is None:
+            near = KDTree(points).query(points, k=2)[0][:, 1]
+            if near.min() <= 1e-9 * across:
+                raise InputError("points", f"twice the same, point {int(near.argmin())}", "every point once")
+
+    def _check_displacement(self) -> None:
+        n, d = self.points.shape
+        u = _array("displacement", self.displacement, (None, n, d), "fiuc").astype(complex)
+        if not len(u):
+            raise InputError("displacement", "of no load", "at least one")
+        if np.isinf(u).any():
+            raise InputError("displacement", "infinite somewhere", "m, NaN where it is not measured")
+        for load, each in enumerate(u):
+            if np.isnan(each).all():
+                raise InputError("displacement", f"NaN everywhere in load {load}", "a measured component")
+        across = float(np.ptp(self.points, axis=0).max())
+        # Resonances do reach a tenth of the size; never all of it.
+        if (most := float(np.nanmax(np.abs(u)))) > across:
+            raise InputError(
+                "displacement", f"{most:.6g} at most", f"metres: below {across:.6g} m, the size of the region"
+            )
+        frequency = _array("frequency", self.frequency, (len(u),), "fiu").astype(float)
+        if not (np.isfinite(frequency) & (frequency >= 0)).all():
+            raise InputError("frequency", frequency.tolist(), "Hz, at least 0")
+        self._set(displacement=u, frequency=frequency)
+
+    def _check_material(self) -> None:
+        wanted = f"kg/m³, from {_DENSITY[0]:g} to {_DENSITY[1]:g}"
+        self._set(density=_number("density", self.density, *_DENSITY, wanted))
+        if (self.poisson is None) == (self.bulk is None):
+            found = "missing" if self.poisson is None else "given twice, by bulk too"
+            raise InputError("poisson", found, "either poisson or bulk (Pa)")
+        if self.poisson is not None:
+            poisson = _number("poisson", self.poisson, -1.0, 0.5, "a number above -1 and below 0.5")
+            if poisson in (-1.0, 0.5):
+                raise InputError("poisson", poisson, "a number above -1 and below 0.5")
+            self._set(poisson=poisson)
+        if self.bulk is not None:
+            bulk = complex(_array("bulk", self.bulk, (), "fiuc", "one number, Pa"))
+            if not (np.isfinite(bulk) and bulk.real > 0 and bulk.imag >= 0):
+                raise InputError("bulk", bulk, "Pa, above 0, its imaginary part at least 0")
+            self._set(bulk=bulk if bulk.imag else bulk.real)
+        if self.fibre is not None:
+            n, d = self.points.shape
+            one = np.ndim(self.fibre) == 1
+            fibre = np.broadcast_to(_array("fibre", self.fibre, (d,) if one else (n, d), "fiu").astype(float), (n, d))
+            length = np.linalg.norm(fibre, axis=1)
+            off = self.mask & ~(np.abs(length - 1) < 1e-3)
+            if off.any():
+                raise InputError("fibre", f"of length {length[off][0]:.6g} at point {off.argmax()}", "unit vectors")
+            self._set(fibre=np.where(self.mask[:, None], fibre / np.where(self.mask, length, 1)[:, None], fibre))
+        elif self.symmetry == "transversely_isotropic":
+            raise InputError("fibre", "missing", "unit vectors of the fibres, or fibre_angle_deg in the plane")
+
+    def _check_grid(self) -> None:
+        grid = self.structured
+        if self.element and not (grid and grid.along and self.dim == 2):
+            wanted = "points on a plane grid along x and y, numbered along x first, or no element"
+            raise InputError("element", self.element, wanted)
+        if self.affine is not None:
+            self._set(affine=_array("affine", self.affine, (4, 4), "fiu").astype(float))
+            if grid is None:
+                raise InputError(
+                    "affine", "given", "points on a grid, numbered along its first axis first, or no affine"
+                )
+
+    def _true(self, name: str, values: Any) -> np.ndarray:
+        if name not in TRUTHS:
+            raise InputError("truth", repr(name), nearest(name, TRUTHS))
+        values = _array(f"truth_{name}", values, (len(self.points),), "fiuc")
+        wanted = "numbers" + (" (Pa), their real part above 0" if name in _POSITIVE else "")
+        bad = ~np.isfinite(values) | ((values.real <= 0) if name in _POSITIVE else False)
+        if (bad & self.mask).any():
+            raise InputError(f"truth_{name}", values[bad & self.mask][0], wanted)
+        return values
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return self.points.shape[1]
+
+    @property
+    def loads(self) -> int:
+        """How many displacement fields."""
+        return len(self.displacement)
+
+    @cached_property
+    def structured(self) -> Grid | None:
+        """The grid of the points (shape, spacing, axes), or None if they are scattered."""
+        return Grid.of(self.points)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(loads, n, d) bool: which components are."""
+        return ~np.isnan(self.displacement)
+
+    @property
+    def truth_views(self) -> dict[str, np.ndarray]:
+        """The truth under the names of the answers: youngs, or storage and loss (Pa), or mu, zeta, phi.
+
+        Isotropic: G from `shear`, or from `youngs` E by `poisson` ν, G = E/2(1+ν), or by `bulk` K, G = 3KE/(9K-E);
+        elastic: E back from it; viscoelastic: storage = Re G, loss = Im G.
+        """
+        views = {name: self.truth[name] for name in ("mu", "zeta", "phi") if name in self.truth}
+        shear, youngs = self.truth.get("shear"), self.truth.get("youngs")
+        if self.symmetry != "isotropic" or (shear is None and youngs is None):
+            return views
+        nu, K = self.poisson, self.bulk
+        if self.rheology == "elastic":
+            if youngs is None and shear is not None:
+                youngs = 2 * shear * (1 + nu) if nu is not None else 9 * K * shear / (3 * K + shear)  # type: ignore
+            return {**views, "youngs": np.real(youngs)}  # type: ignore[arg-type]
+        if shear is None and youngs is not None:
+            shear = youngs / (2 * (1 + nu)) if nu is not None else 3 * K * youngs / (9 * K - youngs)  # type: ignore
+        return {**views, "storage": np.real(shear), "loss": np.imag(shear)}  # type: ignore[arg-type]
+
+    def with_noise(self, sigma: float, seed: int) -> WaveData:
+        """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
+
+        a and b are standard normal, independent, drawn for all loads, points and components in that order; the rms is that of
+        |u| over the measured points of a component of a load. η is complex for elastic data too. `noise` becomes σ, or
+        √(noise² + σ²) where there was some.
+
+        Raises `InputError` unless 0 ≤ σ ≤ 10.
+        """
+        sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
+        a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))
+        size = np.nan_to_num(np.abs(self.displacement))
+        count = np.maximum(self.measured.sum(axis=1, keepdims=True), 1)
+        rms = np.sqrt((size**2).sum(axis=1, keepdims=True) / count)
+        noisy = self.displacement + sigma * rms * (a + 1j * b) / np.sqrt(2)
+        return replace(self, displacement=noisy, noise=float(np.hypot(self.noise or 0.0, sigma)))
+
+
+def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: str = "") -> np.ndarray:
+    """An array of these kinds of number and this shape: None is any length, a tuple one of several."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise InputError(name, f"a {type(value).__name__}", wanted or "an array of numbers") from error
+    fits = array.ndim == len(shape) and all(
+        want is None or (size in want if isinstance(want, tuple) else size == want)
+        for size, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits or array.dtype.kind not in kinds:
+        sizes = [
+            "n" if want is None else "|".join(map(str, want)) if isinstance(want, tuple) else str(want)
+            for want in shape
+        ]
+        number = "numbers" if "c" in kinds else "booleans" if kinds == "b" else "real numbers"
+        found = f"{array.dtype} of shape {array.shape}"
+        raise InputError(name, found, wanted or f"{number} of shape ({', '.join(sizes)})")
+    return array
+
+
+def _number(name: str, value: Any, low: float, high: float, wanted: str) -> float:
+    number = float(_array(name, value, (), "fiu", wanted))
+    if not low <= number <= high:
+        raise InputError(name, number, wanted)
+    return number
+
+
+def _flags(name: str, value: Any, n: int) -> np.ndarray:
+    flags = _array(name, value, (n,), "biuf")
+    if not np.isin(flags, (0, 1)).all():
+        raise InputError(name, "neither 0 nor 1 somewhere", "true or false for every point")
+    return flags.astype(bool)

@@ -1,0 +1,192 @@
+"""Wave data in files: NumPy archives, HDF5, NIfTI."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ngbrain.errors import InputError, NgbrainError
+from ngbrain.image.niftifile import NIFTI
+from ngbrain.io.waves.data import TRUTHS, WaveData
+from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
+
+_REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
+_OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine")
+_KEYS = (*_REQUIRED, *_OPTIONAL, "fibre_angle_deg", *(f"truth_{name}" for name in TRUTHS))
+_WANTED = "wave data: .npz, .h5, .hdf5, .nii or .nii.gz"
+_HDF5 = (".h5", ".hdf5")
+_ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
+
+
+def read_waves(path: str | os.PathLike[str]) -> WaveData:
+    """Read wave data; see `WaveData` for the fields, which are the keys of the file, SI units.
+
+    .npz, .h5, .hdf5: one array for each field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for
+    the truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`. Other keys
+    are left alone, but one that looks like a slip of these is refused. Nothing is unpickled.
+    .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, with all else in a sidecar
+    (`ngbrain.io.waves.nifti`).
+
+    Raises:
+        InputError: names file, field, value and what is wanted.
+        MissingExtra: NIfTI without nibabel.
+
+    >>> read_waves("waves.mat")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: waves.mat: data is a .mat file; wanted: wave data: .npz, .h5, .hdf5, .nii or .nii.gz
+    """
+    path = Path(path)
+    with in_file(path):
+        keys = _kind(path)[0](path)
+        for key in keys:
+            slip = get_close_matches(key, _KEYS, n=1, cutoff=_ALIKE)
+            if key not in _KEYS and slip:
+                raise InputError("key", repr(key), f"did you mean {slip[0]!r}?")
+        return from_keys(keys)
+
+
+def write_waves(path: str | os.PathLike[str], data: WaveData) -> None:
+    """Write what `read_waves` reads back to the last bit (points of NIfTI: to rounding); the file is whole or not there.
+
+    Raises:
+        InputError: a suffix that is none of these; NIfTI for points that are no grid.
+        MissingExtra: NIfTI without nibabel.
+        OSError: the disk is full, the folder is not writable, ...
+
+    >>> import tempfile
+    >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_waves(f"{folder}/waves.npz", data)
+    ...     read_waves(f"{folder}/waves.npz").frequency
+    array([50.])
+    """
+    path = Path(path)
+    with in_file(path):
+        _kind(path)[1](path, data)
+
+
+@contextmanager
+def in_file(path: Path) -> Iterator[None]:
+    """Errors of the fields name the file too."""
+    try:
+        yield
+    except InputError as error:
+        if error.file:
+            raise
+        raise InputError(error.field, error.value, error.wanted, path) from error
+
+
+def to_keys(data: WaveData) -> dict[str, Any]:
+    """The fields as a file has them, without those that are None."""
+    keys = {name: getattr(data, name) for name in (*_REQUIRED, *_OPTIONAL)}
+    keys |= {f"truth_{name}": values for name, values in data.truth.items()}
+    return {name: value for name, value in keys.items() if value is not None}
+
+
+def from_keys(keys: Mapping[str, Any]) -> WaveData:
+    """The data that a file holds; 0-d arrays become numbers and text."""
+    for name in _REQUIRED:
+        if name not in keys:
+            raise InputError(name, "missing", f"wave data with {', '.join(_REQUIRED)}")
+    fields = {name: _plain(name, keys[name]) for name in (*_REQUIRED, *_OPTIONAL) if name in keys}
+    fields["element"] = fields.get("element") or None
+    if "fibre_angle_deg" in keys:
+        if "fibre" in keys:
+            raise InputError("fibre_angle_deg", "given beside fibre", "one of them")
+        fields["fibre"] = _directions(keys["fibre_angle_deg"], np.shape(keys["points"]))
+    truth = {name: np.asarray(keys[f"truth_{name}"]) for name in TRUTHS if f"truth_{name}" in keys}
+    return WaveData(**fields, truth=truth)
+
+
+def _plain(name: str, value: Any) -> Any:
+    value = np.asarray(value)
+    if value.dtype.kind in "SU" and value.ndim == 0:
+        return value.item().decode(errors="replace") if value.dtype.kind == "S" else value.item()
+    if name in ("symmetry", "rheology", "element"):
+        raise InputError(name, f"{value.dtype} of shape {value.shape}", "text")
+    return value.reshape(()) if value.shape == (1,) and name in ("density", "poisson", "bulk", "noise") else value
+
+
+def _directions(angle: Any, shape: tuple[int, ...]) -> np.ndarray:
+    angle = np.asarray(angle)
+    if len(shape) != 2 or shape[1] != 2:
+        raise InputError("fibre_angle_deg", "given in space", "plane points, or fibre")
+    if angle.dtype.kind not in "fiu" or angle.shape not in ((), (1,), shape[:1]) or not np.isfinite(angle).all():
+        found = f"{angle.dtype} of shape {angle.shape}"
+        raise InputError("fibre_angle_deg", found, f"finite degrees, one number or {shape[0]}")
+    turn = np.deg2rad(np.broadcast_to(angle, shape[:1]).astype(float))
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    # Opened here: numpy leaves a damaged archive open.
+    with path.open("rb") as raw:
+        file = np.load(raw, allow_pickle=False)
+        if not isinstance(file, np.lib.npyio.NpzFile):
+            raise InputError("data", "one array", "an archive of arrays, as numpy.savez writes it")
+        return {name: file[name] for name in file.files}
+
+
+def _read_h5(path: Path) -> dict[str, Any]:
+    with h5py.File(path, "r") as file:
+        found = {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+    return {name: value.decode() if isinstance(value, bytes) else value for name, value in found.items()}
+
+
+def _write_npz(path: Path, data: WaveData) -> None:
+    _whole(path, lambda part: np.savez_compressed(part, **to_keys(data)))
+
+
+def _write_h5(path: Path, data: WaveData) -> None:
+    def write(part: Path) -> None:
+        with h5py.File(part, "w") as file:
+            for name, value in to_keys(data).items():
+                file[name] = value
+
+    _whole(path, write)
+
+
+def _whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write beside the place, then rename: a reader never sees half a file."""
+    part = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    try:
+        write(part)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
+    """The same reader for files that need not be what they seem."""
+
+    def reader(path: Path) -> dict[str, Any]:
+        if not path.is_file():
+            raise InputError("data", "missing" if not path.exists() else "no file", _WANTED)
+        try:
+            return read(path)
+        except NgbrainError:
+            raise
+        except Exception as error:  # whatever damaged bytes lead the libraries into
+            wanted = f"a whole {path.suffix} file of plain arrays, without pickles"
+            raise InputError("data", f"unreadable ({type(error).__name__}: {error})", wanted) from error
+
+    return reader
+
+
+def _kind(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callable[[Path, WaveData], None]]:
+    """How such a file is read and written."""
+    if path.suffix == ".npz":
+        return _sound(_read_npz), _write_npz
+    if path.suffix in _HDF5:
+        return _sound(_read_h5), _write_h5
+    if path.name.endswith(NIFTI):
+        return _sound(read_nifti), lambda place, data: write_nifti_waves(place, data, to_keys(data))
+    raise InputError("data", f"a {path.suffix} file" if path.suffix else "a file without suffix", _WANTED)

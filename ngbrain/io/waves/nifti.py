@@ -1,0 +1,167 @@
+"""Wave data as NIfTI images, and maps on the grid of the image that the data came from.
+
+    NAME.nii[.gz]           displacement (x, y, z, loads, components), complex, m; NaN where not measured
+    NAME.json               the sidecar: frequency, density, symmetry, rheology, …, a complex number as [re, im]
+    NAME_mask.nii[.gz], …   one image (x, y, z[, components]) for each field with a value at every point
+
+The sidecar's `files` names those images, by field. Two components are plane data and have one slice; three are data in
+space. The points are the middles of all voxels, numbered along x first. In space, points and components are in the world of
+the image's affine (right, front, up). So they are in the plane where the slice is level; any other slice lies in the plane of
+its own two axes, its first voxel at the origin. Instead of a complex image there may be two real ones, whose names differ by
+`part-real` and `part-imag`; a real one alone is a real displacement. Fields that the sidecar leaves out have their defaults.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.image.niftifile import NIFTI, suffix_of, write_nifti
+from ngbrain.image.volume import Volume, opened
+from ngbrain.io.waves.data import WaveData
+
+_SIDES = (1e-5, 0.1)  # m, of a voxel: ultrasound to whole-body
+_AT_POINTS = ("fibre", "dirichlet", "mask", "labels")
+_MOST = 2**28  # numbers in an image
+_REAL, _IMAGINARY = "part-real", "part-imag"
+
+
+def read_nifti(path: Path) -> dict[str, Any]:
+    """The fields of wave data as `from_keys` of `files` takes them."""
+    u, affine = _image(path)
+    if _REAL in path.name:
+        other = path.with_name(path.name.replace(_REAL, _IMAGINARY))
+        imaginary, _ = _image(other)
+        if imaginary.shape != u.shape or np.iscomplexobj(u) or np.iscomplexobj(imaginary):
+            raise InputError("displacement", f"{u.shape} and {imaginary.shape}", "two real images of one shape")
+        u = u + 1j * imaginary
+    plane = u.ndim == 5 and u.shape[4] == 2 and u.shape[2] == 1
+    if not plane and not (u.ndim == 5 and u.shape[4] == 3 and min(u.shape[:3]) > 1):
+        wanted = "(x, y, z, loads, 3), or (x, y, 1, loads, 2) in the plane"
+        raise InputError("displacement", f"of shape {u.shape}", wanted, path)
+    keys = _sidecar(path)
+    d, shape = u.shape[4], u.shape[:3]
+    n = int(np.prod(shape))
+    keys["displacement"] = np.moveaxis(u.reshape(n, u.shape[3], d, order="F"), 1, 0)
+    keys["points"] = _places(affine, shape, d)
+    keys["affine"] = affine
+    files = keys.pop("files", {})
+    if not isinstance(files, Mapping) or not all(
+        isinstance(name, str) and Path(name).name == name for name in files.values()
+    ):
+        raise InputError("files", repr(files), "field → name of an image in the same folder", path)
+    for name, file in files.items():
+        values, _ = _image(path.with_name(file))
+        if values.shape[:3] != shape:
+            raise InputError(name, f"of shape {values.shape}", f"the grid of the displacement, {shape}", path)
+        keys[name] = values.reshape(n, *values.shape[3:], order="F")
+    return keys
+
+
+def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> None:
+    """The displacement, its sidecar and an image for each field with values at the points; the displacement comes last."""
+    suffix, affine, shape = suffix_of(path), *_grid_of(data)
+    stem = path.name[: -len(suffix)]
+    fields = {name: keys[name] for name in keys if name in _AT_POINTS or name.startswith("truth_")}
+    files = {name: f"{stem}_{name}{suffix}" for name in fields}
+    rest = {name: _json(keys[name]) for name in keys if name not in (*fields, "points", "displacement", "affine")}
+    for name, values in fields.items():
+        _save(path.with_name(files[name]), values, affine, shape)
+    part = path.with_name(f".{stem}.{os.getpid()}.tmp.json")
+    try:
+        part.write_text(json.dumps({**rest, "files": files}, indent=1, allow_nan=False))
+        os.replace(part, path.with_name(f"{stem}.json"))
+    finally:
+        part.unlink(missing_ok=True)
+    _save(path, np.moveaxis(data.displacement, 0, 1), affine, shape)
+
+
+def write_map(path: str | os.PathLike[str], data: WaveData, values: np.ndarray) -> None:
+    """Values (n,) or (n, k) at the points of the data as a NIfTI image on the grid that the data came from.
+
+    The affine is that of the input's image; data that came from no image get the place of their points.
+
+    Raises:
+        InputError: the points are no grid; not as many values; a name without .nii or .nii.gz.
+        MissingExtra: nibabel is not installed.
+    """
+    path, values = Path(path), np.asarray(values)
+    affine, shape = _grid_of(data)
+    if values.ndim not in (1, 2) or len(values) != len(data.points):
+        raise InputError("values", f"of shape {values.shape}", f"({len(data.points)},) or ({len(data.points)}, k)")
+    _save(path, values, affine, shape)
+
+
+def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of an image, real double or complex, and its affine (m)."""
+    if not path.name.endswith(NIFTI):
+        raise InputError("image", repr(path.name), " or ".join(NIFTI), path)
+    image, affine = opened(path, _SIDES)
+    if np.prod(image.shape, dtype=float) > _MOST:
+        raise InputError("image", f"of shape {image.shape}", f"at most {_MOST} numbers", path)
+    values = np.asanyarray(image.dataobj)
+    if values.dtype.kind not in "iufc":
+        raise InputError("image", f"made of {values.dtype}", "numbers", path)
+    return values, affine
+
+
+def _sidecar(path: Path) -> dict[str, Any]:
+    place = path.with_name(path.name[: -len(suffix_of(path))] + ".json")
+    if not place.is_file():
+        raise InputError("sidecar", "missing", "a JSON file with frequency, density, …, beside the image", place)
+    try:
+        keys = json.loads(place.read_text())
+    except (ValueError, RecursionError) as error:
+        raise InputError("sidecar", f"unreadable ({error})", "a JSON object", place) from error
+    if not isinstance(keys, dict):
+        raise InputError("sidecar", f"a {type(keys).__name__}", "a JSON object", place)
+    for name in ("points", "displacement", "affine"):
+        if name in keys:
+            raise InputError(name, "given", "nothing: the image has it", place)
+    bulk = keys.get("bulk")
+    if isinstance(bulk, list) and len(bulk) == 2 and all(isinstance(part, int | float) for part in bulk):
+        keys["bulk"] = complex(*bulk)
+    return {name: value for name, value in keys.items() if value is not None}
+
+
+def _places(affine: np.ndarray, shape: tuple[int, ...], d: int) -> np.ndarray:
+    """The middles of the voxels, (n, d) m."""
+    index = np.indices(shape).reshape(3, -1, order="F").T
+    if d == 3:
+        return index @ affine[:3, :3].T + affine[:3, 3]
+    if np.abs(affine[2, :2]).max() < 1e-6 * np.abs(affine[:2, :2]).max():  # level
+        return index[:, :2] @ affine[:2, :2].T + affine[:2, 3]
+    return index[:, :2] * np.linalg.norm(affine[:3, :2], axis=0)
+
+
+def _grid_of(data: WaveData) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """Affine (m) and the three sizes of the image that the points are the voxels of."""
+    grid = data.structured
+    if grid is None:
+        raise InputError("points", "no grid", "points on a grid, numbered along its first axis first, for NIfTI")
+    d = data.dim
+    affine = np.eye(4)
+    affine[2, 2] = grid.spacing[0]  # of the one slice of plane data
+    affine[:d, :d] = grid.axes.T * grid.spacing
+    affine[:d, 3] = grid.origin
+    shape = (*grid.shape, 1)[:3]
+    return (affine if data.affine is None else data.affine), (shape[0], shape[1], shape[2])
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _save(path: Path, values: np.ndarray, affine: np.ndarray, shape: tuple[int, int, int]) -> None:
+    """Values (n, …) at the points as an image; NIfTI has no booleans, and few of its readers 64-bit integers."""
+    values = values.astype(np.uint8) if values.dtype == bool else values
+    values = values.astype(np.int32) if values.dtype.kind in "iu" and values.dtype.itemsize > 4 else values
+    write_nifti(path, Volume(values.reshape(*shape, *values.shape[1:], order="F"), affine))
