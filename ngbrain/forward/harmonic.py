@@ -18,6 +18,7 @@ from typing import TypeAlias
 
 import ngsolve as ngs
 import numpy as np
+import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
@@ -242,23 +243,23 @@ def _same(work: CoefficientFunction) -> CoefficientFunction:
 
 
 class Factorised:
-    """A body's matrices at its present moduli, one for each frequency, with factors: complex-symmetric, all unknowns."""
+    """A body's matrices at its present moduli, one for each frequency: complex-symmetric, all unknowns; factors on demand."""
 
     def __init__(self, body: Harmonic) -> None:
         self.body = body
         trial, test = body.fes.TnT()
-        self._forms, self._inverses = {}, {}
+        self._forms: dict[float, ngs.BilinearForm] = {}
+        self._inverses: dict[float, ngs.BaseMatrix] = {}
         for omega in {wave.omega for wave in body.waves}:
             form = ngs.BilinearForm(body.fes)
             form += body.terms(omega, trial, test, _same)
             form.Assemble()
             self._forms[omega] = form
-            self._inverses[omega] = _inverse(form)
         self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
 
     @property
     def number(self) -> int:
-        """How many factors there are."""
+        """How many factors there are by now."""
         return len(self._inverses)
 
     def apply(self, number: int, x: Array) -> Array:
@@ -267,10 +268,17 @@ class Factorised:
         self._out.data = self._forms[self.body.waves[number].omega].mat * self._in
         return self._out.FV().NumPy().copy()
 
+    def matrix(self, number: int) -> sp.csr_array:
+        """A of the wave."""
+        return sparse(self._forms[self.body.waves[number].omega].mat)
+
     def solve(self, number: int, b: Array) -> Array:
         """x with (A x - b) = 0 in the free unknowns and x = 0 in the held ones."""
+        omega = self.body.waves[number].omega
+        if omega not in self._inverses:
+            self._inverses[omega] = _inverse(self._forms[omega])
         self._in.FV().NumPy()[:] = b
-        self._out.data = self._inverses[self.body.waves[number].omega] * self._in
+        self._out.data = self._inverses[omega] * self._in
         return self._out.FV().NumPy().copy()
 
     def driven(self, number: int, g: Array) -> Array:
@@ -306,6 +314,12 @@ class Factorised:
             shift = (np.dot(x.FV().NumPy(), y.FV().NumPy()) / np.dot(z, y.FV().NumPy())).real
             x.FV().NumPy()[:] = z / np.linalg.norm(z)
         return abs(math.sqrt(max(0.0, 1 + shift / omega**2)) - 1)
+
+
+def sparse(matrix: ngs.BaseMatrix) -> sp.csr_array:
+    """A copy of NGSolve's matrix for scipy."""
+    values, columns, rows = (np.array(part) for part in matrix.CSR())
+    return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
 
 
 def _inverse(form: ngs.BilinearForm) -> ngs.BaseMatrix:

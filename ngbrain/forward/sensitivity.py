@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Change, Factorised, Harmonic
+from ngbrain.forward.harmonic import Change, Factorised, Harmonic, sparse
 from ngbrain.forward.points import evaluation
 
 Array = np.ndarray
@@ -85,9 +85,20 @@ class WaveModel:
 
     def at(self, theta: Array) -> Linearised:
         """Waves of θ, and their derivatives; the fields keep the values of the last call."""
+        factors = self._factorised(theta)
+        waves = np.array([factors.driven(k, g) for k, g in enumerate(self.held(theta))])
+        self.solves.factorisations += factors.number
+        self.solves.forward += len(waves)
+        return Linearised(self, factors, waves)
+
+    def around(self, theta: Array, waves: Array) -> Linearised:
+        """Derivatives at θ and at any waves (loads, ndof), such as measured ones: nothing is solved."""
+        return Linearised(self, self._factorised(theta), np.asarray(waves, complex))
+
+    def _factorised(self, theta: Array) -> Factorised:
         for name, field in self.fields.items():
             field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
-        return Linearised(self, self.held(theta))
+        return self.body.factorised()
 
     def held(self, theta: Array) -> Array:
         """Boundary values in θ as arrays over all unknowns (waves, ndof)."""
@@ -101,6 +112,13 @@ class WaveModel:
         width = self._scalar.shape[1]
         return np.column_stack([self._scalar @ u[i * width : (i + 1) * width] for i in range(self.dim)])
 
+    @property
+    def observation(self) -> sp.csr_array:
+        """The matrix (n dim, ndof) of `observed`: all points of the first component, then of the next."""
+        whole = sp.block_diag([self._scalar] * self.dim, format="csr")
+        whole.resize((whole.shape[0], self.body.fes.ndof))
+        return sp.csr_array(whole)
+
     def spread(self, values: Array) -> Array:
         """The transpose of `observed`."""
         u = np.zeros(self.body.fes.ndof, complex)
@@ -113,14 +131,10 @@ class WaveModel:
 class Linearised:
     """Waves at one θ: `data` (waves, n, dim) in m, and the products of J and Jᵀ. It is of use until the model moves on."""
 
-    def __init__(self, model: WaveModel, held: Array) -> None:
-        self.model, body = model, model.body
-        self.factors: Factorised = body.factorised()
-        self.waves = np.array([self.factors.driven(k, g) for k, g in enumerate(held)])
-        self.data = np.array([model.observed(u) for u in self.waves])
+    def __init__(self, model: WaveModel, factors: Factorised, waves: Array) -> None:
+        self.model, self.factors, self.waves = model, factors, waves
+        self.data = np.array([model.observed(u) for u in waves])
         self._sensitivities: list[sp.csr_array] | None = None
-        model.solves.factorisations += self.factors.number
-        model.solves.forward += len(held)
 
     def push(self, direction: Array) -> Array:
         """J δθ, as `data`."""
@@ -174,8 +188,7 @@ class Linearised:
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
             form += body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
             form.Assemble()
-            values, indices, rows = (np.array(part) for part in form.mat.CSR())
-            columns.append(sp.csr_array((values, indices, rows), shape=(form.mat.height, form.mat.width)))
+            columns.append(sparse(form.mat))
         return sp.csr_array(sp.hstack(columns))
 
     def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:

@@ -12,13 +12,24 @@ Apply = Callable[[Array], Array]
 
 def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:
     """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
+    x, k, left = truncated_cg(apply, precondition, b, rtol, most)
+    if left > rtol:
+        raise FloatingPointError(f"no convergence in {most} iterations (residual {left:.1e} of its start)")
+    return x, k
+
+
+def truncated_cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int, float]:
+    """What `cg` has after `most` iterations or before, iterations, and √(r·Pr) as a part of its start.
+
+    Every iterate lowers ½ x·Ax - b·x: as a step of a minimisation it can be used as it is.
+    """
     x, r = np.zeros_like(b), b.copy()
     z = precondition(r)
     p, start = z, _definite(r, z, "preconditioner")
     now = start
     for k in range(most + 1):
-        if now <= rtol * rtol * start:
-            return x, k
+        if now <= rtol * rtol * start or k == most:
+            break
         q = apply(p)
         alpha = now / _definite(p, q, "matrix")
         x += alpha * p
@@ -26,7 +37,7 @@ def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> t
         z = precondition(r)
         before, now = now, _definite(r, z, "preconditioner")
         p = z + now / before * p
-    raise FloatingPointError(f"no convergence in {most} iterations (residual {np.sqrt(now / start):.1e} of its start)")
+    return x, k, float(np.sqrt(now / start)) if start else 0.0
 
 
 def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int]:

@@ -1,0 +1,156 @@
+"""The objective of an inversion as a function of its unknowns alone: value, gradient and Gauss-Newton products.
+
+    J(x) = Φ(d(θ(x))) + ½ Σ_b α_b (x_b - x̄_b)·R_b (x_b - x̄_b)
+
+d are a model's data, Φ a misfit, θ(x) a change of variables, R_b regularisers of blocks of x. The gradient takes one
+adjoint solve for each load whatever the number of unknowns; a Gauss-Newton product two, with the factor of the forward solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+Array = np.ndarray
+
+
+class State(Protocol):
+    """A model at one θ."""
+
+    data: Array
+
+    def push(self, direction: Array) -> Array:
+        """J δθ."""
+
+    def pull(self, w: Array) -> Array:
+        """Re(Jᵀ w̄), cheap where many are asked for."""
+
+    def gradient(self, w: Array) -> Array:
+        """Re(Jᵀ w̄), cheap where one is asked for."""
+
+
+class Model(Protocol):
+    """From a vector θ to data."""
+
+    def at(self, theta: Array) -> Any:
+        """Its `State` at θ."""
+
+
+class Unknowns(Protocol):
+    """From x to θ."""
+
+    start: Array
+    blocks: Mapping[str, slice]
+
+    def theta(self, x: Array) -> Array:
+        """θ(x)."""
+
+    def jacobian(self, x: Array) -> sp.csr_array:
+        """∂θ/∂x."""
+
+
+class Misfit(Protocol):
+    """How far data are off, weighed by their noise."""
+
+    def value(self, data: Array) -> float:
+        """Φ."""
+
+    def slope(self, data: Array) -> Array:
+        """w with dΦ = Re Σ w̄ · δdata."""
+
+    def bend(self, data: Array, change: Array) -> Array:
+        """The (positive) second derivative of Φ that Gauss and Newton keep, times a change of the data."""
+
+
+class Regulariser(Protocol):
+    """R of a block."""
+
+    def matrix(self, block: Array) -> sp.csr_array:
+        """R at a block's values: positive semi-definite, its energy's slope is R (x - x̄)."""
+
+    def value(self, block: Array) -> float:
+        """Its energy, ½ (x - x̄)·R (x - x̄) where R is constant."""
+
+    def slope(self, block: Array) -> Array:
+        """The energy's gradient."""
+
+
+class Reduced:
+    """J of a model, a misfit, unknowns and regularisers with weights.
+
+    regularisers   block → Regulariser; blocks without one are held by the data alone
+    weights        block → α, changed between calls as the weight is lowered
+
+    The `State` of a model is of use until the model is asked for another θ, and so is a `Point`.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        misfit: Misfit,
+        unknowns: Unknowns,
+        regularisers: Mapping[str, Regulariser],
+        weights: Mapping[str, float],
+    ) -> None:
+        self.model, self.misfit, self.unknowns = model, misfit, unknowns
+        self.regularisers, self.weights = dict(regularisers), dict(weights)
+
+    def at(self, x: Array) -> Point:
+        """J at x: one forward solve for each load."""
+        return Point(self, np.array(x, float), self.model.at(self.unknowns.theta(x)))
+
+    def value(self, x: Array) -> float:
+        """J(x)."""
+        return self.at(x).value
+
+    def regular(self, x: Array) -> float:
+        """Σ α R."""
+        return sum(self.weights[b] * r.value(x[self.unknowns.blocks[b]]) for b, r in self.regularisers.items())
+
+    def regular_slope(self, x: Array) -> Array:
+        """Its gradient."""
+        slope = np.zeros(len(x))
+        for name, regulariser in self.regularisers.items():
+            block = self.unknowns.blocks[name]
+            slope[block] += self.weights[name] * regulariser.slope(x[block])
+        return slope
+
+    def regular_matrix(self, x: Array) -> sp.csr_array:
+        """Σ α R as one matrix."""
+        parts = []
+        for name, block in self.unknowns.blocks.items():
+            size = block.stop - block.start
+            regulariser = self.regularisers.get(name)
+            parts.append(
+                sp.csr_array((size, size)) if regulariser is None else self.weights[name] * regulariser.matrix(x[block])
+            )
+        return sp.csr_array(sp.block_diag(parts))
+
+
+class Point:
+    """J at one x."""
+
+    def __init__(self, reduced: Reduced, x: Array, state: State) -> None:
+        self.reduced, self.x, self.state = reduced, x, state
+        self.misfit = reduced.misfit.value(state.data)
+        self.regular = reduced.regular(x)
+        self._jacobian = reduced.unknowns.jacobian(x)
+
+    @property
+    def value(self) -> float:
+        """J."""
+        return self.misfit + self.regular
+
+    def gradient(self) -> Array:
+        """∇J: one adjoint solve for each load."""
+        slope = self.state.gradient(self.reduced.misfit.slope(self.state.data))
+        return self._jacobian.T @ slope + self.reduced.regular_slope(self.x)
+
+    def product(self, direction: Array) -> Array:
+        """The Gauss-Newton matrix JᵀWJ + Σ α R times a direction: two solves for each load."""
+        change = self.state.push(self._jacobian @ direction)
+        back = self.state.pull(self.reduced.misfit.bend(self.state.data, change))
+        return self._jacobian.T @ back + self.reduced.regular_matrix(self.x) @ direction

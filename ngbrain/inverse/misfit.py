@@ -1,0 +1,76 @@
+"""How far predicted waves are off the measured ones, in units of their noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ngbrain.errors import InputError
+
+Array = np.ndarray
+
+
+class LeastSquares:
+    """Φ = ½ Σ |(d - m)/σ|² over what is measured.
+
+    measured   m (loads, n, dim), complex, m; NaN where a component is not measured
+    sigma      standard deviation of the real and of the imaginary part (m), of any shape that fits m's
+
+    With the right σ, 2Φ of the truth is close to `count`, the number of real data.
+    """
+
+    def __init__(self, measured: Array, sigma: Array | float) -> None:
+        self.known = ~np.isnan(measured)
+        self.sigma = np.broadcast_to(np.asarray(sigma, float), measured.shape)
+        if not np.all(self.sigma[self.known] > 0):
+            raise InputError("sigma", float(np.min(self.sigma)), "a positive standard deviation in m")
+        self.measured = np.where(self.known, measured, 0)
+        self.count = 2 * int(self.known.sum())
+
+    def residual(self, data: Array) -> Array:
+        """(d - m)/σ, 0 where nothing is measured."""
+        return np.where(self.known, (data - self.measured) / self.sigma, 0)
+
+    def value(self, data: Array) -> float:
+        """Φ."""
+        return 0.5 * float(np.sum(np.abs(self.residual(data)) ** 2))
+
+    def slope(self, data: Array) -> Array:
+        """w with dΦ = Re Σ w̄ · δd (1/m)."""
+        return self.residual(data) / self.sigma
+
+    def weight(self, data: Array) -> Array:
+        """What Gauss and Newton weigh squares by, 1/σ² (1/m²)."""
+        return np.where(self.known, 1 / self.sigma**2, 0)
+
+    def bend(self, data: Array, change: Array) -> Array:
+        """`weight` times a change of the data."""
+        return self.weight(data) * change
+
+
+class Huber(LeastSquares):
+    """Φ = Σ ρ(|r|), ρ = ½ r² up to a threshold k and k |r| - ½ k² beyond: outliers pull with a bounded force.
+
+    Source: Huber 1964, 10.1214/aoms/1177703732.
+    """
+
+    def __init__(self, measured: Array, sigma: Array | float, threshold: float = 2.5) -> None:
+        super().__init__(measured, sigma)
+        if not threshold > 0:
+            raise InputError("threshold", threshold, "a positive number of standard deviations")
+        self.threshold = threshold
+
+    def value(self, data: Array) -> float:
+        """Φ."""
+        size, k = np.abs(self.residual(data)), self.threshold
+        return float(np.sum(np.where(size <= k, 0.5 * size**2, k * size - 0.5 * k**2)))
+
+    def slope(self, data: Array) -> Array:
+        """w with dΦ = Re Σ w̄ · δd (1/m)."""
+        return self._share(data) * super().slope(data)
+
+    def weight(self, data: Array) -> Array:
+        """1/σ², less for outliers (1/m²)."""
+        return self._share(data) * super().weight(data)
+
+    def _share(self, data: Array) -> Array:
+        return self.threshold / np.maximum(np.abs(self.residual(data)), self.threshold)

@@ -1,0 +1,139 @@
+"""One Gauss-Newton step with waves and fields as unknowns together, by one sparse factorisation.
+
+Around fields x and waves u the step (δx, δu) minimises
+
+    ½ |W^½ (B (u + δu) - m)|² + ½ (x + δx - x̄)·R (x + δx - x̄)    subject to    A (u + δu) + (∂A/∂x u) δx = f
+
+with W the weights of the data. Its optimality conditions are sparse and symmetric, and their factor also tells how many
+numbers the data determine. The waves need not satisfy the equation of motion to begin with: started from measured waves the
+first step is a linear least-squares problem, which has no local minima to fall into.
+
+For plane problems: the factor of a problem in space does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ngbrain.errors import SolverError
+from ngbrain.forward.sensitivity import Linearised
+
+Array = np.ndarray
+PIVOT = 0.01
+"""Share of the largest entry below which SuperLU leaves the diagonal."""
+
+
+class Optimality:
+    """The conditions around one state, factorised.
+
+    state     fields and waves that the problem is linearised around
+    jacobian  ∂θ/∂x of the fields' unknowns (rows in θ before the boundary's)
+    regular   R, with its weights
+    weight    W (loads, n, dim), 0 where nothing is measured
+    fixed     whether the held displacements are known exactly; else they are unknowns as all others, held by the data
+
+    Raises `SolverError` when the conditions are singular.
+    """
+
+    def __init__(
+        self, state: Linearised, jacobian: sp.csr_array, regular: sp.csr_array, weight: Array, fixed: bool
+    ) -> None:
+        body = state.model.body
+        self.state, self.loads, self.size = state, len(body.waves), regular.shape[0]
+        self.free = ~body.held
+        self.active = self.free if fixed else np.ones_like(self.free)
+        observe = state.model.observation
+        self.observe = observe[:, self.active]
+        self._root = [np.sqrt(part.T.ravel()) for part in weight]
+        hessians: list[sp.csr_array] = [regular]
+        rows: list[list[sp.csr_array | None]] = []
+        self._columns, self._rows = [], []
+        for k, root in enumerate(self._root):
+            seen = sp.csr_array(sp.diags_array(root) @ self.observe)
+            square = sp.csr_array(seen.T @ seen)
+            matrix = state.factors.matrix(k)[self.free][:, self.active]
+            column = _column_scale(square, matrix)
+            matrix = matrix @ sp.diags_array(column)
+            row = 1 / np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=1)).ravel())
+            matrix = sp.diags_array(row) @ matrix
+            change = sp.diags_array(row) @ (state.sensitivities[k] @ jacobian)[self.free]
+            square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column))
+            hessians += [square, square]
+            before, after = [None] * (2 * k), [None] * (2 * (self.loads - 1 - k))
+            rows.append([change.real, *before, matrix.real, -matrix.imag, *after])
+            rows.append([change.imag, *before, matrix.imag, matrix.real, *after])
+            self._columns.append(column)
+            self._rows.append(row)
+        constraint = sp.csr_array(sp.block_array(rows))
+        whole = sp.csc_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
+        self._matrix = whole
+        try:
+            self._factor = scipy.sparse.linalg.splu(
+                whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True}
+            )
+        except RuntimeError as error:
+            raise SolverError(f"the optimality conditions cannot be factorised: {error}") from error
+
+    def step(self, slope: Array, residual: Array, imbalance: Array | None = None) -> tuple[Array, Array]:
+        """δx and δu (loads, ndof).
+
+        slope      gradient of the regularisers at x
+        residual   m - B u (loads, n, dim), 0 where nothing is measured
+        imbalance  f - A u (loads, ndof); None: the waves satisfy the equation of motion
+        """
+        pulls = [root * part.T.ravel() for root, part in zip(self._root, residual, strict=True)]
+        return self._solve(-slope, pulls, imbalance)
+
+    def determined(self, random: np.random.Generator) -> float:
+        """How many of the real data the fitted unknowns use up: an estimate of the trace of the influence matrix."""
+        probes = [random.choice([-1.0, 1.0], size=(len(root), 2)) @ [1, 1j] for root in self._root]
+        _, waves = self._solve(np.zeros(self.size), [np.where(r > 0, z, 0) for z, r in zip(probes, self._root, strict=True)])
+        used = 0.0
+        for root, probe, u in zip(self._root, probes, waves, strict=True):
+            used += float(np.sum(np.conj(np.where(root > 0, probe, 0)) * (root * (self.observe @ u[self.active]))).real)
+        return used
+
+    def determined_of(
+        self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
+    ) -> dict[str, float]:
+        """For each block how many of its numbers the data determine: n - tr(R_b H⁻¹), estimated; R_b with its weight."""
+        found = {}
+        for name, matrix in regular.items():
+            block = blocks[name]
+            probe = np.zeros(self.size)
+            probe[block] = random.choice([-1.0, 1.0], size=block.stop - block.start)
+            y, _ = self._solve(probe, [np.zeros(len(root)) for root in self._root])
+            found[name] = float(np.clip(len(y[block]) - probe[block] @ (matrix @ y[block]), 0.0, len(y[block])))
+        return found
+
+    def _solve(self, slope: Array, pulls: list[Array], imbalance: Array | None = None) -> tuple[Array, Array]:
+        parts = [slope]
+        for root, pull, column in zip(self._root, pulls, self._columns, strict=True):
+            b = column * (self.observe.T @ (root * pull))
+            parts += [b.real, b.imag]
+        for k, row in enumerate(self._rows):
+            c = np.zeros(len(row), complex) if imbalance is None else row * imbalance[k][self.free]
+            parts += [c.real, c.imag]
+        b = np.concatenate(parts)
+        x = self._factor.solve(b)
+        x += self._factor.solve(b - self._matrix @ x)
+        if not np.isfinite(x).all():
+            raise SolverError("the optimality conditions are singular: nothing holds some of the unknowns")
+        waves = np.zeros((self.loads, len(self.free)), complex)
+        rest = x[self.size : self.size + 2 * self.loads * int(self.active.sum())].reshape(self.loads, 2, -1)
+        for k, column in enumerate(self._columns):
+            waves[k, self.active] = column * (rest[k, 0] + 1j * rest[k, 1])
+        return x[: self.size], waves
+
+
+def _column_scale(square: sp.csr_array, matrix: sp.csr_array) -> Array:
+    """Units of the waves' unknowns: a standard deviation of the data; of a pressure, what weighs as much in the matrix."""
+    seen = square.diagonal()
+    sigma = 1 / np.sqrt(np.median(seen[seen > 0]))
+    weights = np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=0)).ravel())
+    typical = np.median(weights[seen > 0])
+    return np.where(seen > 0, sigma, sigma * typical / weights)

@@ -1,0 +1,152 @@
+"""What is thought of a field before it is measured: smooth, of few flat parts, alike inside a label.
+
+Each is an energy of x, a field in the variables of `parameters`, drawn to x̄; its matrix enters a Gauss-Newton step. Energies
+φ(|∇x|²) are differentiated by NGSolve; where φ is not linear, the matrix is that of the last x (lagged diffusivity).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.harmonic import sparse
+
+Array = np.ndarray
+HELD = 1e-2
+"""Share of the mass matrix that keeps a constant from costing nothing, over the squared size of the body."""
+
+
+class Quadratic:
+    """½ (x - x̄)·R (x - x̄) of one matrix R."""
+
+    def __init__(self, matrix: sp.csr_array, reference: Array | float) -> None:
+        self._matrix = matrix
+        self.reference = np.broadcast_to(np.asarray(reference, float), (matrix.shape[0],))
+
+    def matrix(self, block: Array) -> sp.csr_array:
+        """R."""
+        return self._matrix
+
+    def value(self, block: Array) -> float:
+        """The energy."""
+        off = block - self.reference
+        return 0.5 * float(off @ (self._matrix @ off))
+
+    def slope(self, block: Array) -> Array:
+        """Its gradient."""
+        return self._matrix @ (block - self.reference)
+
+
+def ridge(reference: Array) -> Quadratic:
+    """½ |x - x̄|²: for few values, such as one for each label.
+
+    >>> ridge(np.zeros(2)).value(np.array([1.0, 1.0]))
+    1.0
+    """
+    return Quadratic(sp.eye_array(len(reference), format="csr"), reference)
+
+
+def smooth(space: ngs.FESpace, reference: Array | float, weight: CoefficientFunction | float = 1.0) -> Quadratic:
+    """½ ∫ w |∇(x - x̄)|² and a little of ½ ∫ (x - x̄)²/L², times L^(2-d) with L the body's size: H1, without a unit.
+
+    `weight` w may be any CoefficientFunction, such as one that is small between labels.
+    """
+    return Quadratic(_Gradients(space).matrix(weight), reference)
+
+
+def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadratic:
+    """½ (x - x̄)·(ℓ²K + M) M⁻¹ (ℓ²K + M)(x - x̄)/ℓᵈ: Gaussian fields with correlations over ℓ (m), Matérn's of ν = 2 - d/2.
+
+    M is lumped. Smoother than H1: for fields without edges. Raises `InputError` unless ℓ is positive.
+    Source: Lindgren, Rue, Lindström 2011, 10.1111/j.1467-9868.2011.00777.x.
+    """
+    if not length > 0:
+        raise InputError("length", length, "a positive length in m")
+    gradients = _Gradients(space)
+    lumped = np.abs(gradients.mass).sum(axis=1)
+    whole = length**2 * gradients.stiffness(1.0) + sp.diags_array(lumped)
+    inverse = sp.diags_array(1 / lumped)
+    return Quadratic(sp.csr_array(whole @ inverse @ whole / length**space.mesh.dim), reference)
+
+
+class Steep:
+    """½ ∫ φ(|∇(x - x̄)|²), with φ growing and bending down so that a step costs less than a slope as high; else as `smooth`.
+
+    `energy` is φ, of a CoefficientFunction (1/m²).
+    """
+
+    def __init__(
+        self,
+        space: ngs.FESpace,
+        reference: Array | float,
+        energy: Callable[[CoefficientFunction], CoefficientFunction],
+    ) -> None:
+        self.space, self.reference = space, np.broadcast_to(np.asarray(reference, float), (space.ndof,))
+        self._gradients, self._field = _Gradients(space), ngs.GridFunction(space)
+        gradient = ngs.Grad(self._field)
+        squared = ngs.InnerProduct(gradient, gradient).MakeVariable()
+        self._energy = energy(squared)
+        self._diffusivity = self._energy.Diff(squared)
+
+    def matrix(self, block: Array) -> sp.csr_array:
+        """R with the diffusivity φ' of these x."""
+        self._field.vec.FV().NumPy()[:] = block - self.reference
+        return self._gradients.matrix(self._diffusivity)
+
+    def value(self, block: Array) -> float:
+        """The energy."""
+        off = block - self.reference
+        self._field.vec.FV().NumPy()[:] = off
+        steep = ngs.Integrate(self._energy * ngs.dx(bonus_intorder=BONUS), self.space.mesh)
+        return 0.5 * (self._gradients.scale * float(steep) + float(off @ (self._gradients.held @ off)))
+
+    def slope(self, block: Array) -> Array:
+        """Its gradient."""
+        return self.matrix(block) @ (block - self.reference)
+
+
+BONUS = 0
+"""Quadrature beyond what a product of gradients needs: the same for energies and matrices, so that one is the other's slope."""
+
+
+def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> Steep:
+    """∫ √(|∇x|² + 1/ℓ²) - 1/ℓ, times 1/ℓ: over a length ℓ = `edge` (m) x may change by one at no more cost than H1's.
+
+    Raises `InputError` unless ℓ is positive. Sources: Rudin, Osher, Fatemi 1992, 10.1016/0167-2789(92)90242-F; lagged
+    diffusivity: Vogel and Oman 1996, 10.1137/0917016.
+    """
+    if not edge > 0:
+        raise InputError("edge", edge, "a positive length in m")
+    floor = 1 / edge
+    return Steep(space, reference, lambda s: 2 * floor * (ngs.sqrt(s + floor**2) - floor))
+
+
+class _Gradients:
+    """Matrices of a space: mass, stiffness with a weight, and what regularisers make of them."""
+
+    def __init__(self, space: ngs.FESpace) -> None:
+        self.space = space
+        corners = np.array([vertex.point for vertex in space.mesh.vertices])
+        extent = float(np.max(np.ptp(corners, axis=0)))
+        self.scale = extent ** (2 - space.mesh.dim)
+        trial, test = space.TnT()
+        self.mass = self._assembled(trial * test)
+        self.held = self.scale * HELD / extent**2 * self.mass
+
+    def stiffness(self, weight: CoefficientFunction | float) -> sp.csr_array:
+        trial, test = self.space.TnT()
+        return self._assembled(weight * ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)))
+
+    def matrix(self, weight: CoefficientFunction | float) -> sp.csr_array:
+        return sp.csr_array(self.scale * self.stiffness(weight) + self.held)
+
+    def _assembled(self, integrand: CoefficientFunction) -> sp.csr_array:
+        form = ngs.BilinearForm(self.space)
+        form += integrand * ngs.dx(bonus_intorder=BONUS)
+        form.Assemble()
+        return sparse(form.mat)
