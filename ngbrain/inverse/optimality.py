@@ -23,8 +23,11 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.sensitivity import Linearised
 
 Array = np.ndarray
-PIVOT = 0.01
-"""Share of the largest entry below which SuperLU leaves the diagonal."""
+SHIFT = 1e-8
+"""Added to the diagonal, negative for the equations: then any order of elimination is stable without pivots (Vanderbei 1995,
+10.1137/0805005), and refinement takes it off again."""
+REFINEMENTS = 6
+ROUGH = 1e-6
 
 
 class Optimality:
@@ -71,9 +74,14 @@ class Optimality:
         constraint = sp.csr_array(sp.block_array(rows))
         whole = sp.csc_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
         self._matrix = whole
+        equations = constraint.shape[0]
+        shift = np.concatenate([np.full(whole.shape[0] - equations, SHIFT), np.full(equations, -SHIFT)])
         try:
             self._factor = scipy.sparse.linalg.splu(
-                whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True}
+                sp.csc_array(whole + sp.diags_array(shift)),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
             )
         except RuntimeError as error:
             raise SolverError(f"the optimality conditions cannot be factorised: {error}") from error
@@ -119,9 +127,13 @@ class Optimality:
             c = np.zeros(len(row), complex) if imbalance is None else row * imbalance[k][self.free]
             parts += [c.real, c.imag]
         b = np.concatenate(parts)
-        x = self._factor.solve(b)
-        x += self._factor.solve(b - self._matrix @ x)
-        if not np.isfinite(x).all():
+        x, left = np.zeros_like(b), b
+        for _ in range(REFINEMENTS):
+            x += self._factor.solve(left)
+            left = b - self._matrix @ x
+            if not np.linalg.norm(left) > ROUGH * 1e-4 * np.linalg.norm(b):
+                break
+        if not np.linalg.norm(left) <= ROUGH * np.linalg.norm(b):
             raise SolverError("the optimality conditions are singular: nothing holds some of the unknowns")
         waves = np.zeros((self.loads, len(self.free)), complex)
         rest = x[self.size : self.size + 2 * self.loads * int(self.active.sum())].reshape(self.loads, 2, -1)
