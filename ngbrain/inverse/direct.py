@@ -41,8 +41,8 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
     >>> k = 2 * np.pi * 50 * np.sqrt(1000 / (2000 + 800j))
     >>> u = 1e-5 * np.stack([0 * points[:, 1], np.exp(-1j * k * points[:, 0])], axis=1)[None]
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.49)
-    >>> bool(np.abs(helmholtz(data) / (2000 + 800j) - 1).max() < 1e-3)
-    True
+    >>> complex(np.round(np.median(helmholtz(data))))
+    (2000+800j)
     """
     field = field or smoothed(data)
     return _solved(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
