@@ -25,6 +25,7 @@ _PATIENCE = 3  # numbers tried after the best
 _TOUCHED = 0.05  # share of a spline's weight on points that count, from which it counts as a coefficient
 _NEIGHBOURS = (1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.5, 8.0, 11.0)  # to try, times the coefficients of a polynomial
 _LEFT_OUT = 4000  # points at most that are predicted from the others
+_RIDGE = 1e-14  # of the trace of the normal equations
 _CHUNK = 4_000_000  # numbers at a time
 
 
@@ -303,7 +304,9 @@ class LeastSquaresField(SmoothField):
             weight = (1 - ratio) ** 4 * (4 * ratio + 1)  # Wendland's, C²
             P = _monomials(local, self.powers)
             normal = np.swapaxes(P * weight[:, :, None], 1, 2) @ P
-            rows = np.linalg.inv(normal)[:, [column, 0]] @ np.swapaxes(P, 1, 2) * weight[:, None]
+            # On lattices few neighbours need not decide a polynomial: such k predict badly, but must not be singular.
+            ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(self.powers))
+            rows = np.linalg.inv(normal + ridge)[:, [column, 0]] @ np.swapaxes(P, 1, 2) * weight[:, None]
             u[part] = (rows[:, :1] @ values[index])[:, 0] * (factorial / radius ** sum(orders))[:, None]
             own[part] = rows[:, 1, 0]  # the nearest is the point itself
         return u, own
