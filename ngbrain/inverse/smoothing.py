@@ -100,15 +100,16 @@ class _Component:
 class SplineField(SmoothField):
     """Tensor products of quintic B-splines, one scalar spline for each component of each load; see `fit_splines`."""
 
-    def __init__(self, grid: Grid, components: list[list[_Component | None]]) -> None:
-        self.grid, self.components, self.axes = grid, components, grid.axes
+    def __init__(self, points: np.ndarray, grid: Grid, components: list[list[_Component | None]]) -> None:
+        self.points, self.grid, self.components, self.axes = points, grid, components, grid.axes
         self.noise = np.array([[each.noise if each else np.nan for each in load] for load in components])
 
     def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
         """∂^|orders| u of those orders along `axes`, (loads, n, d); beyond the grid its last polynomials go on."""
-        n = int(np.prod(self.grid.shape)) if points is None else len(points)
-        where = None if points is None else self.grid.coordinates(np.asarray(points, float))
-        u = np.full((len(self.components), n, len(self.axes)), np.nan, complex)
+        at_home = points is None or np.array_equal(points, self.points)  # there one axis goes after the other
+        points = self.points if points is None else np.asarray(points, float)
+        where = None if at_home else self.grid.coordinates(points)
+        u = np.full((len(self.components), len(points), len(self.axes)), np.nan, complex)
         for load, fitted in enumerate(self.components):
             for i, one in enumerate(fitted):
                 if one:
@@ -130,9 +131,10 @@ def fit_splines(data: WaveData) -> SplineField:
         GCV(p) = n Σ|u - û|² / (n - p)²,
 
     for each component of each load by itself; the noise found is √(Σ|u - û|²/(n - p)). Points outside the mask have no
-    weight. Splines that no point supports are left out: of all fits the smallest (in the sum of squares over the grid).
+    weight. Where they do not decide, of all fits the smallest is taken (in the sum of squares over the grid).
 
-    Raises `InputError` if the points are no grid, or one of less than 8 points along an axis.
+    Raises `InputError` if the points are no grid, or one of less than 8 points along an axis; or if a component is measured at
+    some points of the mask, but at less than 6 to the power of the dimension.
     """
     grid = data.structured
     if grid is None or min(grid.shape) < _DEGREE + 3:
@@ -143,7 +145,7 @@ def fit_splines(data: WaveData) -> SplineField:
         weights = measured & data.mask[:, None]
         boxes = [(grid.box(w), grid.box(np.where(w, each, 0))) for each, w in zip(u.T, weights.T, strict=True)]
         components.append([_best_spline(grid, values, weight) if weight.any() else None for weight, values in boxes])
-    return SplineField(grid, components)
+    return SplineField(data.points, grid, components)
 
 
 def _best_spline(grid: Grid, values: np.ndarray, weight: np.ndarray) -> _Component:
@@ -161,10 +163,8 @@ def _best_spline(grid: Grid, values: np.ndarray, weight: np.ndarray) -> _Compone
         elif (waited := waited + 1) == _PATIENCE:
             break
     if best is None:
-        raise InputError(
-            "mask", f"true at {n} measured points", "enough points for a spline of 6 coefficients along each axis"
-        )
-    coefficients, misfit = best.solve(values, tolerance=1e-10)
+        raise InputError("mask", f"true at {n} measured points, far apart", "points that decide a spline")
+    coefficients, misfit = best.solve(values, tolerance=1e-8)
     return _Component(best.knots, coefficients, float(np.sqrt(misfit / (n - best.size))))
 
 

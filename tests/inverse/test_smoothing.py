@@ -57,6 +57,7 @@ def test_splines_have_the_derivatives_of_polynomials(shape, turned, rng):
     field = smoothed(waves(points, cubic(points)[0]))
     assert isinstance(field, SplineField)
     assert_cubic(field, points, 1e-8)
+    assert field.hessian() == pytest.approx(field.hessian(points + 1e-12), abs=1e-6)  # on the grid as anywhere
     some = points[rng.integers(len(points), size=(40, 3))].mean(axis=1)
     assert_cubic(field, some, 1e-8)
 
