@@ -85,6 +85,12 @@ def local_frequency(data: WaveData) -> np.ndarray:
     doi:10.1016/S1361-8415(00)00039-6.
 
     Raises `InputError` if the points are no grid, or every load is quasi-static.
+
+    >>> points = np.array([[x, y] for y in range(40) for x in range(60)]) * 0.002
+    >>> u = 1e-5 * np.stack([0 * points[:, 1], np.exp(-1j * 200 * points[:, 0])], axis=1)[None]
+    >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> bool(abs(np.median(local_frequency(data)).real / (1000 * (2 * np.pi * 50 / 200) ** 2) - 1) < 0.03)
+    True
     """
     grid = data.structured
     if grid is None:

@@ -250,6 +250,11 @@ class WaveData:
         √(noise² + σ²) where there was some.
 
         Raises `InputError` unless 0 ≤ σ ≤ 10.
+
+        >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+        >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+        >>> data.with_noise(0.02, seed=0).noise
+        0.02
         """
         sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
         a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))
