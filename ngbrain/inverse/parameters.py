@@ -133,7 +133,8 @@ class Fields:
         if missing := set(unknowns) - set(blocks):
             raise InputError("unknowns", ", ".join(sorted(missing)), "one of " + ", ".join(blocks))
         self._theta, self._where, self.unknowns = np.array(theta, float), dict(blocks), dict(unknowns)
-        starts, self.blocks, end = [], {}, 0
+        self.blocks: dict[str, slice] = {}
+        starts, end = [], 0
         for name, unknown in self.unknowns.items():
             where = blocks[name]
             size = where.stop - where.start if unknown.basis is None else unknown.basis.shape[1]
