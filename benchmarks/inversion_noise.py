@@ -207,7 +207,8 @@ def seeds(number: int = 10) -> Iterator[str]:
                 errors.append(inversion.errors(x))
             for name in errors[0]:
                 found = [e[name] for e in errors]
-                yield f"{case} {100 * noise:g} % {start:<8} {name:<8} median {100 * median(found):.3g} worst {100 * max(found):.3g} %"
+                middle, worst = 100 * median(found), 100 * max(found)
+                yield f"{case} {100 * noise:g} % {start:<8} {name:<8} median {middle:.3g} worst {worst:.3g} %"
 
 
 if __name__ == "__main__":

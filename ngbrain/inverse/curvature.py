@@ -8,16 +8,16 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.adjoint.reduced import Point
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
-ROUGH, MOST = 1e-2, 200
+ROUGH, MOST = 1e-3, 200
 """Of the solutions by which traces are estimated."""
 
 
 class Metric:
-    """M = Σ αR, and 1 where no regulariser is: how far apart two x are before anything is measured.
+    """M = Σ αR, and the mean diagonal of H where no regulariser is: how far apart two x are before anything is measured.
 
     With M = Lᵀ'L' for a triangular L', ξ = L'(x - x̄) are white: all of them are expected to be of size one, so that BFGS may
     start with the identity.
@@ -36,12 +36,16 @@ class Metric:
         self._root = _without_pivots(sp.csc_array(root), "NATURAL")
 
     @staticmethod
-    def of(reduced: Reduced, x: Array) -> Metric:
-        """At x, with the weights as they are."""
-        free = np.ones(len(x))
-        for name in reduced.regularisers:
-            free[reduced.unknowns.blocks[name]] = 0
-        return Metric(sp.csr_array(reduced.regular_matrix(x) + sp.diags_array(free)))
+    def of(point: Point) -> Metric:
+        """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds."""
+        reduced, free = point.reduced, np.zeros(len(point.x))
+        loose = {name: block for name, block in reduced.unknowns.blocks.items() if name not in reduced.regularisers}
+        probe = np.random.default_rng(0).choice([-1.0, 1.0], size=len(point.x))
+        for block in loose.values():
+            alone = np.zeros_like(probe)
+            alone[block] = probe[block]
+            free[block] = float(alone @ point.product(alone)) / (block.stop - block.start)
+        return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)))
 
     def solve(self, b: Array) -> Array:
         """M⁻¹ b."""
@@ -78,6 +82,15 @@ class Curvature:
             return self.apply(x) + damping * (self.metric.matrix @ x)
 
         return truncated_cg(damped, self.metric.solve, b, rtol, most)[0]
+
+    def share(self, direction: Array) -> float:
+        """Of what holds x along a direction, how much is data: 1 where it is measured, 0 where it is merely assumed.
+
+        Asked along a whole field it finds what the data leave open: the bulk modulus of nearly incompressible tissue; the level
+        of all moduli where nothing but displacements drives a body at rest.
+        """
+        assumed, all_of_it = direction @ (self.point.regular_matrix @ direction), direction @ self.apply(direction)
+        return float(1 - assumed / all_of_it)
 
     def determined(self, random: np.random.Generator) -> float:
         """How many numbers the data determine, n - tr(Σ αR H⁻¹), estimated."""

@@ -28,7 +28,7 @@ FIRST = 1.0
 """Damping to begin with: in this metric as much as all regularisers."""
 HEAVY = 1e12
 ROUNDS = 60
-ROUGH, MOST = 0.05, 200
+ROUGH, MOST = 0.01, 200
 """Of steps by conjugate gradients."""
 NOTHING = 1e-9
 
@@ -59,7 +59,7 @@ def levenberg_marquardt(
     history: list[Iteration] = []
     point, settled, damping = reduced.at(x), False, FIRST
     for _ in range(rounds):
-        metric = Metric.of(reduced, point.x)
+        metric = Metric.of(point)
         H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
         gradient = point.gradient()
         growth = 2.0

@@ -219,7 +219,7 @@ class Measured:
     def data(self) -> WaveData:
         """The same for methods that start from wave data alone."""
         phantom, truth = self.phantom, self.truth
-        given = WaveData(
+        return WaveData(
             self.points,
             self.displacement,
             np.full(len(self.displacement), phantom.frequency),
@@ -229,11 +229,10 @@ class Measured:
             poisson=phantom.poisson,
             bulk=None if phantom.poisson else TI_BULK,
             fibre=None if phantom.poisson else np.array([np.cos(np.deg2rad(TI_ANGLE)), np.sin(np.deg2rad(TI_ANGLE))]),
+            element="q4p0" if phantom.poisson and phantom.poisson > NEARLY else "q4",
             noise=self.noise,
             truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
         )
-        return given
-
     def as_published(self) -> Iterator[Iterate]:
         """The published inversion, one iteration after the other: Φ = ½ Σ |u - m|² (mm²) of moduli in MPa (ζ in 2, φ in 0.2)
         by BFGS from the uniform start, without regulariser, bound or noise; the boundary exactly as measured.
@@ -288,6 +287,12 @@ class Inversion:
     reduced: Reduced
 
     @property
+    def model(self) -> WaveModel:
+        """Of the waves."""
+        assert isinstance(self.reduced.model, WaveModel)
+        return self.reduced.model
+
+    @property
     def start(self) -> Array:
         """x at the start."""
         return self.reduced.unknowns.start
@@ -295,9 +300,7 @@ class Inversion:
     @property
     def waves(self) -> Array:
         """What was measured as unknowns of the waves (loads, ndof), pressures 0: where `GaussNewton.from_waves` starts."""
-        model = self.reduced.model
-        assert isinstance(model, WaveModel)
-        whole = np.zeros((len(self.measured.displacement), model.body.fes.ndof), complex)
+        whole = np.zeros((len(self.measured.displacement), self.model.body.fes.ndof), complex)
         flat = [u.T.ravel() for u in self.measured.displacement]
         whole[:, : len(flat[0])] = flat
         return whole

@@ -29,6 +29,8 @@ MEMORY, ROUNDS = 20, 16
 BEYOND = 1e30
 """Value where a model has no solution: a line search turns back."""
 ARMIJO, WOLFE = 1e-4, 0.9
+NOTHING = 1e-280
+"""A squared slope that is zero but for underflow."""
 Tell = Callable[[Iteration], None]
 
 
@@ -108,8 +110,8 @@ class _Way:
 
     def __init__(self, reduced: Reduced, x: Array, gain: float) -> None:
         self.reduced, self.origin, self.gain = reduced, x, gain
-        self.metric = Metric.of(reduced, x)
-        self._at, self._point = np.full(len(x), np.nan), reduced.at(x)
+        self._at, self._point = np.zeros(len(x)), reduced.at(x)
+        self.metric = Metric.of(self._point)
         self._slope: Array | None = None
 
     def point(self, xi: Array) -> Point:
@@ -155,7 +157,7 @@ class _Rounds:
                 raise ConvergenceError("no step lowers the objective from where it starts: try another start")
             x = x + moved
             point = self.reduced.at(x)
-            curvature = Curvature(point, Metric.of(self.reduced, x))
+            curvature = Curvature(point, Metric.of(point))
             settled = self.ledger.enter(
                 self.phase, x, point.state.data, curvature, moved, point.value / before, history
             )
@@ -182,7 +184,8 @@ def _dense(way: _Way, most: int) -> Array:
     xi = np.zeros(len(way.origin))
     if way.near(way.value(xi)[1]):
         return xi
-    for number, xi, _ in descent(way.value, xi):
+    for number, lower, _ in descent(way.value, xi):
+        xi = lower
         if number == most or way.near(way.value(xi)[1]):
             break
     return xi
@@ -198,7 +201,7 @@ def descent(function: Callable[[Array], tuple[float, Array]], x: Array) -> Itera
     """
     value, slope = function(x)
     inverse, number = np.eye(len(x)), 0
-    while np.any(slope):
+    while float(slope @ slope) > NOTHING:
         direction = -(inverse @ slope) if number else -slope * min(1.0, 1 / float(np.abs(slope).max()))
         found = line_search(partial(_along, function, x, direction), value, slope, direction)
         if found is None:

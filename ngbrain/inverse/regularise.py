@@ -12,6 +12,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import sparse
@@ -102,16 +103,12 @@ class Steep:
         """The energy."""
         off = block - self.reference
         self._field.vec.FV().NumPy()[:] = off
-        steep = ngs.Integrate(self._energy * ngs.dx(bonus_intorder=BONUS), self.space.mesh)
+        steep = ngs.Integrate(self._energy * self._gradients.dx, self.space.mesh)
         return 0.5 * (self._gradients.scale * float(steep) + float(off @ (self._gradients.held @ off)))
 
     def slope(self, block: Array) -> Array:
         """Its gradient."""
         return self.matrix(block) @ (block - self.reference)
-
-
-BONUS = 0
-"""Quadrature beyond what a product of gradients needs: the same for energies and matrices, so that one is the other's slope."""
 
 
 def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> Steep:
@@ -131,6 +128,8 @@ class _Gradients:
 
     def __init__(self, space: ngs.FESpace) -> None:
         self.space = space
+        # One rule for energies and matrices, so that one is the other's slope on quadrilaterals too.
+        self.dx = ngs.dx(intrules=IntegrationRuleSpace(space.mesh, order=space.globalorder).GetIntegrationRules())
         corners = np.array([vertex.point for vertex in space.mesh.vertices])
         extent = float(np.max(np.ptp(corners, axis=0)))
         self.scale = extent ** (2 - space.mesh.dim)
@@ -147,6 +146,6 @@ class _Gradients:
 
     def _assembled(self, integrand: CoefficientFunction) -> sp.csr_array:
         form = ngs.BilinearForm(self.space)
-        form += integrand * ngs.dx(bonus_intorder=BONUS)
+        form += integrand * self.dx
         form.Assemble()
         return sparse(form.mat)

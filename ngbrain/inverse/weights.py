@@ -83,7 +83,10 @@ class Evidence:
 
 @dataclass
 class Discrepancy:
-    """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there."""
+    """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there.
+
+    A misfit that stays above its level whatever the weight (a model error, a noise larger than stated) leaves them as they are.
+    """
 
     slack: float = 0.02
     _last: tuple[float, float] | None = field(default=None, repr=False)
@@ -98,8 +101,10 @@ class Discrepancy:
         now = float(np.log(reduced.weights[names[0]])), float(np.log(level.ratio))
         slope = SLOPE
         if self._last is not None and now[0] != self._last[0]:
-            slope = float(np.clip((now[1] - self._last[1]) / (now[0] - self._last[0]), *SLOPES))
-        self._last = now
+            slope = (now[1] - self._last[1]) / (now[0] - self._last[0])
+            if slope < SLOPES[0] and level.ratio > 1 and now[0] < self._last[0]:
+                return 1.0  # what is left is no matter of the weight
+        self._last, slope = now, float(np.clip(slope, *SLOPES))
         change = float(np.exp(np.clip(-now[1] / slope, -np.log(LARGEST), np.log(LARGEST))))
         for name in names:
             reduced.weights[name] *= change

@@ -1,0 +1,121 @@
+"""Gauss-Newton on waves and fields: published cases without and with noise, from both starts; its steps; what it refuses."""
+
+import numpy as np
+import pytest
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
+from ngbrain.inverse.gauss_newton import GaussNewton
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.regularise import total_variation
+from ngbrain.inverse.weights import Discrepancy, Given
+
+
+def uniform(inversion, **options):
+    return GaussNewton(inversion.reduced, **options).descend(inversion.start)
+
+
+def from_waves(inversion, **options):
+    return GaussNewton(inversion.reduced, **options).from_waves(inversion.start, inversion.waves)
+
+
+def errors(name, noise, search, nodes=None, seed=0):
+    inversion = Phantom.named(name, nodes).measured(noise, seed).inversion()
+    return list(inversion.errors(search(inversion).x).values())
+
+
+CLEAN = [
+    ("CV-G", uniform, (0.00045, 0.00465)),
+    ("CV-G", from_waves, (0.00045, 0.00465)),
+    ("NE-G", from_waves, (0.01,)),
+    ("CE-B", from_waves, (0.05,)),
+    ("TI", uniform, (0.01, 0.04, 0.04)),
+    ("TI", from_waves, (0.01, 0.04, 0.04)),
+]
+NOISY = [
+    ("CV-G", uniform, (0.015, 0.07)),
+    ("CV-G", from_waves, (0.015, 0.07)),
+    ("NE-G", from_waves, (0.03,)),
+    ("CE-B", from_waves, (0.06,)),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "search", "most"), CLEAN)
+def test_published_cases_without_noise(name, search, most):
+    assert np.all(np.array(errors(name, 0.0, search)) <= most)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "search", "most"), NOISY)
+def test_published_cases_with_noise(name, search, most):
+    assert np.all(np.array(errors(name, 0.01, search)) <= most)
+
+
+COARSE = [
+    ("CV-G", uniform, 0.0, (0.00045, 0.00465)),
+    ("CV-G", from_waves, 0.0, (0.00045, 0.00465)),
+    ("NE-G", from_waves, 0.0, (0.01,)),
+    ("CE-B", from_waves, 0.0, (0.05,)),
+    ("CV-G", uniform, 0.01, (0.02, 0.08)),
+    ("NE-G", from_waves, 0.01, (0.03,)),
+    ("CE-B", from_waves, 0.01, (0.06,)),
+]
+
+
+@pytest.mark.parametrize(("name", "search", "noise", "most"), COARSE)
+def test_coarse_cases(name, search, noise, most):
+    assert np.all(np.array(errors(name, noise, search, 25 if name == "CE-B" else 19)) <= most)
+
+
+def small(noise=0.01, **options):
+    return Phantom.named("CV-G", 9).measured(noise).inversion(**options)
+
+
+def test_ends_at_a_minimum():
+    """The gradient vanishes there, and none of ten random steps goes down."""
+    inversion = small()
+    found = uniform(inversion, policy=Given())
+    gradient, random = inversion.reduced.at(found.x).gradient(), np.random.default_rng(0)
+    start = np.linalg.norm(inversion.reduced.at(inversion.start).gradient())
+    assert found.converged and np.linalg.norm(gradient) < 1e-3 * start
+    assert found.value == pytest.approx(inversion.reduced.value(found.x), rel=1e-9)
+    steps = 0.01 * random.normal(size=(10, len(found.x)))
+    assert all(inversion.reduced.value(found.x + step) > found.value for step in steps)
+
+
+def test_both_starts_end_alike():
+    one, other = small(), small()
+    assert uniform(one).x == pytest.approx(from_waves(other).x, abs=0.1)
+
+
+def test_the_same_every_time():
+    assert np.array_equal(uniform(small()).x, uniform(small()).x)
+
+
+def test_history_is_told_and_counts():
+    told, inversion = [], small()
+    found = uniform(inversion, tell=told.append)
+    assert told == found.history and found.count == 2 * 2 * 81
+    assert found.cross_validation == pytest.approx(found.level.misfit * 324 / found.level.expected**2)
+    assert all(a.cpu_s <= b.cpu_s for a, b in zip(told, told[1:], strict=False))
+    assert inversion.model.solves.factorisations >= 2 * len(told)
+
+
+def test_discrepancy_ends_at_its_level():
+    found = uniform(Phantom.named("CV-G", 19).measured(0.02).inversion(), policy=Discrepancy())
+    assert found.level.ratio == pytest.approx(1, abs=0.1)
+
+
+def test_edges_by_total_variation():
+    measured = Phantom.named("CE-B", 25).measured(0.01)
+    smooth = measured.inversion()
+    edged = measured.inversion(lambda space, x: total_variation(space, x, 0.024))
+    worse, better = (i.errors(from_waves(i).x)["youngs"] for i in (smooth, edged))
+    assert better < worse
+
+
+def test_another_model_is_refused():
+    reduced = small().reduced
+    with pytest.raises(InputError, match="WaveModel"):
+        GaussNewton(Reduced(object(), reduced.misfit, reduced.unknowns, {}, {}))

@@ -1,0 +1,70 @@
+"""Weights: both rules on a linear problem that is solved in closed form, and corners of L-curves."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from ngbrain.inverse.regularise import Quadratic
+from ngbrain.inverse.weights import LARGEST, Discrepancy, Evidence, Given, Level, corner
+
+N = 200
+
+
+class Diagonal:
+    """Data d = s x + noise of one, x of size 1/√α*: J is minimised number by number."""
+
+    def __init__(self, rng, true_weight=4.0):
+        self.s = np.logspace(1.5, -1.5, N)
+        x = rng.normal(size=N) / np.sqrt(true_weight)
+        self.data = self.s * x + rng.normal(size=N)
+        made = {"x": Quadratic(sp.eye_array(N, format="csr"), 0.0)}
+        unknowns = SimpleNamespace(blocks={"x": slice(0, N)})
+        self.reduced = SimpleNamespace(regularisers=made, weights={"x": 1e3}, unknowns=unknowns)
+
+    @property
+    def kept(self):
+        return self.s**2 / (self.s**2 + self.reduced.weights["x"])
+
+    def determined(self, random):
+        return float(self.kept.sum())
+
+    def determined_of(self, blocks, regular, random):
+        return {"x": self.determined(random)}
+
+    def run(self, policy, rounds):
+        for _ in range(rounds):
+            x = self.s * self.data / (self.s**2 + self.reduced.weights["x"])
+            level = Level(float(np.sum((self.s * x - self.data) ** 2)), N - self.determined(None))
+            turned = policy.update(self.reduced, x, level, self, None)
+        return self.reduced.weights["x"], level, turned
+
+
+def test_evidence_finds_the_size_of_what_is_looked_for(rng):
+    weight, level, turned = Diagonal(rng).run(Evidence(), 60)
+    assert 2 < weight < 8 and turned < 1.001 and level.ratio == pytest.approx(1, abs=0.3)
+
+
+def test_discrepancy_ends_at_its_level_in_few_rounds(rng):
+    problem = Diagonal(rng)
+    problem.data *= 1.15  # so that there is a weight at which the misfit is where it should be
+    _, level, turned = problem.run(Discrepancy(slack=1e-3), 15)
+    assert level.ratio == pytest.approx(1, abs=1e-3) and turned == 1.0
+
+
+def test_no_weight_changes_faster_than_allowed(rng):
+    for policy in (Evidence(), Discrepancy()):
+        problem = Diagonal(rng)
+        weight, _, turned = problem.run(policy, 1)
+        assert weight >= 1e3 / LARGEST * (1 - 1e-12) and turned <= LARGEST * (1 + 1e-12)
+
+
+def test_given_weights_stay(rng):
+    assert Diagonal(rng).run(Given(), 3)[0] == 1e3
+
+
+def test_corner_of_a_curve_with_two_straight_arms():
+    t = np.arange(10.0)
+    misfits, energies = np.exp(np.where(t < 6, 12 - 2 * t, 0.02 * (6 - t))), np.exp(np.where(t < 6, 0.02 * t, 2 * (t - 6)))
+    assert corner(misfits, energies) in (5, 6)

@@ -1,0 +1,65 @@
+"""Inverse problems with one or two unknowns, and what descends in them."""
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Log, Unknown
+from ngbrain.inverse.regularise import ridge, smooth
+from ngbrain.materials import Shearing
+from ngbrain.mesh.grid import rectangles
+
+MODULUS, FREQUENCY, SIDE = 9e3, 50.0, 0.12
+"""Shear waves of 60 mm in a square of twice that."""
+
+
+def square(nodes, form, loss=0.0, bulk_over_shear=None, held="top|bottom"):
+    """A model of a uniform square, its top sheared; its fields are storage, and bulk if the ratio is given."""
+    line = np.linspace(0, SIDE, nodes)
+    mesh = rectangles(line, line)
+    space = ngs.H1(mesh, order=1)
+    fields = {"storage": ngs.GridFunction(space)}
+    fields["storage"].vec[:] = MODULUS
+    shear = fields["storage"] * (1 + 2j * loss)
+    bulk = 13 / 6 * shear
+    if bulk_over_shear is not None:
+        fields["bulk"] = bulk = ngs.GridFunction(space)
+        bulk.vec[:] = bulk_over_shear * MODULUS
+    wave = Wave(FREQUENCY, {"top": (1e-3, 0)} if held == "top|bottom" else {})
+    body = Harmonic(mesh, Shearing(shear), [wave], bulk=bulk, form=form, held=held)
+    return WaveModel(body, fields, np.array([v.point for v in mesh.vertices]))
+
+
+def scatter(data, noise, seed=0):
+    """Standard deviation of what is added to each part, and the sum."""
+    sigma = noise * np.sqrt(np.mean(np.abs(data) ** 2, axis=1, keepdims=True)) / np.sqrt(2)
+    return sigma, data + sigma * (np.random.default_rng(seed).normal(size=(*data.shape, 2)) @ [1, 1j])
+
+
+def one_modulus(loss, start, nodes=17):
+    """ln of the modulus of the whole square, all edges held at what is measured with 1 % noise; J, and waves to start from."""
+    true = square(nodes, "Q1", loss)
+    sigma, measured = scatter(true.at(true.theta).data, 0.01)
+    model = square(nodes, "Q1", loss, held=".*")
+    theta, u = model.theta, measured[0].T.ravel()
+    held = u[model.driving]
+    theta[model.blocks["boundary"]] = np.concatenate([held.real, held.imag])
+    alike = sp.csr_array(np.ones((nodes**2, 1)))
+    fields = Fields(theta, model.blocks, {"storage": Unknown(start, Log(), alike)})
+    return Reduced(model, LeastSquares(measured, sigma), fields, {"storage": ridge(fields.start)}, {"storage": 1.0}), u[None]
+
+
+def two_moduli(bulk_over_shear, nodes=13):
+    """Shear and bulk modulus at every node, at their truth, of nearly incompressible tissue."""
+    model = square(nodes, "Q2/L2(1)", 0.2, bulk_over_shear)
+    data = model.at(model.theta).data
+    fields = Fields(
+        model.theta, model.blocks, {"storage": Unknown(MODULUS), "bulk": Unknown(bulk_over_shear * MODULUS)}
+    )
+    space = model.fields["storage"].space
+    made = {name: smooth(space, fields.start[block]) for name, block in fields.blocks.items()}
+    return Reduced(model, LeastSquares(data, scatter(data, 0.01)[0]), fields, made, dict.fromkeys(made, 100.0))
