@@ -50,7 +50,9 @@ def one_modulus(loss, start, nodes=17):
     theta[model.blocks["boundary"]] = np.concatenate([held.real, held.imag])
     alike = sp.csr_array(np.ones((nodes**2, 1)))
     fields = Fields(theta, model.blocks, {"storage": Unknown(start, Log(), alike)})
-    return Reduced(model, LeastSquares(measured, sigma), fields, {"storage": ridge(fields.start)}, {"storage": 1.0}), u[None]
+    return Reduced(model, LeastSquares(measured, sigma), fields, {"storage": ridge(fields.start)}, {"storage": 1.0}), u[
+        None
+    ]
 
 
 def two_moduli(bulk_over_shear, nodes=13):

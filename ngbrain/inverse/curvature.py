@@ -33,6 +33,7 @@ class Metric:
         self._factor = _without_pivots(sp.csc_array(matrix), "MMD_AT_PLUS_A")
         self._order = np.argsort(self._factor.perm_r)
         root = self._factor.L @ sp.diags_array(np.sqrt(self._factor.U.diagonal()))
+        self._lower = sp.csr_array(root)
         self._root = _without_pivots(sp.csc_array(root), "NATURAL")
 
     @staticmethod
@@ -56,6 +57,12 @@ class Metric:
         x = np.empty_like(xi)
         x[self._order] = self._root.solve(xi, trans="T")
         return x
+
+    def colour(self, white: Array) -> Array:
+        """A vector z with E[z zᵀ] = M, of one with E = 1."""
+        z = np.empty_like(white)
+        z[self._order] = self._lower @ white
+        return z
 
     def slope(self, gradient: Array) -> Array:
         """The gradient by ξ of the gradient by x: the transpose of `back`."""
@@ -94,22 +101,24 @@ class Curvature:
 
     def determined(self, random: np.random.Generator) -> float:
         """How many numbers the data determine, n - tr(Σ αR H⁻¹), estimated."""
-        size = len(self.point.x)
-        probe = random.choice([-1.0, 1.0], size=size)
-        left = probe @ (self.point.regular_matrix @ self.solve(probe))
-        return float(np.clip(size - left, 0.0, size))
+        blocks = self.point.reduced.unknowns.blocks
+        regular = {name: self.point.regular_matrix for name in self.point.reduced.regularisers}
+        held = self.determined_of({name: blocks[name] for name in regular}, regular, random)
+        loose = sum(block.stop - block.start for name, block in blocks.items() if name not in regular)
+        return loose + sum(held.values())
 
     def determined_of(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """So of each block; R_b with its weight."""
+        """So of each block; the regularisers as they were for `metric`."""
+        # tr(R H⁻¹) = E[z·H⁻¹z] with E[zzᵀ] = R: a symmetric form varies far less than e·RH⁻¹e of signs e.
+        coloured = self.metric.colour(random.choice([-1.0, 1.0], size=len(self.point.x)))
         found = {}
-        for name, matrix in regular.items():
-            block, probe = blocks[name], np.zeros(len(self.point.x))
+        for name in regular:
+            block, probe = blocks[name], np.zeros_like(coloured)
+            probe[block] = coloured[block]
             size = block.stop - block.start
-            probe[block] = random.choice([-1.0, 1.0], size=size)
-            y = self.solve(probe)[block]
-            found[name] = float(np.clip(size - probe[block] @ (matrix @ y), 0.0, size))
+            found[name] = float(np.clip(size - probe @ self.solve(probe), 0.0, size))
         return found
 
 

@@ -233,6 +233,7 @@ class Measured:
             noise=self.noise,
             truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
         )
+
     def as_published(self) -> Iterator[Iterate]:
         """The published inversion, one iteration after the other: Φ = ½ Σ |u - m|² (mm²) of moduli in MPa (ζ in 2, φ in 0.2)
         by BFGS from the uniform start, without regulariser, bound or noise; the boundary exactly as measured.

@@ -83,7 +83,9 @@ def test_dropped_factor_of_the_logarithm_is_seen(rng):
     plain = point.gradient()
     slope = np.exp(x[: reduced.unknowns.blocks["boundary"].start])
     wrong = plain.copy()
-    wrong[: len(slope)] = (plain - reduced.regular_slope(x))[: len(slope)] / slope + reduced.regular_slope(x)[: len(slope)]
+    wrong[: len(slope)] = (plain - reduced.regular_slope(x))[: len(slope)] / slope + reduced.regular_slope(x)[
+        : len(slope)
+    ]
     assert rates(reduced, wrong, x, dx)[-1] < 1.3
 
 

@@ -42,7 +42,11 @@ def test_damping_gets_through_where_full_steps_do_not():
     inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
     found = levenberg_marquardt(inversion.reduced, inversion.start, Given(), rounds=25)
     falls = [i.misfit for i in found.history]
-    assert np.all(np.diff(falls) < 0) and falls[-1] < 0.5 * falls[0] and found.value < inversion.reduced.value(inversion.start)
+    assert (
+        np.all(np.diff(falls) < 0)
+        and falls[-1] < 0.5 * falls[0]
+        and found.value < inversion.reduced.value(inversion.start)
+    )
 
 
 def test_nowhere_to_go_from_where_the_data_fit():

@@ -20,7 +20,9 @@ def test_inverse_and_slope(transform):
     assert transform.slope(x) == pytest.approx(secant, rel=1e-7)
 
 
-@pytest.mark.parametrize(("transform", "theta"), [(Log(), 0.0), (Log(-1.0), -1.0), (Bounded(0, 1), 1.0), (Bounded(0, 1), -2.0)])
+@pytest.mark.parametrize(
+    ("transform", "theta"), [(Log(), 0.0), (Log(-1.0), -1.0), (Bounded(0, 1), 1.0), (Bounded(0, 1), -2.0)]
+)
 def test_what_cannot_be_is_refused(transform, theta):
     with pytest.raises(InputError, match="start"):
         transform.inverse(np.array([theta]))

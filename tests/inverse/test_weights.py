@@ -66,5 +66,8 @@ def test_given_weights_stay(rng):
 
 def test_corner_of_a_curve_with_two_straight_arms():
     t = np.arange(10.0)
-    misfits, energies = np.exp(np.where(t < 6, 12 - 2 * t, 0.02 * (6 - t))), np.exp(np.where(t < 6, 0.02 * t, 2 * (t - 6)))
+    misfits, energies = (
+        np.exp(np.where(t < 6, 12 - 2 * t, 0.02 * (6 - t))),
+        np.exp(np.where(t < 6, 0.02 * t, 2 * (t - 6))),
+    )
     assert corner(misfits, energies) in (5, 6)
