@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 
 from ngbrain.adjoint.reduced import Point, Reduced
@@ -228,8 +229,9 @@ def updated(inverse: Array, change: Array, bend: Array) -> None:
         return
     y = inverse @ bend
     a = change * ((1 + float(bend @ y) / curvature) / curvature) - y / curvature
-    inverse += np.outer(a, change)
-    inverse -= np.outer(change, y / curvature)
+    # += np.outer(a, change) - np.outer(change, y) / curvature, without another matrix
+    scipy.linalg.blas.dger(1.0, change, a, a=inverse.T, overwrite_a=1)
+    scipy.linalg.blas.dger(-1 / curvature, y, change, a=inverse.T, overwrite_a=1)
 
 
 def line_search(

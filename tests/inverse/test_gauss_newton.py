@@ -86,6 +86,18 @@ def test_ends_at_a_minimum():
     assert all(inversion.reduced.value(found.x + step) > found.value for step in steps)
 
 
+def test_no_step_goes_up():
+    """Far from the truth and hardly regularised, where full steps do."""
+    inversion = small(weight=1e-2, start={"storage": 3e3, "loss": 3e3})
+    search, x = GaussNewton(inversion.reduced, Given()), inversion.start
+    values = [inversion.reduced.value(x)]
+    for _ in range(6):
+        found = search.descend(x, rounds=1)
+        x = found.x
+        values.append(found.value)
+    assert np.all(np.diff(values) <= 1e-8 * values[0])
+
+
 def test_both_starts_end_alike():
     one, other = small(), small()
     assert uniform(one).x == pytest.approx(from_waves(other).x, abs=0.1)

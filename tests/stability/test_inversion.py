@@ -166,4 +166,6 @@ def test_inverse_crime_is_told():
     assert committed(coarse.data(), coarse.inversion().model.body)
     assert not committed(coarse.data(), fine.inversion().model.body)
     assert not committed(coarse.data(), other.inversion().model.body)
+    moved = replace(coarse.data(), points=1.01 * coarse.points)
+    assert not committed(moved, coarse.inversion().model.body)
     assert not committed(replace(coarse.data(), element=None), coarse.inversion().model.body)
