@@ -1,1 +1,0 @@
-"""Elastography: from waves to properties."""
