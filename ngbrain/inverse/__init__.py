@@ -1,0 +1,1 @@
+"""Elastography: from waves to properties."""
