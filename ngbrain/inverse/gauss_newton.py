@@ -88,7 +88,7 @@ class GaussNewton:
     ) -> None:
         self.reduced, self.policy, self.tell = reduced, policy or Evidence(), tell
         self.model: WaveModel = reduced.model  # type: ignore[assignment]
-        self._random = np.random.default_rng(seed)
+        self._seed = seed
         blocks = reduced.unknowns.blocks
         self._fields = [name for name in blocks if name != BOUNDARY]
         self._width = max(blocks[name].stop for name in self._fields)
@@ -182,9 +182,10 @@ class GaussNewton:
     ) -> tuple[float, bool]:
         reduced = self.reduced
         misfit = 2 * reduced.misfit.value(data)
-        level = Level(misfit, reduced.misfit.count - conditions.determined(self._random))  # type: ignore[attr-defined]
+        probes = np.random.default_rng(self._seed)  # the same in every iteration: the weights then have a fixed point
+        level = Level(misfit, reduced.misfit.count - conditions.determined(probes))  # type: ignore[attr-defined]
         weights = dict(reduced.weights)
-        moved = self.policy.update(reduced, x, level, conditions, self._random) if step > 0.5 else LARGE
+        moved = self.policy.update(reduced, x, level, conditions, probes) if step > 0.5 else LARGE
         change = float(np.sqrt(np.mean(dx**2))) * step
         history.append(
             Iteration(phase, misfit, level.expected, weights, change, step, time.process_time() - self._begun)
