@@ -16,7 +16,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, NgbrainError, SolverError, nearest
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
@@ -37,6 +37,9 @@ EDGE = 0.1
 """Length of an edge, see `total_variation`, as a share of the body."""
 FLOOR = 1e-5
 """Noise, relative to the waves' rms, below which data count as exact."""
+LEVELS = 8
+CLOSE = 0.15
+"""How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees."""
 SHORT = 10
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 
@@ -158,8 +161,16 @@ def invert(
     tried = {name: search.from_waves(name) for name in (REGULARISERS if regulariser == "auto" else (regulariser,))}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
-    rows = [search.row("waves", problem, start)]
     both = search.descend(problem, start.x)
+    for _ in range(LEVELS if note else 0):
+        found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
+        if abs(np.log(found / total)) < CLOSE:
+            break
+        total = found
+        search = _Search(experiment, total, tell, search)
+        problem, start = search.from_waves(kind, both.x)
+        both = search.descend(problem, start.x)
+    rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
     if uniform:
         far = search.uniform(kind, both.weights)
@@ -193,7 +204,7 @@ def invert(
             "form": elements.form,
             "n_elements": experiment.body.mesh.ne,
             "n_unknowns": experiment.body.fes.ndof,
-            "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != "boundary"),
+            "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
             "made_in_these_elements": elements.nodal and data.element is not None,
             **_mismatch(experiment),
         },
@@ -204,8 +215,11 @@ def invert(
 class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
-    def __init__(self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None]) -> None:
-        self.experiment, self.history, self._tell = experiment, [], tell
+    def __init__(
+        self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None], before: _Search | None = None
+    ) -> None:
+        self.experiment, self._tell = experiment, tell
+        self.history: list[Iteration] = before.history if before else []
         size = np.abs(np.nan_to_num(experiment.measured)) ** 2
         count = np.maximum((~np.isnan(experiment.measured)).sum(axis=1, keepdims=True), 1)
         rms = np.sqrt(size.sum(axis=1, keepdims=True) / count)
@@ -227,9 +241,13 @@ class _Search:
             )
         return Reduced(experiment.model, self.misfit, unknowns, regularisers, dict.fromkeys(regularisers, FIRST))
 
-    def from_waves(self, kind: str) -> tuple[Reduced, Found]:
-        problem = self.problem(kind)
-        return problem, self._newton(problem).from_waves(self.unknowns.start, self.experiment.waves)
+    def from_waves(self, kind: str, x: Array | None = None) -> tuple[Reduced, Found]:
+        """From measured waves, and the fields of other unknowns x if there are any."""
+        problem, start = self.problem(kind), self.unknowns.start.copy()
+        if x is not None:
+            fields = self.unknowns.blocks[BOUNDARY].start
+            start[:fields] = x[:fields]
+        return problem, self._newton(problem).from_waves(start, self.experiment.waves)
 
     def descend(self, problem: Reduced, x: Array) -> Found:
         return self._newton(problem).descend(x)
@@ -285,7 +303,7 @@ def _noise(data: WaveData, given: float | None) -> tuple[float, str]:
         return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
     size = np.sqrt(np.nanmean(np.abs(data.displacement) ** 2, axis=1))
     noise = float(np.nanmedian(found / size))
-    return noise, f"noise was not given; a smooth field through the data leaves {100 * noise:.3g} %"
+    return noise, f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells"
 
 
 def _unseen(experiment: Experiment) -> list[str]:
