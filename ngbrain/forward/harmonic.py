@@ -23,7 +23,7 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.elements import Form
-from ngbrain.forward.kinematics import Solid, kinematics_of
+from ngbrain.forward.kinematics import PlaneStrain, Solid, kinematics_of
 from ngbrain.forward.patterns import boundaries
 from ngbrain.materials.base import Value
 from ngbrain.materials.linear import OfSmallStrain
@@ -83,7 +83,8 @@ class Harmonic:
     bulk       K (Pa, complex allowed); None where the law has it all
     density    ρ (kg/m³)
     form       "P4" or, with the pressure as an unknown, "P4/P3", "P4/L2(2)"; on quadrilaterals "Q1", "Q1/L2(0)" too
-    held       boundaries whose displacement each wave prescribes (0 where it says nothing)
+    held       boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for
+               single components, {"x": "side|top", "y": "top"}
     quadrature rules of degree 2 × this on elements; unasked one more than the order
 
     Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density.
@@ -106,7 +107,7 @@ class Harmonic:
         bulk: Value | None = None,
         density: Value = 1000.0,
         form: str = "P4",
-        held: str = ".*",
+        held: str | Mapping[str, str] = ".*",
         absorbing: Sequence[Absorbing] = (),
         kinematics: Solid | None = None,
         quadrature: int | None = None,
@@ -114,8 +115,9 @@ class Harmonic:
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
         self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
-        self._check(held)
-        displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, dirichlet=held)
+        axes = self._check(held)
+        dirichlet = {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
+        displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
         if self.form.pressure is None:
             self.fes = displacement
         else:
@@ -142,7 +144,7 @@ class Harmonic:
 
     def strain(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """ε(u): 2×2 in plane strain, else 3×3."""
-        if self.mesh.dim == 2 and type(self.kinematics).__name__ == "PlaneStrain":
+        if isinstance(self.kinematics, PlaneStrain):
             return ngs.Sym(grad)
         return ngs.Sym(self.kinematics.gradient(u, grad)) - ngs.Id(3)
 
@@ -198,6 +200,8 @@ class Harmonic:
     def pushed(self, number: int) -> Array:
         """∫ f·v + ∫ t·v of a wave."""
         wave, test = self.waves[number], self.split(self.fes.TestFunction())[0]
+        if wave.force is None and not wave.traction:
+            return np.zeros(self.fes.ndof, complex)
         load = ngs.LinearForm(self.fes)
         if wave.force is not None:
             load += self.kinematics.weight() * _dot(_vector(wave.force), test) * ngs.dx(intrules=self.rules)
@@ -207,10 +211,16 @@ class Harmonic:
         load.Assemble()
         return load.vec.FV().NumPy().copy()
 
-    def _check(self, held: str) -> None:
+    def _check(self, held: str | Mapping[str, str]) -> dict[str, str]:
+        """Patterns by axis, when all that was given makes sense."""
         if not self.waves:
             raise InputError("waves", "none", "one Wave or more")
-        allowed = boundaries(self.mesh, held) if held else set()
+        names = "xyz"[: self.mesh.dim]
+        axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)
+        if not set(axes) <= set(names):
+            raise InputError("held", sorted(axes), f"patterns for axes among {', '.join(names)}")
+        axes = {axis: pattern for axis, pattern in axes.items() if pattern}
+        allowed = set[int]().union(*(boundaries(self.mesh, pattern) for pattern in axes.values()))
         for wave in self.waves:
             for pattern in wave.held:
                 if not boundaries(self.mesh, pattern) <= allowed:
@@ -224,13 +234,17 @@ class Harmonic:
         if not isinstance(self.density, CoefficientFunction) and not self.density > 0:
             raise InputError("density", self.density, "a positive density in kg/m³")
         self.form.check(self.mesh)
+        return axes
 
     def _prescribed(self, wave: Wave) -> Array:
-        gfu = ngs.GridFunction(self.fes)
-        part = gfu.components[0] if self.mixed else gfu
+        values = np.zeros(self.fes.ndof, complex)
+        gfu = ngs.GridFunction(self.fes.components[0] if self.mixed else self.fes)
         for pattern, value in wave.held.items():
-            part.Set(_vector(value), definedon=self.mesh.Boundaries(pattern), dual=True)
-        return np.where(self.held, gfu.vec.FV().NumPy(), 0)
+            region = self.mesh.Boundaries(pattern)
+            gfu.Set(_vector(value), definedon=region, dual=True)  # it forgets what was set on other boundaries
+            there = np.flatnonzero(np.fromiter(gfu.space.GetDofs(region), bool))
+            values[there] = gfu.vec.FV().NumPy()[there]
+        return np.where(self.held, values, 0)
 
 
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
