@@ -20,6 +20,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
+from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.elements import Form
@@ -148,29 +149,29 @@ class Harmonic:
             return ngs.Sym(grad)
         return ngs.Sym(self.kinematics.gradient(u, grad)) - ngs.Id(3)
 
-    def density_of_work(
-        self, omega: float, trial: CoefficientFunction, test: CoefficientFunction
-    ) -> CoefficientFunction:
-        """The integrand over volume, bilinear in `trial` and `test`; from the energy, by differentiation."""
+    def works(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction) -> list[CoefficientFunction]:
+        """The integrands over volume, bilinear in `trial` and `test`; from the energy, by differentiation.
+
+        Apart, not summed: NGSolve evaluates an integrand for each pair of entries of all the gradients and values in it.
+        """
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
-        strain = self.strain(u, grad_u).MakeVariable()
+        strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
         law = self.law if isinstance(self.law, OfSmallStrain) else self.law(omega)
-        energy = law.energy(strain)
-        if self.bulk is not None and p is None:
-            energy = energy + self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain)
+        works = [law.energy(strain).Diff(strain, along)]
         if p is not None:
             pressure = p.MakeVariable()
-            energy = energy + pressure * ngs.Trace(strain) - 1 / (2 * self.bulk) * pressure * pressure
-        work = ngs.Trace(energy.Diff(strain) * self.strain(v, grad_v))
-        if p is not None:
-            work = work + energy.Diff(pressure) * q
+            pressing, pressed = pressure * ngs.Trace(strain), -1 / (2 * self.bulk) * pressure * pressure
+            works += [pressing.Diff(strain, along) + pressing.Diff(pressure, q), pressed.Diff(pressure, q)]
+        elif self.bulk is not None:
+            works.append((self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain)).Diff(strain, along))
         if omega:
-            work = work - omega**2 * self.density * _dot(u, v)
-        return self.kinematics.weight() * work
+            works.append(-(omega**2) * self.density * _dot(u, v))
+        return [self.kinematics.weight() * work for work in works]
 
-    def terms(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change) -> Terms:
-        """All integrals; `change` may turn an integrand into its derivative."""
-        total = change(self.density_of_work(omega, trial, test)) * ngs.dx(intrules=self.rules)
+    def terms(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change) -> Terms | None:
+        """All integrals; `change` may turn an integrand into its derivative. None where nothing is left."""
+        changed = map(change, self.works(omega, trial, test))
+        integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not _vanishes(work)]
         u, v = self.split(trial)[0], self.split(test)[0]
         for wall in self.absorbing if omega else ():
             normal = ngs.specialcf.normal(self.mesh.dim)
@@ -178,8 +179,9 @@ class Harmonic:
             squeezed = ngs.sqrt(self.density * (wall.bulk + 4 / 3 * wall.shear) * ngs.CF(1))
             sheared = ngs.sqrt(self.density * wall.shear * ngs.CF(1))
             work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (_dot(u, v) - u_n * v_n))
-            total = total + change(work) * ngs.ds(wall.boundary, intrules=self.boundary_rules)
-        return total
+            if not _vanishes(work := change(work)):
+                integrals.append(work * ngs.ds(wall.boundary, intrules=self.boundary_rules))
+        return sum(integrals[1:], integrals[0]) if integrals else None
 
     def factorised(self) -> Factorised:
         """Matrices of the moduli as they now are, and their factors."""
@@ -255,25 +257,32 @@ def _same(work: CoefficientFunction) -> CoefficientFunction:
     return work
 
 
+def _vanishes(work: CoefficientFunction) -> bool:
+    """Whether differentiation has found that there is nothing."""
+    return str(work).strip() == "ZeroCoefficientFunction"
+
+
 class Factorised:
     """A body's matrices at its present moduli, one for each frequency, with factors: complex-symmetric, all unknowns."""
 
     def __init__(self, body: Harmonic) -> None:
         self.body = body
         trial, test = body.fes.TnT()
-        self._forms, self._inverses = {}, {}
+        self._forms: dict[float, ngs.BilinearForm] = {}
+        self._inverses: dict[float, ngs.BaseMatrix] = {}
+        self.refactored: set[float] = set()
+        """Angular frequencies (rad/s) whose first factor was of no use."""
         for omega in {wave.omega for wave in body.waves}:
             form = ngs.BilinearForm(body.fes)
             form += body.terms(omega, trial, test, _same)
             form.Assemble()
-            self._forms[omega] = form
-            self._inverses[omega] = _inverse(form)
+            self._forms[omega], self._inverses[omega] = form, _inverse(form, "sparsecholesky")
         self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
 
     @property
     def number(self) -> int:
-        """How many factors there are."""
-        return len(self._inverses)
+        """How many factors were made."""
+        return len(self._inverses) + len(self.refactored)
 
     def apply(self, number: int, x: Array) -> Array:
         """A x of the wave's matrix."""
@@ -288,43 +297,60 @@ class Factorised:
         return self._out.FV().NumPy().copy()
 
     def driven(self, number: int, g: Array) -> Array:
-        """The wave with held unknowns g and its own forces; `SolverError` if the factor does not solve for it."""
+        """The wave with held unknowns g and its own forces; `SolverError` if no factor solves for it.
+
+        The first factor chooses no pivots. Where it leaves too much, the matrix is factorised once more with pivots.
+        """
+        omega = self.body.waves[number].omega
         b = self.body.pushed(number) - self.apply(number, g)
-        x = self.solve(number, b)
-        left = np.where(self.body.held, 0, b - self.apply(number, x))
-        size = np.linalg.norm(np.where(self.body.held, 0, b))
-        if not np.linalg.norm(left) <= ROUGH * size:
-            raise SolverError(
-                f"the matrix of {self.body.waves[number].frequency:g} Hz has no usable factor: a resonance? add loss"
-            )
+        x, left = self._settled(number, b)
+        if not left <= ROUGH and omega not in self.refactored:
+            self._inverses[omega] = _inverse(self._forms[omega], "umfpack")
+            self.refactored.add(omega)
+            x, left = self._settled(number, b)
+        if not left <= ROUGH:
+            frequency = self.body.waves[number].frequency
+            raise SolverError(f"the matrix of {frequency:g} Hz has no usable factor: a resonance? add loss")
         return x + g
 
-    def detuning(self, number: int, steps: int = 12) -> float:
-        """How far the nearest resonance is: |ω_j - ω|/ω of it, by inverse iteration; meant for bodies without loss.
+    def _settled(self, number: int, b: Array) -> tuple[Array, float]:
+        """A solution and the part of the load that it leaves."""
+        x = self.solve(number, b)
+        with np.errstate(invalid="ignore", over="ignore"):
+            left = np.linalg.norm(np.where(self.body.held, 0, b - self.apply(number, x)))
+            size = np.linalg.norm(np.where(self.body.held, 0, b))
+        return x, float(left / size) if size else float(left)
 
-        A tenth means that the response is about five times the static one; data near a resonance magnify every error
-        of the model.
+    def detuning(self, number: int) -> float:
+        """How far the nearest resonance is: |ω_j - ω|/ω, with ω_j complex where there is loss.
+
+        Half its inverse is about how much larger the response is than far from resonance; data near one magnify every
+        error of the model. Raises `InputError` at 0 Hz.
         """
         body, omega = self.body, self.body.waves[number].omega
+        if not omega:
+            raise InputError("Wave.frequency", 0, "more than 0 Hz: what does not oscillate has no resonance")
         trial, test = body.fes.TnT()
         mass = ngs.BilinearForm(body.fes)
         weighed = body.kinematics.weight() * body.density * _dot(body.split(trial)[0], body.split(test)[0])
         mass += weighed * ngs.dx(intrules=body.rules)
         mass.Assemble()
         x, y = mass.mat.CreateColVector(), mass.mat.CreateColVector()
-        x.FV().NumPy()[:] = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof))
-        shift = math.inf  # ω_j² - ω²
-        for _ in range(steps):
+
+        def inverted(v: Array) -> Array:
+            x.FV().NumPy()[:] = np.ravel(v)
             y.data = mass.mat * x
-            z = self.solve(number, y.FV().NumPy())
-            shift = (np.dot(x.FV().NumPy(), y.FV().NumPy()) / np.dot(z, y.FV().NumPy())).real
-            x.FV().NumPy()[:] = z / np.linalg.norm(z)
-        return abs(math.sqrt(max(0.0, 1 + shift / omega**2)) - 1)
+            return self.solve(number, y.FV().NumPy())
+
+        operator = LinearOperator((body.fes.ndof,) * 2, matvec=inverted, dtype=complex)
+        start = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof)).astype(complex)
+        values = eigs(operator, k=1, v0=start, return_eigenvectors=False, tol=1e-8)
+        return float(abs(np.sqrt(1 + 1 / (values[0] * omega**2)) - 1))
 
 
-def _inverse(form: ngs.BilinearForm) -> ngs.BaseMatrix:
+def _inverse(form: ngs.BilinearForm, kind: str) -> ngs.BaseMatrix:
     try:
-        return form.mat.Inverse(form.space.FreeDofs(), inverse="sparsecholesky")
+        return form.mat.Inverse(form.space.FreeDofs(), inverse=kind)
     except Exception as error:  # NGSolve raises bare exceptions of several kinds here
         raise SolverError(f"the harmonic matrix cannot be factorised: {error}") from error
 

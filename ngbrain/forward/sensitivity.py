@@ -149,14 +149,14 @@ class Linearised:
         model.solves.adjoint += len(adjoints)
         total = []
         for field in model.fields.values():
-            form = ngs.LinearForm(_complex(field.space))
-            test = form.space.TestFunction()
+            form, test = ngs.LinearForm(field.space), field.space.TestFunction()
             for k, (adjoint, _) in enumerate(adjoints):
-                form += body.terms(
-                    body.waves[k].omega, self._function(self.waves[k]), self._function(adjoint), _along(field, test)
-                )
+                u, back = self._function(self.waves[k]), self._function(adjoint)
+                work = body.terms(body.waves[k].omega, u, back, _real_along(field, test))
+                if work is not None:
+                    form += work
             form.Assemble()
-            total.append(-form.vec.FV().NumPy().real)
+            total.append(-form.vec.FV().NumPy())
         return np.concatenate([*total, self._of_boundary(adjoints)])
 
     @property
@@ -172,7 +172,9 @@ class Linearised:
         for field in self.model.fields.values():
             space = _complex(field.space)
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
-            form += body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            work = body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            if work is not None:
+                form += work
             form.Assemble()
             values, indices, rows = (np.array(part) for part in form.mat.CSR())
             columns.append(sp.csr_array((values, indices, rows), shape=(form.mat.height, form.mat.width)))
@@ -200,6 +202,11 @@ class Linearised:
 def _complex(space: ngs.FESpace) -> ngs.FESpace:
     """The space over the complex numbers, where forms with complex waves live."""
     return type(space)(space.mesh, order=space.globalorder, complex=True)
+
+
+def _real_along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
+    along = _along(field, direction)
+    return lambda work: change.real if (change := along(work)).is_complex else change
 
 
 def _along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
