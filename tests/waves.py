@@ -4,7 +4,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngbrain.materials import Shearing, TransverselyIsotropic
+from ngbrain.materials import TransverselyIsotropic
 
 
 def number(G, omega, rho=1000.0):
@@ -17,6 +17,11 @@ def square(n, side=0.05, quads=False):
     return MakeStructured2DMesh(quads=quads, nx=n, ny=n, mapping=lambda x, y: (side * x, side * y))
 
 
+def strip(n, length=0.05, height=0.002, quads=True):
+    """n elements one behind the other: between rollers on its long sides, waves in it have one dimension."""
+    return MakeStructured2DMesh(quads=quads, nx=n, ny=1, mapping=lambda x, y: (length * x, height * y))
+
+
 def cube(n, side=0.04):
     """n³ cubes of tetrahedra."""
     return MakeStructured3DMesh(hexes=False, nx=n, ny=n, nz=n, mapping=lambda x, y, z: (side * x, side * y, side * z))
@@ -24,6 +29,7 @@ def cube(n, side=0.04):
 
 def error(found, exact, mesh, weight=1.0):
     """‖found - exact‖ / ‖exact‖ in L2."""
+
     def size(f):
         return sum((f[i] * ngs.Conj(f[i])).real for i in range(f.dim)) * weight
 
@@ -76,6 +82,3 @@ def stiffness(law, bulk):
         dev = M - d / 3
         C = C + 4 * law.mu * (law.phi * sheared + law.zeta * np.einsum("ij,kl->ijkl", dev, dev))
     return C
-
-
-__all__ = ["Shearing", "cube", "displacement", "error", "number", "plane_wave", "square", "stiffness"]

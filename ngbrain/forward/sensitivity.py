@@ -59,6 +59,9 @@ class WaveModel:
     def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction], points: Array) -> None:
         if BOUNDARY in fields:
             raise InputError("fields", repr(BOUNDARY), "another name: this is what drives the boundary")
+        for name, field in fields.items():
+            if field.space.is_complex:
+                raise InputError(f"fields.{name}", "complex", "a real field; storage and loss are one each")
         self.body, self.fields, self.points = body, dict(fields), np.asarray(points, float)
         displacement = body.fes.components[0] if body.mixed else body.fes
         self.dim = body.mesh.dim
@@ -85,6 +88,8 @@ class WaveModel:
 
     def at(self, theta: Array) -> Linearised:
         """Waves of θ, and their derivatives; the fields keep the values of the last call."""
+        if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
+            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
         for name, field in self.fields.items():
             field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
         return Linearised(self, self.held(theta))
