@@ -66,9 +66,9 @@ print(f"slab, order 6: error {off(u, exact):.1e}")
 errors = {}
 for xi in (0.0, 0.2):
     for order in (1, 2, 4, 8):
-        kL = 80.0
-        modulus = complex(RHO * (OMEGA * 0.1 / kL) ** 2 * (1 + 2j * xi))
-        body, u = slab(round(10 * kL / (2 * np.pi) / order), order, modulus=modulus)
+        turns = 80.0  # kL
+        modulus = complex(RHO * (OMEGA * 0.1 / turns) ** 2 * (1 + 2j * xi))
+        body, u = slab(round(10 * turns / (2 * np.pi) / order), order, modulus=modulus)
         kk = complex(shear_wave(modulus, RHO, OMEGA).k)
         errors[xi, order] = off(u, ngs.CF((0, 1e-3 / np.sin(kk * 0.1) * ngs.sin(kk * (0.1 - ngs.x)))))
         print(f"damping ratio {xi}, order {order}: {100 * errors[xi, order]:.3g} %")
@@ -90,7 +90,7 @@ print(f"a wave that leaves: error {off(open_.solve()[0], leaving):.1e}")
 
 # %% [markdown]
 # ## An inclusion in nearly incompressible tissue
-# Brain keeps its volume: K/G is about a million. Displacements of order 1 lock; with the pressure as an unknown volume
+# Brain keeps its volume: K/G is about a million. Displacements of low order lock; with the pressure as an unknown volume
 # costs nothing. Two driving directions share one factorisation.
 
 # %%

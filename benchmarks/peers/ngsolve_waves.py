@@ -13,18 +13,18 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 ngs.ngsglobals.msg_level = 0
 ngs.SetNumThreads(1)
-kL, xi, n, order = float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+turns, xi, n, order = float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 omega, rho, length, bulk = 2 * np.pi * 50, 1000.0, 0.1, 1e5
-G = complex(rho * (omega * length / kL) ** 2 * (1 + 2j * xi))
+G = complex(rho * (omega * length / turns) ** 2 * (1 + 2j * xi))
 
 start = time.process_time()
 mesh = MakeStructured2DMesh(quads=False, nx=n, ny=n // 4, mapping=lambda x, y: (length * x, length / 4 * y))
 fes = ngs.VectorH1(mesh, order=order, complex=True, dirichlety="left|right", dirichletx=".*")
 u, v = fes.TnT()
-strain = lambda w: ngs.Sym(ngs.Grad(w))
+e, f = ngs.Sym(ngs.Grad(u)), ngs.Sym(ngs.Grad(v))
 A = ngs.BilinearForm(fes, symmetric=True)
-shear = 2 * G * (ngs.InnerProduct(strain(u), strain(v)) - ngs.Trace(strain(u)) * ngs.Trace(strain(v)) / 3)
-A += (shear + bulk * ngs.Trace(strain(u)) * ngs.Trace(strain(v)) - rho * omega**2 * u * v) * ngs.dx
+shear = 2 * G * (ngs.InnerProduct(e, f) - ngs.Trace(e) * ngs.Trace(f) / 3)
+A += (shear + bulk * ngs.Trace(e) * ngs.Trace(f) - rho * omega**2 * u * v) * ngs.dx
 A.Assemble()
 gfu = ngs.GridFunction(fes)
 gfu.Set((0, 1e-3), definedon=mesh.Boundaries("left"))

@@ -12,9 +12,9 @@ import scipy.sparse.linalg
 import skfem
 from skfem.helpers import ddot, div, dot, sym_grad, trace
 
-kL, xi, n, order = float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+turns, xi, n, order = float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 omega, rho, length, bulk = 2 * np.pi * 50, 1000.0, 0.1, 1e5
-G = rho * (omega * length / kL) ** 2 * (1 + 2j * xi)
+G = rho * (omega * length / turns) ** 2 * (1 + 2j * xi)
 elements = {1: skfem.ElementTriP1, 2: skfem.ElementTriP2, 4: skfem.ElementTriP4}
 
 start = time.process_time()

@@ -130,7 +130,9 @@ class Harmonic:
         self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
         degree = self.form.order + 1 if quadrature is None else quadrature
         self.rules = IntegrationRuleSpace(mesh, order=degree).GetIntegrationRules()
-        self.boundary_rules = {shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)}
+        self.boundary_rules = {
+            shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)
+        }
         self.prescribed = [self._prescribed(wave) for wave in self.waves]
         """Displacement amplitudes of the held unknowns (m), one array for each wave; zero elsewhere."""
 
@@ -139,7 +141,9 @@ class Harmonic:
         """Whether the pressure is an unknown."""
         return self.form.pressure is not None
 
-    def split(self, whole: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction | None, CoefficientFunction]:
+    def split(
+        self, whole: CoefficientFunction
+    ) -> tuple[CoefficientFunction, CoefficientFunction | None, CoefficientFunction]:
         """Displacement, pressure (if there is one) and displacement gradient of a trial, test or grid function."""
         if not self.mixed:
             return whole, None, ngs.Grad(whole)
@@ -161,7 +165,7 @@ class Harmonic:
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
         law = self.law if isinstance(self.law, OfSmallStrain) else self.law(omega)
         works = [law.energy(strain).Diff(strain, along)]
-        if p is not None:
+        if p is not None and self.bulk is not None:
             pressure = p.MakeVariable()
             pressing, pressed = pressure * ngs.Trace(strain), -1 / (2 * self.bulk) * pressure * pressure
             works += [pressing.Diff(strain, along) + pressing.Diff(pressure, q), pressed.Diff(pressure, q)]
@@ -171,7 +175,9 @@ class Harmonic:
             works.append(-(omega**2) * self.density * _dot(u, v))
         return [self.kinematics.weight() * work for work in works]
 
-    def terms(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change) -> Terms | None:
+    def terms(
+        self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change
+    ) -> Terms | None:
         """All integrals; `change` may turn an integrand into its derivative. None where nothing is left."""
         changed = map(change, self.works(omega, trial, test))
         integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not _vanishes(work)]
@@ -240,7 +246,9 @@ class Harmonic:
         if self.bulk is not None:
             positive(self.bulk, "bulk")
         if not isinstance(self.law, OfSmallStrain) and not callable(self.law):
-            raise InputError("law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω")
+            raise InputError(
+                "law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω"
+            )
         for wave in self.waves:
             for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
                 if (size := _vector(value).dim) != self.mesh.dim:

@@ -3,6 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
+from waves import cube, square, strip
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward import harmonic
@@ -10,7 +11,6 @@ from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
-from waves import cube, square, strip
 
 LAW, PUSHED = Shearing(2000 + 800j), Wave(50.0, {"top": (1e-3, 0)})
 

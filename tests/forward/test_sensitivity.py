@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from ngsolve.comp import IntegrationRuleSpace
+from waves import cube, square
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
@@ -14,7 +15,6 @@ from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
-from waves import cube, square
 
 SIDE = 0.04
 WAVES = [Wave(60.0, {"top": (1e-3, 5e-4j)}), Wave(60.0, {"bottom": (0, 1e-3)}), Wave(90.0, {"top": (1e-3, 0)})]
@@ -270,7 +270,9 @@ def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
     of = model()
     there, w = of.at(of.theta), wanted(of, rng)
     _, direction = next(directions(of, rng))
-    monkeypatch.setattr(Linearised, "sensitivities", [sp.csr_array(s.conj()) for s in there.sensitivities], raising=False)
+    monkeypatch.setattr(
+        Linearised, "sensitivities", [sp.csr_array(s.conj()) for s in there.sensitivities], raising=False
+    )
     forth, back = np.sum(np.conj(w) * there.push(direction)).real, 0.0
     monkeypatch.undo()
     back = there.pull(w) @ direction

@@ -197,7 +197,11 @@ def test_misfit_and_gradient(made, name):
     case, (grid, data) = CASES[name], made(name)
     phi, gradient = grid.misfit(data[None])
     most = 12 if len(case.start) == 2 else 10  # without loss and near resonance round-off is magnified
-    for found, wanted in ((phi, case.misfit), (np.linalg.norm(gradient), case.norm), (abs(gradient).max(), case.largest)):
+    for found, wanted in (
+        (phi, case.misfit),
+        (np.linalg.norm(gradient), case.norm),
+        (abs(gradient).max(), case.largest),
+    ):
         digits = min(most, len(f"{wanted:.13g}".replace(".", "").rstrip("0")))
         assert found == pytest.approx(wanted, rel=10.0 ** (1 - digits)), digits
 
