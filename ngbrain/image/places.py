@@ -78,7 +78,7 @@ def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:
     """How far points (n, 3) are from the axis of the brain stem, 1 on its outline; how far (mm) below its upper end.
 
     >>> np.round(stem(np.array([[0, -26.5, -30], [19, -26.5, -30]])), 1)
-    array([[ 0. , 1. ], [25.2, 25.2]])
+    array([[ 0., 1.], [17., 17.]])
     """
     z = -points[:, 2]
     half, back, front = (np.interp(z, -_STEM[:, 0], column) for column in _STEM[:, 1:].T)
@@ -123,3 +123,25 @@ NUCLEI = {
     "pallidum": Nucleus((21, -1, -1), ((0.8, 0.6, -0.1), (0.1, 0.1, 1.0), (-0.6, 0.8, 0.0)), (5, 7, 14), 0.9, 1.15),
     "thalamus": Nucleus((12, -18, 6), ((0.9, 0.4, 0.1), (0.0, -0.2, 1.0), (-0.4, 0.9, 0.2)), (11, 12, 22), 0.9, 1.2),
 }
+
+
+# The free margin of the falx around y = 5, z = 0: angle (degrees, from front to up) and distance (mm). It begins at the crista
+# galli, runs 5 mm above the corpus callosum and ends behind the splenium, where the straight sinus begins.
+_MIDDLE = np.array([5.0, 0.0])
+_MARGIN = np.array(
+    [(-24, 58), (0, 42), (17, 33), (45, 33), (79, 31), (119, 36), (143, 42), (160, 48), (210, 50)], float
+)
+
+
+def free_margin(where: Points) -> np.ndarray:
+    """How far (mm) places y, z (..., 2) of the mid plane are outside the free margin of the falx; below 0 inside it.
+
+    >>> free_margin(np.array([[5.0, 60.0], [5.0, 0.0]])).round(0)
+    array([ 28., -42.])
+    """
+    at = where - _MIDDLE
+    angle = np.degrees(np.arctan2(at[..., 1], at[..., 0]))
+    angle = np.where(angle < -90, angle + 360, angle)
+    inside = np.interp(angle, *_MARGIN.T)
+    open_below = (angle < _MARGIN[0, 0]) | (angle > _MARGIN[-1, 0])
+    return np.asarray(np.where(open_below, -1.0, np.linalg.norm(at, axis=-1) - inside))
