@@ -9,7 +9,7 @@ import numpy as np
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.image.align import align
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.volume import Volume, straightened, upright
+from ngbrain.image.volume import Volume, upright
 
 METHODS = ("affine", "demons")
 _LEVELS = ((4, 60), (2, 60))  # mm between the points of the field and steps there, coarse to fine
@@ -42,7 +42,7 @@ def transported(labels: LabelMap, template: Volume, brain: Volume, method: str =
     """
     if method not in METHODS:
         raise InputError("method", repr(method), nearest(method, METHODS))
-    template = straightened(template)
+    template = upright(template)
     place = align(brain, template)
     if place.likeness < _LIKE:
         raise InputError(

@@ -1,9 +1,10 @@
 """Where parts of the brain lie in the MNI152 template: a few lines, tubes and ellipsoids, as markers for a search.
 
 All coordinates are in mm of the symmetric template that nilearn ships (ICBM 2009a; right, front, up from the anterior
-commissure), rounded to whole millimetres and read off its picture. They are for telling what is surely inside from what is
-surely outside: the borders themselves come from the subject's own scan. The centres of the deep nuclei are within 3 mm of
-those of the atlas of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
+commissure), rounded to whole millimetres. They are for telling what is surely inside from what is surely outside: the
+borders themselves come from the subject's own scan. The tentorium and the corpus callosum were read off the template's
+picture; outline of the brain stem, and places and sizes of the nuclei, were set with atlases of MNI space beside it
+(neuromorphometrics); centres of nuclei are within 3 mm of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
 """
 
 from __future__ import annotations
@@ -19,19 +20,14 @@ Points = np.ndarray
 _AWAY = (0, 5, 10, 15, 20, 30, 40, 50, 60)
 _TENTORIUM = {
     -22: (-90, -90, -90, -90, -90, -90, -90, -90, -90),
-    -28: (-30, -28, -26, -26, -28, -45, -60, -70, -80),
-    -34: (-2, -8, -14, -18, -20, -29, -38, -50, -60),
-    -40: (-2, -6, -11, -15, -18, -28, -31, -40, -50),
-    -46: (0, -4, -8, -13, -17, -25, -28, -32, -40),
-    -52: (3, 0, -6, -12, -16, -22, -27, -28, -34),
-    -58: (5, 0, -6, -10, -14, -22, -26, -26, -32),
-    -64: (1, -2, -8, -12, -16, -20, -23, -24, -32),
-    -70: (-3, -8, -11, -14, -16, -20, -22, -24, -34),
-    -76: (-8, -10, -14, -16, -18, -20, -22, -28, -36),
-    -82: (-15, -16, -18, -20, -20, -21, -22, -30, -38),
-    -88: (-23, -22, -20, -20, -20, -23, -26, -34, -40),
-    -94: (-30, -30, -28, -26, -25, -28, -34, -40, -45),
-    -100: (-40, -40, -36, -34, -34, -36, -40, -45, -50),
+    -28: (-28, -28, -26, -26, -26, -45, -60, -70, -80),
+    -34: (-2, -6, -12, -16, -20, -28, -38, -50, -60),
+    -46: (0, 0, -6, -12, -16, -22, -26, -30, -40),
+    -58: (4, 0, -6, -10, -14, -20, -22, -24, -32),
+    -70: (-8, -10, -10, -14, -14, -18, -20, -24, -32),
+    -82: (-20, -18, -18, -18, -18, -20, -24, -30, -38),
+    -94: (-30, -28, -26, -25, -25, -28, -34, -40, -45),
+    -106: (-45, -45, -42, -40, -40, -42, -45, -50, -55),
 }
 # Outline of the brain stem: z, half width, back and front.
 _STEM = np.array(
@@ -66,7 +62,7 @@ def tentorium(points: Points) -> np.ndarray:
     """Height (n,) of the tentorium at points (n, 3): where it would be, right up to the mid line and the skull.
 
     >>> tentorium(np.array([[0, -58, 0], [-40.0, -64, 0]]))
-    array([ 5., -23.])
+    array([ 4., -21.])
     """
     rows = sorted(_TENTORIUM)
     table = np.array([_TENTORIUM[y] for y in rows], float)

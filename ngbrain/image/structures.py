@@ -45,6 +45,7 @@ _SMOOTH = 0.6  # mm, of grey values in which valleys are looked for
 _EDGE = 0.7  # mm, of those in which edges are
 _TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
 _NEAR = 8.0  # mm about its expected course
+_BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
 _LIKE = 0.45  # least likeness to the template, as for a brain in its skull
 
 
@@ -74,7 +75,7 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     Corpus callosum is the white matter within 8 mm of the middle that is in its cross-section there. Right is where the
     affine says that it is.
 
-    t1       without the coil's field; axes right, front, up, voxels of 1 mm
+    t1       without the coil's field; axes right, front, up, voxels of 1 mm (with 2 mm thin borders are lost)
     tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment`, 0 outside
 
     Raises:
@@ -112,11 +113,12 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A box of a head: grey values, tissues, and of every voxel in the brain the place (n, 3) in the template (mm) and the
-    distance to the right (n,) of the mid surface (mm)."""
+    """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and of every voxel in the brain the place
+    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm)."""
 
     grey: np.ndarray
     tissues: np.ndarray
+    size: np.ndarray
     points: np.ndarray
     right: np.ndarray
 
@@ -126,7 +128,7 @@ class _Case:
         to = np.linalg.inv(affine) @ head.affine
         index = np.argwhere(brain) + [axis.start for axis in box]
         points = 1e3 * (index @ to[:3, :3].T + to[:3, 3])
-        return cls(head.data[box], tissues.data[box], points, middle.right_of(points))
+        return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, points, middle.right_of(points))
 
     def on_grid(self, values: np.ndarray, outside: float = 0) -> np.ndarray:
         """Values of the voxels in the brain, put into the box."""
@@ -147,7 +149,7 @@ class _Case:
         marks[around & (below < 0)] = LEFT
         marks[(radius < _CORE) & (below > 0)] = STEM
         matter = np.isin(self.tissues, (GREY, WHITE))
-        valleys = -ndimage.gaussian_filter(self.grey, _SMOOTH)
+        valleys = -ndimage.gaussian_filter(self.grey, _SMOOTH / self.size)
         found = _whole(flood(valleys, np.where(matter, self.on_grid(marks), 0), mask=matter))
         found = np.where(self.tissues > 0, _nearest(found), 0)
         return _whole(np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8))
@@ -185,7 +187,7 @@ class _Case:
         around = tuple(
             slice(max(axis.start - 4, 0), axis.stop + 4) for axis in ndimage.find_objects(near.astype(int))[0]
         )
-        edges = ndimage.gaussian_gradient_magnitude(self.grey[around], _EDGE)
+        edges = ndimage.gaussian_gradient_magnitude(self.grey[around], _EDGE / self.size)
         found[around] = flood(edges, np.where(matter, self.on_grid(marks), 1)[around]) > 1
         return ndimage.binary_opening(found)
 
@@ -193,14 +195,13 @@ class _Case:
         """Mask of the corpus callosum."""
         near = (np.abs(self.right) <= _TRUNK) & (self._from_course() <= _NEAR)
         white = (self.tissues == WHITE) & np.isin(parts, (LEFT, RIGHT))
-        middle = self.on_grid(near & (np.abs(self.right) <= 1.5)) & white
-        at, y, z = self.points[middle[self.tissues > 0]], 110, 60
-        section = np.zeros((180, 160), bool)  # every mm of y and z
-        section[np.rint(at[:, 1] + y).astype(int), np.rint(at[:, 2] + z).astype(int)] = True
-        section = ndimage.binary_opening(ndimage.binary_closing(section), iterations=1)
+        middle = near & (np.abs(self.right) <= 1.5 * self.size.max()) & white[self.tissues > 0]
+        cell = np.rint((self.points[:, 1:] + _BACK_BELOW) / self.size.max()).astype(int).clip(0)
+        section = np.zeros(cell.max(axis=0) + 3, bool)
+        section[tuple(cell[middle].T)] = True
+        section = ndimage.binary_opening(ndimage.binary_closing(section))
         section = ndimage.binary_dilation(_largest(section))
-        inside = np.rint(self.points[:, 1:] + [y, z]).astype(int).clip(0, np.array(section.shape) - 1)
-        return _largest(white & self.on_grid(near & section[tuple(inside.T)]))
+        return _largest(white & self.on_grid(near & section[tuple(cell.T)]))
 
     def _from_course(self) -> np.ndarray:
         """Distance (n,) of places' y and z from the line along the corpus callosum, mm."""
