@@ -171,7 +171,8 @@ def idealised_head(
         straight = _mesh(whole, sizes.far, sizes.grading)
         curve(straight)
         mesh = ngs.Mesh(straight)
-        lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / whole.mass
+        solid = sum(part.mass for part in whole.solids)  # of the whole it is wrong where faces lie inside solids
+        lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / solid
         if abs(lost) > MOST_LOST:
             raise InputError("mesh sizes", f"such that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
     except InputError as error:

@@ -39,11 +39,11 @@ def test_demons_follow_a_bend_that_an_affine_map_cannot(bent):
 
 def test_labels_on_flipped_voxels_of_another_size(bent):
     template, labels, _, _ = bent
-    flip = np.diag([-2, 1, 1, 1.0])
-    flip[0, 3] = labels.volume.data.shape[0] - 1
-    thin = LabelMap(Volume(labels.volume.data[::-2].copy(), labels.volume.affine @ flip), labels.names)
+    flip = np.diag([1, -2, 1, 1.0])
+    flip[1, 3] = labels.volume.data.shape[1] - 1
+    thin = LabelMap(Volume(labels.volume.data[:, ::-2].copy(), labels.volume.affine @ flip), labels.names)
     found = transported(thin, template, template, "affine")
-    assert dice(found.volume.data == 3, labels.volume.data == 3) > 0.85
+    assert dice(found.volume.data == 3, labels.volume.data == 3) > 0.8
 
 
 def test_refusals(bent):

@@ -92,7 +92,7 @@ def test_falx_and_tentorium_have_the_areas_of_closed_forms(sheets):
 def test_sheets_lie_in_their_planes_with_tissue_on_both_sides():
     mesh = idealised_head(sizes=COARSE, sheets=SHEETS)
     for name, axis, level in (("falx", 0, 0.0), ("tentorium", 2, TENTORIUM_HEIGHT)):
-        faces = [element.facets[0] for element in mesh.Boundaries(name).Elements()]
+        faces = [element.faces[0] for element in mesh.Boundaries(name).Elements()]
         places = np.array([mesh[v].point for element in mesh.Boundaries(name).Elements() for v in element.vertices])
         assert np.abs(places[:, axis] - level).max() < 1e-9
         assert all(len(mesh[face].elements) == 2 for face in faces)
