@@ -51,6 +51,10 @@ class Subject:
     def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
         """From a T1, its tissues split into structures (`ngbrain.image.structures`): `grey_left`, `brain_stem`, …
 
+        Patterns pick them in a mesh of a route that conforms to tissues: `white.*` all white matter but the corpus callosum,
+        `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where
+        cerebrum and cerebellum touch. Falx and tentorium as surfaces: `ngbrain.image.dura`.
+
         Raises what `read_scan` and `structured` raise.
         """
         scan = read_scan(path)
