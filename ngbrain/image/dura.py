@@ -6,8 +6,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from ngbrain.errors import InputError
 from ngbrain.image.places import free_margin
-from ngbrain.image.structures import CEREBELLUM, LEFT, RIGHT, Structures
+from ngbrain.image.structures import CEREBELLUM, LEFT, PARTS, RIGHT, Structures
 from ngbrain.image.volume import Volume
 
 _STEP = 2.0  # mm between vertices
@@ -29,6 +30,8 @@ def falx(found: Structures) -> Sheet:
     least from where the subject has it. The vertices are 2 mm apart; the sheet is one piece with an edge, a graph over the
     template's mid plane.
 
+    Raises `InputError` where left and right do not meet.
+
     >>> from ngbrain.image import mni152
     >>> from ngbrain.image.tissues import structured
     >>> points, triangles = falx(structured(mni152()))
@@ -43,7 +46,8 @@ def falx(found: Structures) -> Sheet:
 def tentorium(found: Structures) -> Sheet:
     """Vertices (n, 3) m and triangles (m, 3) of the tentorium: where the cerebellum meets the cerebrum, facing up.
 
-    As `falx`. Around the brain stem there is none, since there no cerebrum lies on cerebellum.
+    As `falx`; a graph over the template's horizontal plane. Around the brain stem there is none, since there no cerebrum
+    lies on cerebellum.
     """
     x, y = np.arange(-70.0, 72.0, _STEP), np.arange(-112.0, -8.0, _STEP)
     where = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
@@ -81,6 +85,9 @@ def _sheet(
         there = _largest(there & (_from_callosum(found, points) > 1e-3 * _CLEAR))
     i, j = np.nonzero(there[:-1, :-1] & there[1:, :-1] & there[1:, 1:] & there[:-1, 1:])
     squares = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+    if not len(i):
+        names = [" and ".join(PARTS[part] for part in side) for side in (below, above)]
+        raise InputError("structures", f"without a place where {names[0]} meets {names[1]}", "a whole brain")
     used = np.zeros_like(there)
     for corner in squares:
         used[corner] = True

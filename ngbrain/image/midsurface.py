@@ -38,8 +38,8 @@ class MidSurface:
     def of(cls, head: Volume, affine: np.ndarray) -> MidSurface:
         """Of a brain on a background of 0, into which `affine` (4, 4) takes the template (m).
 
-        For every y and z the darkest place within 10 mm of the plane is found, lest it lies far out, and weighted by how
-        much darker it is than its neighbourhood. A plane is fitted to these and then a surface smooth over 5 mm.
+        For every y and z the darkest place within 10 mm of the plane is found, nearer ones preferred, and weighted by how
+        much darker it is than what is beside it. A plane is fitted to these and then a surface smooth over 5 mm.
         """
         x = np.arange(-_REACH, _REACH + 0.25, 0.5)
         y, z = (first + _STEP * np.arange(n) for first, n in zip(_FIRST, _SHAPE, strict=True))

@@ -75,7 +75,7 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     Corpus callosum is the white matter within 8 mm of the middle that is in its cross-section there. Right is where the
     affine says that it is.
 
-    t1       without the coil's field; axes right, front, up, voxels of 1 mm (with 2 mm thin borders are lost)
+    t1       without the coil's field; axes right, front, up, voxels of 1 mm (of 2 mm will do, but lose thin borders)
     tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment`, 0 outside
 
     Raises:
@@ -165,7 +165,7 @@ class _Case:
         matter = np.isin(self.tissues, (GREY, WHITE))
         regions[(parts == STEM) & matter] = _NUMBERS["brain_stem"]
         regions[self.callosum(parts)] = _NUMBERS["corpus_callosum"]
-        deep = self.deep_grey() & matter
+        deep = self.deep_grey()
         regions[deep & (parts == LEFT)] = _NUMBERS["deep_grey_left"]
         regions[deep & (parts == RIGHT)] = _NUMBERS["deep_grey_right"]
         return regions

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from ngbrain.errors import InputError
 from ngbrain.image import Volume, mni152
 from ngbrain.image.dura import falx, tentorium
 from ngbrain.image.labelmap import LabelMap
@@ -38,12 +39,14 @@ def test_a_flat_falx(turned):
     at, affine = grid()
     level = at[..., 0] - 0.1 * at[..., 2] - 1
     ball = np.linalg.norm(at, axis=-1) < 60
-    parts = np.where(ball, np.where(level > 0, RIGHT, LEFT), 0).astype(np.uint8)
+    island = np.linalg.norm(at - [0, -95, 50], axis=-1) < 12
+    parts = np.where(ball | island, np.where(level > 0, RIGHT, LEFT), 0).astype(np.uint8)
     to = np.eye(4)
     if turned:
         to[:3] = np.array([[0, -1, 0, 0.01], [1, 0, 0, 0], [0, 0, 1, 0.02]])
     points, triangles = falx(of_parts(parts, to @ affine, to))
     here = 1e3 * (points - to[:3, 3]) @ to[:3, :3]
+    assert np.linalg.norm(here, axis=1).max() < 61  # the island is none of it
     inner = np.linalg.norm(here, axis=1) < 50
     assert np.abs(here[inner, 0] - 0.1 * here[inner, 2] - 1).max() < 1.0  # half a voxel
     # The disc of the ball outside the free margin, counted on a fine lattice; the sheet ends up to 4 mm before its edge.
@@ -67,6 +70,13 @@ def test_a_slanted_tentorium():
     inner = (np.linalg.norm(here[:, :2] - [0, -60], axis=1) < 34) & (np.abs(here[:, 0]) > 6)
     assert np.abs(here[inner, 2] + 20 - 0.3 * np.abs(here[inner, 0])).max() < 1.0
     assert np.pi * 36e-3**2 < area(points, triangles) / np.sqrt(1.09) < np.pi * 40e-3**2
+
+
+def test_without_a_cerebellum_there_is_no_tentorium():
+    at, affine = grid()
+    parts = np.where(np.linalg.norm(at, axis=-1) < 60, np.where(at[..., 0] > 0, RIGHT, LEFT), 0).astype(np.uint8)
+    with pytest.raises(InputError, match="structures is without a place where cerebellum meets cerebrum_left and"):
+        tentorium(of_parts(parts, affine))
 
 
 @pytest.fixture(scope="module")
