@@ -63,10 +63,12 @@ def test_a_flat_falx(turned):
 def test_a_slanted_tentorium():
     at, affine = grid()
     ball = np.linalg.norm(at[..., :2] - [0, -60], axis=-1) < 40
+    ball |= np.linalg.norm(at[..., :2] - [50, -97], axis=-1) < 12  # an island
     below = at[..., 2] < -20 + 0.3 * np.abs(at[..., 0])
     parts = np.where(ball, np.where(below, CEREBELLUM, np.where(at[..., 0] > 0, RIGHT, LEFT)), 0).astype(np.uint8)
     points, triangles = tentorium(of_parts(parts, affine))
     here = 1e3 * points
+    assert np.linalg.norm(here[:, :2] - [0, -60], axis=1).max() < 41
     inner = (np.linalg.norm(here[:, :2] - [0, -60], axis=1) < 34) & (np.abs(here[:, 0]) > 6)
     assert np.abs(here[inner, 2] + 20 - 0.3 * np.abs(here[inner, 0])).max() < 1.0
     assert np.pi * 36e-3**2 < area(points, triangles) / np.sqrt(1.09) < np.pi * 40e-3**2
