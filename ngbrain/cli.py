@@ -65,6 +65,9 @@ def _parser() -> argparse.ArgumentParser:
     mesh.add_argument(
         "--names", type=_names, metavar="N=NAME,…", help="what labels are called, or freesurfer, spm, ngbrain"
     )
+    mesh.add_argument(
+        "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
+    )
     mesh.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
     mesh.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     mesh.add_argument(
@@ -118,9 +121,12 @@ def _names(text: str) -> str | dict[int, str]:
 def _mesh(arguments: argparse.Namespace) -> None:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
-    subject = (
-        Subject.of_labels(arguments.image, arguments.names) if arguments.labels else Subject.of_scan(arguments.image)
-    )
+    if arguments.labels and arguments.structures:
+        raise InputError("--structures", "given with --labels", "a T1 scan to find them in, or --labels without it")
+    if arguments.labels:
+        subject = Subject.of_labels(arguments.image, arguments.names)
+    else:
+        subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, arguments.radius)
     result, mesh = write_subject(subject, arguments.output, arguments.route, size)

@@ -299,6 +299,7 @@ def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys
         (["--names", "aseg"], ["names is 'aseg'", "freesurfer"]),
         (["-o", "head.stl"], ["-o is 'head.stl'", ".vtkhdf", ".feb"]),
         (["--size", "0"], ["mesh size", "above 0"]),
+        (["--structures"], ["--structures is given with --labels", "T1"]),
     ],
 )
 def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):

@@ -16,7 +16,7 @@ from ngbrain.image.labelfile import TISSUES, read_labels
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
-from ngbrain.image.tissues import tissues
+from ngbrain.image.tissues import structured, tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume, read_scan
 from ngbrain.io import QuadraticGrid, save, versions, write_json
@@ -46,6 +46,19 @@ class Subject:
         """From a T1; raises what `read_scan` and `tissues` raise."""
         scan = read_scan(path)
         return cls(LabelMap(tissues(scan), TISSUES), scan.volume, scan.file_affine, scan.file_shape, scan.source)
+
+    @classmethod
+    def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
+        """From a T1, its tissues split into structures (`ngbrain.image.structures`): `grey_left`, `brain_stem`, …
+
+        Patterns pick them in a mesh of a route that conforms to tissues: `white.*` all white matter but the corpus callosum,
+        `.*_left` a side; the boundary under the tentorium is `(grey|white)_(left|right)_(grey|white)_cerebellum` where
+        cerebrum and cerebellum touch. Falx and tentorium as surfaces: `ngbrain.image.dura`.
+
+        Raises what `read_scan` and `structured` raise.
+        """
+        scan = read_scan(path)
+        return cls(structured(scan).labels, scan.volume, scan.file_affine, scan.file_shape, scan.source)
 
     @classmethod
     def of_labels(cls, path: str | os.PathLike[str], names: str | Mapping[int, str] | None = None) -> Subject:
