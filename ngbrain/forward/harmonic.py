@@ -282,7 +282,7 @@ def _vanishes(work: CoefficientFunction) -> bool:
 
 
 class Factorised:
-    """A body's matrices at its present moduli, one for each frequency, with factors: complex-symmetric, all unknowns; factors on demand."""
+    """A body's matrices at its present moduli, one for each frequency: complex-symmetric, all unknowns; factors on demand."""
 
     def __init__(self, body: Harmonic) -> None:
         self.body = body

@@ -1,8 +1,8 @@
 """The inversion of wave data from one call: noise, elements, starts, regularisers and weights are chosen and told.
 
-    start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
-    regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score
-    polish     down in J from there; and from uniform fields, for comparison. The lower J at equal weights is kept
+start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
+regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score
+polish     down in J from there; and from uniform fields, for comparison. The lower J at equal weights is kept
 """
 
 from __future__ import annotations
@@ -186,7 +186,9 @@ def invert(
     predicted[:, experiment.inside] = problem.model.at(problem.unknowns.theta(best.x)).data  # type: ignore[attr-defined]
     ratio = best.level.ratio
     if not 0.8 < ratio < 1.25 and total > FLOOR:
-        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that")
+        notes.append(
+            f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that"
+        )
     notes += _unseen(experiment)
     return Inversion(
         data=data,
@@ -303,7 +305,10 @@ def _noise(data: WaveData, given: float | None) -> tuple[float, str]:
         return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
     size = np.sqrt(np.nanmean(np.abs(data.displacement) ** 2, axis=1))
     noise = float(np.nanmedian(found / size))
-    return noise, f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells"
+    return (
+        noise,
+        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",
+    )
 
 
 def _unseen(experiment: Experiment) -> list[str]:

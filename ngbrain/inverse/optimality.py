@@ -99,7 +99,9 @@ class Optimality:
     def determined(self, random: np.random.Generator) -> float:
         """How many of the real data the fitted unknowns use up: an estimate of the trace of the influence matrix."""
         probes = [random.choice([-1.0, 1.0], size=(len(root), 2)) @ [1, 1j] for root in self._root]
-        _, waves = self._solve(np.zeros(self.size), [np.where(r > 0, z, 0) for z, r in zip(probes, self._root, strict=True)])
+        _, waves = self._solve(
+            np.zeros(self.size), [np.where(r > 0, z, 0) for z, r in zip(probes, self._root, strict=True)]
+        )
         used = 0.0
         for root, probe, u in zip(self._root, probes, waves, strict=True):
             used += float(np.sum(np.conj(np.where(root > 0, probe, 0)) * (root * (self.observe @ u[self.active]))).real)

@@ -48,7 +48,9 @@ class Level:
 class Evidence:
     """Each block's weight from the data."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the largest factor by which one changed."""
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
@@ -68,7 +70,9 @@ class Discrepancy:
 
     slack: float = 0.02
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the factor by which they changed."""
         if abs(level.ratio - 1) <= self.slack:
             return 1.0
@@ -83,7 +87,9 @@ class Discrepancy:
 class Given:
     """Weights as they are."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """1."""
         return 1.0
 
