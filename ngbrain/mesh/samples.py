@@ -112,6 +112,8 @@ def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Poi
     inside = np.argwhere(indicators.shares[0] < 0.5)
     low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
     low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]
+    around = AROUND * float(size(np.stack([low, high, (low + high) / 2])).max())
+    low, high = low - around, high + around
     side = float((high - low).max())
     corners, found = low[None], []
     eighths = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
