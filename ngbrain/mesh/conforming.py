@@ -71,7 +71,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     (('outer_gel',), True, 1.0)
     """
     _check(labels, size)
-    indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
+    indicators, rng = Indicators.of(labels, smoothing).filled(labels), np.random.default_rng(seed)
     wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):

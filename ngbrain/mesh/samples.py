@@ -17,7 +17,7 @@ THIRD = 0.2
 """Share of a third region on an interface from which on a line where three regions meet is looked for."""
 AROUND = 1.5
 """Outside samples are within this part of it of the surface."""
-FILM = 0.72e-3
+FILM = 1e-3
 """A film thinner than about twice this (m) is sampled as if it were one surface, a thicker one on both its sides."""
 
 
