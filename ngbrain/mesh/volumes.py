@@ -6,7 +6,7 @@ import numpy as np
 
 from ngbrain.mesh.relocation import FLATTEST, shapes
 
-FURTHEST = 0.1
+FURTHEST = 0.2
 """Part of the element size that a vertex is moved at most."""
 ROUNDS = 6
 _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
@@ -65,7 +65,7 @@ def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count:
 def _attainable(wanted: np.ndarray, volumes: np.ndarray, slopes: np.ndarray, limit: np.ndarray) -> np.ndarray:
     """The volumes wanted, as far as moves of a quarter of the limit on average give them; what is left goes to the largest neighbour."""
     wanted = wanted.copy()
-    reach = 0.25 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
+    reach = 0.15 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
     shared = -np.einsum("vdr,vds->rs", slopes, slopes)
     for r in np.argsort(wanted):
         missing = wanted[r] - volumes[r]
