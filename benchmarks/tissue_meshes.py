@@ -95,11 +95,11 @@ def measure(quick: bool) -> list[dict]:
         for size in sizes:
             field = Graded(size * 1e-3, size * 1e-3)
             records.append(
-                record(f"ngbrain:{route}", f"{size:g} mm", lambda m=make, f=field: m(labels, f), labels, False)
+                record(f"ngbrain:{route}", f"{size:g} mm", lambda m=make, f=field: m(labels, f).elements, labels, False)
             )
         if not quick:
             field = Graded(2e-3, 8e-3, SITE, radius=10e-3, growth=0.3)
-            records.append(record(f"ngbrain:{route}", "2 to 8 mm", lambda m=make, f=field: m(labels, f), labels, True))
+            records.append(record(f"ngbrain:{route}", "2 to 8 mm", lambda m=make, f=field: m(labels, f).elements, labels, True))
     for stride in (4,) if quick else (4, 3, 2):
         records.append(record("voxels in six", f"{stride} mm", lambda s=stride: voxels(labels, s), labels, False))
     return records
