@@ -18,7 +18,7 @@ THIRD = 0.2
 AROUND = 1.5
 """Outside samples are within this part of it of the surface."""
 FILM = 1e-3
-"""A film thinner than about twice this (m) is sampled as if it were one surface, a thicker one on both its sides."""
+"""The sides of a film count as farther apart by √6 times this (m), so that both have samples where elements are below 3 mm."""
 
 
 def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
