@@ -100,7 +100,9 @@ def measure(quick: bool) -> list[dict]:
             )
         if not quick:
             field = Graded(2e-3, 8e-3, SITE, radius=ROUTES[route].radius)
-            records.append(record(f"ngbrain:{route}", "2 to 8 mm", lambda m=make, f=field: m(labels, f).elements, labels, True))
+            records.append(
+                record(f"ngbrain:{route}", "2 to 8 mm", lambda m=make, f=field: m(labels, f).elements, labels, True)
+            )
     for stride in (4,) if quick else (4, 3, 2):
         records.append(record("voxels in six", f"{stride} mm", lambda s=stride: voxels(labels, s), labels, False))
     return records

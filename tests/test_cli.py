@@ -7,8 +7,8 @@ import subprocess
 import sys
 import time
 
-import nibabel
 import ngsolve as ngs
+import nibabel
 import numpy as np
 import pytest
 from phantoms import nested

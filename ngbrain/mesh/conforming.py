@@ -151,7 +151,7 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
         within = _without_thorns((deep + favour[0] > 0) & ~air, beside)
         region = np.where(within, 1 + (shares[:, 1:] + favour[1:]).argmax(axis=1), 0)
         got = np.bincount(region, volume, len(favour))[1:]
-        favour[0] += 0.1 * np.clip(wanted.sum() / got.sum() - 1, -0.5, 0.5)
+        favour[0] += 0.1 * np.clip(wanted.sum() / max(got.sum(), 1e-12) - 1, -0.5, 0.5)
         favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
         favour = np.clip(favour, -FAVOUR, FAVOUR)
     missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
@@ -210,7 +210,9 @@ def _improved(
         placed, on = wanted.copy(), border[vertices]
         mine = vertices[on]
         there = indicators.onto(wanted[on], meeting[mine], 1)
-        astray = indicators.spread(there, meeting[mine]) > np.maximum(STRAY, indicators.spread(points[mine], meeting[mine]))
+        astray = indicators.spread(there, meeting[mine]) > np.maximum(
+            STRAY, indicators.spread(points[mine], meeting[mine])
+        )
         there[astray] = points[mine[astray]]
         placed[on] = there
         return placed

@@ -62,7 +62,9 @@ def determinants(elements: np.ndarray) -> np.ndarray:
     for start in range(0, len(elements), _CHUNK):
         x = elements[start : start + _CHUNK].transpose(2, 0, 1)
         a, b, c = (x @ _SLOPES[:, :, j].T for j in range(3))  # (3, n, 20)
-        value = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        value = (
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
         found[start : start + _CHUNK] = -value @ _COEFFICIENTS.T
     return found
 

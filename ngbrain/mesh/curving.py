@@ -106,7 +106,7 @@ def curved(
     space = ngs.VectorH1(mesh, order=order)
     deformation = ngs.GridFunction(space)
     bow = shift[len(points) :] - shift[ends].mean(axis=1)
-    numbers = _numbers(mesh, ends, tets, middle) if order == 2 else None
+    numbers = _numbers(mesh, ends, middle) if order == 2 else np.zeros(0, int)
     for k, component in enumerate(deformation.components):
         values = component.vec.FV().NumPy()
         values[: len(points)] = shift[: len(points), k]
@@ -150,7 +150,7 @@ def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, n
         if i != j
     }
     solid, flat = mesh.ngmesh.Elements3D().NumPy(), mesh.ngmesh.Elements2D().NumPy()
-    if mesh.GetCurveOrder() > 1 or solid["nodes"].shape[1] > 4 and solid["nodes"][:, 4:].any():
+    if mesh.GetCurveOrder() > 1 or (solid["nodes"].shape[1] > 4 and solid["nodes"][:, 4:].any()):
         raise InputError("mesh", "curved already", "straight tetrahedra")
     known = np.array([names.get(name, (0, 0)) for name in mesh.GetBoundaries()])
     pairs = known[flat["index"] - 1]
@@ -161,8 +161,8 @@ def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, n
     return points, solid["nodes"][:, :4].astype(int) - 1, flat["nodes"][mine, :3].astype(int) - 1, pairs[mine]
 
 
-def _numbers(mesh: ngs.Mesh, ends: np.ndarray, tets: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """NGSolve's numbers of the edges that are those of the tetrahedra (m, 6), `middle` numbers; asked for all at once.
+def _numbers(mesh: ngs.Mesh, ends: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """NGSolve's number of each edge (n, 2), of which `middle` (6 m,) are those of the tetrahedra; asked for all at once.
 
     Of the functions of second order only that of an edge does not vanish in its middle.
     """

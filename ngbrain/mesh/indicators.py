@@ -100,9 +100,11 @@ class Indicators:
         return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)[:, None])
 
     def spread(self, points: Points, meeting: np.ndarray) -> np.ndarray:
-        """Largest less smallest share (n,) at points of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
+        """Largest less smallest share (n,) of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
         shares = self(points)
-        return np.asarray(np.where(meeting, shares, -np.inf).max(axis=1) - np.where(meeting, shares, np.inf).min(axis=1))
+        return np.asarray(
+            np.where(meeting, shares, -np.inf).max(axis=1) - np.where(meeting, shares, np.inf).min(axis=1)
+        )
 
     def onto(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
         """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.

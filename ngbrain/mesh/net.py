@@ -94,7 +94,7 @@ class Net:
         return self._without_spikes(np.asarray(region))
 
     def _without_spikes(self, region: np.ndarray) -> np.ndarray:
-        """The same without tetrahedra that stick out: three faces or more of theirs look outside, or two and a corner is far out."""
+        """The same without tetrahedra that stick out: three faces or more look outside, or two and a corner is far out."""
         air = (self.shares(self.points)[:, 0] > _AIR)[self.tets].any(axis=1)
         for _ in range(_PEELED):
             across = np.where(self.beside >= 0, region[self.beside], 0)

@@ -19,6 +19,7 @@ class Reconnection:
         self.points, self.tets, self.region = points, tets.tolist(), region.tolist()
         self.quality = shapes(points[tets]).tolist()
         self.dead: set[int] = set()
+        self.goal = 0.0
         self._stars = Stars.of(tets, len(points))
         self._around: dict[int, set[int]] = {}
 
@@ -80,11 +81,12 @@ class Reconnection:
         Not where parts of the surface would then touch.
         """
         tet = self.tets[t]
-        within, beyond = [], []  # corners opposite to a face with a neighbour, and to one on the surface
+        within: list[int] = []
+        beyond: list[int] = []  # corners opposite to a face on the surface; and the others
         for apex in tet:
             p, q, r = (v for v in tet if v != apex)
             sharing = (self.around(p) & self.around(q) & self.around(r)) - {t}
-            (within if any(self.region[k] for k in sharing) else beyond).append(apex)
+            (beyond if sharing and not any(self.region[k] for k in sharing) else within).append(apex)
         if not beyond:
             return None
         # What the surface gets to: the corner or the edge that all faces within share, which no surface may have yet.

@@ -79,7 +79,9 @@ def write_subject(
     if curve and not path.name.endswith(".vtkhdf"):
         raise InputError("-o", repr(path.name), "a name that ends in .vtkhdf, as --curve is given")
     if curve and route == "hull":
-        raise InputError("--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces")
+        raise InputError(
+            "--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces"
+        )
     stem = _stem(path)  # before the work, not after it
     path.parent.mkdir(parents=True, exist_ok=True)
     clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))

@@ -63,9 +63,9 @@ def _volumes(x: np.ndarray, tets: np.ndarray, region: np.ndarray, n: int, count:
 
 
 def _attainable(wanted: np.ndarray, volumes: np.ndarray, slopes: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The volumes wanted, as far as moves of a quarter of the limit on average give them; what is left goes to the largest neighbour."""
+    """The volumes wanted, as far as moves within half the limit give them; what is left goes to the largest neighbour."""
     wanted = wanted.copy()
-    reach = 0.15 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
+    reach = 0.5 * np.einsum("v,vr->r", limit, np.linalg.norm(slopes, axis=1))
     shared = -np.einsum("vdr,vds->rs", slopes, slopes)
     for r in np.argsort(wanted):
         missing = wanted[r] - volumes[r]
