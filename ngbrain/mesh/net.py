@@ -19,7 +19,6 @@ _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
 _DEEP = 0.999  # share at all corners with which a small tetrahedron is taken for inside a region
 _LARGE = 4.0  # widths of an interface above which a tetrahedron is sampled at 20 points instead of 4
 _STILL = 0.02  # part of an element's size below which its shares are not sampled again
-_AIR = 0.95  # share of outside at a corner that is far out
 _PEELED = 3  # layers of a spike that are taken off
 _GAUSS = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) / 5**0.5
 _MANY = (np.array([(i, j, k, 3 - i - j - k) for i, j, k in np.ndindex(4, 4, 4) if i + j + k <= 3]) + 0.25) / 4
@@ -94,11 +93,10 @@ class Net:
         return self._without_spikes(np.asarray(region))
 
     def _without_spikes(self, region: np.ndarray) -> np.ndarray:
-        """The same without tetrahedra that stick out: three faces or more look outside, or two and a corner is far out."""
-        air = (self.shares(self.points)[:, 0] > _AIR)[self.tets].any(axis=1)
+        """The same without tetrahedra that stick out: three faces or more of theirs look outside."""
         for _ in range(_PEELED):
             across = np.where(self.beside >= 0, region[self.beside], 0)
-            region = np.where((across == 0).sum(axis=1) >= 3 - air, 0, region)
+            region = np.where((across == 0).sum(axis=1) >= 3, 0, region)
         return region
 
     def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:

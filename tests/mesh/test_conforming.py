@@ -15,7 +15,6 @@ from ngbrain.mesh.indicators import MOST, Indicators
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import improved, shapes
-from ngbrain.mesh.routes import ROUTES
 
 MM = 1e-3
 NAMES = {1: "csf", 2: "grey", 3: "white"}
@@ -289,10 +288,8 @@ def test_shares_that_are_filled_have_the_volume_of_a_thin_shell_but_for_a_quarte
     assert (np.abs(smooth.filled(labels).shares - smooth.shares) <= MOST).all()
 
 
-@pytest.mark.parametrize("route", ["conforming", "lattice"])
-def test_large_elements_leave_no_spikes(route):
-    labels = shell()
-    made = ROUTES[route].make(labels, same(5e-3)).elements
+def test_large_elements_leave_no_spikes():
+    made = conforming(shell(), same(5e-3))
     outer = np.isin(made.boundary, [k for k, name in enumerate(made.boundaries) if name.startswith("outer")])
     away = np.linalg.norm(made.points[np.unique(made.triangles[outer])], axis=1)
     assert away.max() < 19e-3
