@@ -222,9 +222,7 @@ class _Search:
     ) -> None:
         self.experiment, self._tell = experiment, tell
         self.history: list[Iteration] = before.history if before else []
-        size = np.abs(np.nan_to_num(experiment.measured)) ** 2
-        count = np.maximum((~np.isnan(experiment.measured)).sum(axis=1, keepdims=True), 1)
-        rms = np.sqrt(size.sum(axis=1, keepdims=True) / count)
+        rms = experiment.data.rms
         self.sigma = np.maximum(noise * rms, 1e-12 * rms.max()) / np.sqrt(2)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = LeastSquares(experiment.measured, self.sigma)
@@ -303,8 +301,8 @@ def _noise(data: WaveData, given: float | None) -> tuple[float, str]:
             found = smoothed(data).noise
     except NgbrainError:
         return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
-    size = np.sqrt(np.nanmean(np.abs(data.displacement) ** 2, axis=1))
-    noise = float(np.nanmedian(found / size))
+    measured = np.isfinite(found) & (data.rms[:, 0] > 0)
+    noise = float(np.median(found[measured] / data.rms[:, 0][measured]))
     return (
         noise,
         f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",

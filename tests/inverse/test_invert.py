@@ -27,16 +27,25 @@ def shear_error(data, maps):
     return np.linalg.norm(maps[name] - truths[name]) / np.linalg.norm(truths[name])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("noise, wanted", [(0.0, 0.01), (0.02, 0.04)])
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: "-".join(body))
-def test_all_eight_bodies_with_noise(body):
-    data = waves(*body)
+def test_all_eight_bodies(body, noise, wanted):
+    data = waves(*body, n=41)
+    found = invert(data.with_noise(noise, seed=1), uniform=False, regulariser="smooth")
+    assert shear_error(data, found.maps) < wanted
+
+
+@pytest.mark.parametrize("body", [BODIES[0], BODIES[3], BODIES[4]], ids=lambda body: "-".join(body))
+def test_bodies_with_noise(body):
+    data = waves(*body, n=17)
     found = invert(data.with_noise(0.02, seed=1), uniform=False, regulariser="smooth")
-    assert shear_error(data, found.maps) < 0.04
+    assert shear_error(data, found.maps) < 0.06
     assert all(np.all(values > -1) for values in found.maps.values())
 
 
 def test_noise_is_found_when_it_is_not_given():
-    data = replace(waves().with_noise(0.02, seed=2), noise=None)
+    data = replace(waves(n=17).with_noise(0.02, seed=2), noise=None)
     found = invert(data, uniform=False, regulariser="smooth")
     assert found.noise == pytest.approx(0.02, rel=0.15)
     assert found.noise_found == pytest.approx(0.02, rel=0.15)
@@ -44,13 +53,13 @@ def test_noise_is_found_when_it_is_not_given():
 
 
 def test_too_little_noise_is_told():
-    found = invert(waves().with_noise(0.03, seed=3), noise=0.01, uniform=False, regulariser="smooth")
+    found = invert(waves(n=17).with_noise(0.03, seed=3), noise=0.01, uniform=False, regulariser="smooth")
     assert any("misfit" in note for note in found.notes)
     assert found.noise_found == pytest.approx(0.03, rel=0.2)
 
 
 def test_starts_are_compared_at_the_same_weights():
-    data = waves().with_noise(0.01, seed=4)
+    data = waves(n=17).with_noise(0.01, seed=4)
     found = invert(data, regulariser="smooth")
     rows = {row.name: row for row in found.rows}
     assert list(rows) == ["waves", "uniform", "both"]
@@ -58,7 +67,7 @@ def test_starts_are_compared_at_the_same_weights():
     assert rows["uniform"].value >= rows["both"].value * (1 - 1e-6) or found.chosen == "uniform"
 
 
-def test_a_component_alone_and_a_hole():
+def test_a_hole_in_the_data():
     data = waves()
     centre = np.linalg.norm(data.points - data.points.mean(axis=0), axis=1)
     hole = np.abs(centre - 0.025) > 0.004
@@ -70,9 +79,9 @@ def test_a_component_alone_and_a_hole():
 
 
 def test_scattered_points():
-    data = waves(n=33)
+    data = waves(n=25)
     rng = np.random.default_rng(6)
-    some = np.sort(rng.choice(len(data.points), 700, replace=False))
+    some = np.sort(rng.choice(len(data.points), 450, replace=False))
     scattered = replace(
         data,
         points=data.points[some],
@@ -89,7 +98,7 @@ def test_scattered_points():
 
 
 def test_displacements_alone_and_no_wave_say_no_scale():
-    data = waves()
+    data = waves(n=17)
     still = replace(data, frequency=np.zeros(data.loads), bulk=None, poisson=0.3)
     found = invert(still, noise=0.01, uniform=False, regulariser="smooth")
     assert any("common factor" in note for note in found.notes)
@@ -102,18 +111,18 @@ def test_starting_values_come_from_the_waves():
 
 
 def test_elements_have_as_many_unknowns_as_there_are_data():
-    data = waves()
+    data = waves(n=17)
     experiment = Experiment(data, in_elements(data))
-    assert experiment.body.fes.ndof == pytest.approx(data.displacement[0].size, rel=0.1)
+    assert experiment.body.fes.ndof == pytest.approx(data.displacement[0].size, rel=0.15)
     assert bulk_ratio(waves(volume="nearly incompressible")) > 100
     assert "/" in in_elements(waves(volume="nearly incompressible")).form
 
 
 def test_waves_in_elements_are_those_measured():
-    data = waves()
+    data = waves(n=17)
     experiment = Experiment(data, in_elements(data))
     there = np.array([experiment.model.observed(u) for u in experiment.waves])
-    assert np.linalg.norm(there - data.displacement) < 0.005 * np.linalg.norm(data.displacement)
+    assert np.linalg.norm(there - data.displacement) < 0.01 * np.linalg.norm(data.displacement)
 
 
 def test_true_fields_predict_the_data():
@@ -123,7 +132,7 @@ def test_true_fields_predict_the_data():
 
 
 def test_edges_are_told_from_smooth_fields():
-    data = waves().with_noise(0.01, seed=8)
+    data = waves(n=17).with_noise(0.01, seed=8)
     assert bump(0.04, 0.04) == 1.0
     assert invert(data, uniform=False).regulariser in ("smooth", "edges")
 
@@ -147,7 +156,7 @@ def test_elements_of_data_that_name_none():
 
 
 def test_never_measured_component():
-    data = waves()
+    data = waves(n=17)
     half = data.displacement.copy()
     half[:, :, 0] = np.nan
     with pytest.raises(InputError, match="never measured"):
