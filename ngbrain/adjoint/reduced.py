@@ -9,6 +9,7 @@ adjoint solve for each load whatever the number of unknowns; a Gauss-Newton prod
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,7 +43,9 @@ class Model(Protocol):
 class Unknowns(Protocol):
     """From x to θ."""
 
-    start: Array
+    @property
+    def start(self) -> Array:
+        """x where a search begins."""
 
     @property
     def blocks(self) -> Mapping[str, slice]:
@@ -140,20 +143,25 @@ class Point:
         self.reduced, self.x, self.state = reduced, x, state
         self.misfit = reduced.misfit.value(state.data)
         self.regular = reduced.regular(x)
-        self._jacobian = reduced.unknowns.jacobian(x)
+        self.jacobian = reduced.unknowns.jacobian(x)
 
     @property
     def value(self) -> float:
         """J."""
         return self.misfit + self.regular
 
+    @cached_property
+    def regular_matrix(self) -> sp.csr_array:
+        """Σ α R at x, with the weights of when it was first asked for."""
+        return self.reduced.regular_matrix(self.x)
+
     def gradient(self) -> Array:
         """∇J: one adjoint solve for each load."""
         slope = self.state.gradient(self.reduced.misfit.slope(self.state.data))
-        return self._jacobian.T @ slope + self.reduced.regular_slope(self.x)
+        return self.jacobian.T @ slope + self.reduced.regular_slope(self.x)
 
     def product(self, direction: Array) -> Array:
         """The Gauss-Newton matrix JᵀWJ + Σ α R times a direction: two solves for each load."""
-        change = self.state.push(self._jacobian @ direction)
+        change = self.state.push(self.jacobian @ direction)
         back = self.state.pull(self.reduced.misfit.bend(self.state.data, change))
-        return self._jacobian.T @ back + self.reduced.regular_matrix(self.x) @ direction
+        return self.jacobian.T @ back + self.regular_matrix @ direction

@@ -3,22 +3,28 @@
 `Evidence` is the default: for each block b the weight at which the regulariser's energy is what the determined numbers are
 expected to have, α = γ_b / (x - x̄)·R(x - x̄) with γ_b = n_b - tr(α R_b H⁻¹): where the probability of the data, given the
 weights, is largest. `Discrepancy` changes all weights by one factor until the misfit is at its expected level, the number of
-data less those that the unknowns use up. Both are fixed points, so that more iterations change nothing.
+data less those that the unknowns use up, by the secant of ln 2Φ against ln α. Both are fixed points, so that more iterations
+change nothing.
 Sources: MacKay 1992, 10.1162/neco.1992.4.3.415; Morozov 1966; Hansen and O'Leary 1993, 10.1137/0914086 (`corner`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
 
 Array = np.ndarray
 LARGEST = 10.0
 """Factor by which a weight changes in one iteration at most: lowered faster, an inversion fits noise before it sees the whole."""
+
+SLOPE, SLOPES = 0.2, (0.02, 2.0)
+"""d ln 2Φ / d ln α: what a first step takes it to be, and what it can be. Near the level of noise it is small."""
 
 
 class Determined(Protocol):
@@ -27,8 +33,10 @@ class Determined(Protocol):
     def determined(self, random: np.random.Generator) -> float:
         """Of all data."""
 
-    def determined_of(self, blocks, regular, random: np.random.Generator) -> dict[str, float]:  # type: ignore[no-untyped-def]
-        """Of each block."""
+    def determined_of(
+        self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
+    ) -> dict[str, float]:
+        """Of each block; its regulariser's matrix with its weight."""
 
 
 @dataclass
@@ -42,6 +50,15 @@ class Level:
     def ratio(self) -> float:
         """1 when the data are fitted as well as their noise allows."""
         return self.misfit / self.expected
+
+
+class Policy(Protocol):
+    """What changes the weights between iterations."""
+
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
+        """New weights in `reduced`; the largest factor by which one changed, up or down."""
 
 
 @dataclass
@@ -69,6 +86,7 @@ class Discrepancy:
     """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there."""
 
     slack: float = 0.02
+    _last: tuple[float, float] | None = field(default=None, repr=False)
 
     def update(
         self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
@@ -76,9 +94,14 @@ class Discrepancy:
         """New weights in `reduced`; the factor by which they changed."""
         if abs(level.ratio - 1) <= self.slack:
             return 1.0
-        # Near its level the misfit hardly depends on the weight: (ratio - 1) times the data over those used up.
-        change = 1 / LARGEST if level.ratio > 2 else float(np.clip(level.ratio**-20.0, 1 / LARGEST, LARGEST))
-        for name in reduced.weights:
+        names = list(reduced.regularisers)
+        now = float(np.log(reduced.weights[names[0]])), float(np.log(level.ratio))
+        slope = SLOPE
+        if self._last is not None and now[0] != self._last[0]:
+            slope = float(np.clip((now[1] - self._last[1]) / (now[0] - self._last[0]), *SLOPES))
+        self._last = now
+        change = float(np.exp(np.clip(-now[1] / slope, -np.log(LARGEST), np.log(LARGEST))))
+        for name in names:
             reduced.weights[name] *= change
         return max(change, 1 / change)
 

@@ -1,0 +1,103 @@
+"""Where an inversion ended and how it went there, the same for all ways of going."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.weights import Determined, Evidence, Level, Policy
+
+Array = np.ndarray
+SETTLED = 1e-3
+"""Change of all fields (rms) at which the iteration ends, if the weights moved by less than `STEADY`."""
+STEADY = 1.3
+FAST = 0.5
+
+
+@dataclass
+class Iteration:
+    """What one iteration did: 2Φ and where it is expected, the weights it used, change of x (rms), how far its step is
+    to be trusted, CPU time."""
+
+    phase: str
+    misfit: float
+    expected: float
+    weights: dict[str, float]
+    change: float
+    step: float
+    cpu_s: float
+
+
+@dataclass
+class Found:
+    """Where an inversion ended.
+
+    x          unknowns
+    value      J there, at `weights`
+    level      misfit and its expected level
+    converged  whether fields and weights had settled
+    count      how many real data there are
+    history    an `Iteration` for each
+    """
+
+    x: Array
+    value: float
+    level: Level
+    weights: dict[str, float]
+    converged: bool
+    count: int
+    history: list[Iteration] = field(default_factory=list)
+
+    @property
+    def cross_validation(self) -> float:
+        """2Φ n/(n - γ)², n data of which γ are used up: smaller for the better of two regularisers, whatever the noise."""
+        return self.level.misfit * self.count / self.level.expected**2
+
+
+class Ledger:
+    """Books of an inversion: levels and weights after each iteration.
+
+    reduced  with a misfit that has a `count`
+    policy   what changes the weights, see `weights`; by default `Evidence`
+    tell     called with each `Iteration`
+    seed     of the probes that estimate traces
+    """
+
+    def __init__(
+        self,
+        reduced: Reduced,
+        policy: Policy | None = None,
+        tell: Callable[[Iteration], None] = lambda _: None,
+        seed: int = 0,
+    ) -> None:
+        if not isinstance(reduced.misfit, LeastSquares):
+            raise InputError("misfit", type(reduced.misfit).__name__, "LeastSquares or one that is made of it")
+        self.reduced, self.misfit = reduced, reduced.misfit
+        self.policy, self.tell = policy or Evidence(), tell
+        self._seed = seed
+        self.begun = time.process_time()
+
+    def enter(
+        self, phase: str, x: Array, data: Array, factor: Determined, moved: Array, step: float, history: list[Iteration]
+    ) -> bool:
+        """One more iteration, which moved x by `moved`; new weights. True when all has settled.
+
+        step  how far it is to be trusted: the cut of a step, or what it left of J; at `FAST` or less the weights wait
+        """
+        probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
+        misfit = 2 * self.misfit.value(data)
+        level = Level(misfit, self.misfit.count - factor.determined(probes))
+        weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
+        cpu_s = time.process_time() - self.begun
+        history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s))
+        self.tell(history[-1])
+        if step <= FAST:
+            return False
+        turned = self.policy.update(self.reduced, x, level, factor, probes)
+        return (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05)

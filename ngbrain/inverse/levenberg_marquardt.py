@@ -1,0 +1,128 @@
+"""Levenberg's and Marquardt's steps on the reduced objective: Gauss-Newton with a damping that its own success steers.
+
+A step solves (H + λM) δ = -∇J with H = JᵀWJ + Σ αR and M the regularisers' metric, so that damping means the same on every mesh
+and for moduli of any size. With ρ the fall of J over the fall that H foretells, λ → λ max(1/3, 1 - (2ρ - 1)³) after a step
+that falls, and λ → 2λ, 4λ, 8λ … after one that does not.
+
+Sources: Marquardt 1963, 10.1137/0111030; Nielsen 1999, Damping parameter in Marquardt's method (IMM-REP-1999-05).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.errors import ConvergenceError, SolverError
+from ngbrain.inverse.curvature import Curvature, Metric
+from ngbrain.inverse.found import Found, Iteration, Ledger
+from ngbrain.inverse.weights import Level, Policy
+
+Array = np.ndarray
+DENSE = 2000
+"""Unknowns up to which the Jacobian is a matrix."""
+FIRST = 1.0
+"""Damping to begin with: in this metric as much as all regularisers."""
+HEAVY = 1e12
+ROUNDS = 60
+ROUGH, MOST = 0.05, 200
+"""Of steps by conjugate gradients."""
+NOTHING = 1e-9
+
+
+def levenberg_marquardt(
+    reduced: Reduced,
+    x: Array,
+    policy: Policy | None = None,
+    tell: Callable[[Iteration], None] = lambda _: None,
+    seed: int = 0,
+    *,
+    dense: int = DENSE,
+    rounds: int = ROUNDS,
+) -> Found:
+    """From x down, the weights changed by `policy` after every step that falls.
+
+    dense  unknowns up to which H is a matrix (one solve for each of them and each load); beyond, conjugate gradients
+
+    Raises `ConvergenceError` when no step from x lowers J.
+
+    >>> from ngbrain.inverse.phantoms import Phantom
+    >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    >>> found = levenberg_marquardt(inversion.reduced, inversion.start)
+    >>> found.converged and found.level.ratio < 1.3
+    True
+    """
+    ledger = Ledger(reduced, policy, tell, seed)
+    history: list[Iteration] = []
+    point, settled, damping = reduced.at(x), False, FIRST
+    for _ in range(rounds):
+        metric = Metric.of(reduced, point.x)
+        H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
+        gradient = point.gradient()
+        growth = 2.0
+        while damping < HEAVY:
+            step = -H.solve(gradient, damping, ROUGH, MOST)
+            foretold = -float(step @ gradient) - 0.5 * float(step @ H.apply(step))
+            lower = _tried(reduced, point.x + step)
+            fall = point.value - lower.value if lower is not None else -np.inf
+            if fall > 0 or abs(fall) <= NOTHING * point.value:
+                damping *= max(1 / 3, 1 - (2 * fall / max(foretold, 1e-300) - 1) ** 3) if fall > 0 else 1.0
+                break
+            damping, growth = damping * growth, 2 * growth
+        else:
+            break
+        assert lower is not None
+        H = Dense(lower, metric) if len(x) <= dense else Curvature(lower, metric)
+        settled = ledger.enter("levenberg-marquardt", lower.x, lower.state.data, H, step, 1.0, history)
+        point = Point(reduced, lower.x, lower.state)  # at the new weights
+        if settled:
+            break
+    if not history:
+        raise ConvergenceError("no step lowers the objective from where it starts: try another start")
+    level = Level(2 * point.misfit, history[-1].expected)
+    return Found(point.x, point.value, level, dict(reduced.weights), settled, ledger.misfit.count, history)
+
+
+class Dense(Curvature):
+    """H as a matrix: exact traces, and any damping for one more Cholesky factor."""
+
+    def __init__(self, point: Point, metric: Metric) -> None:
+        super().__init__(point, metric)
+        misfit, state = point.reduced.misfit, point.state
+        columns = [state.push(np.asarray(point.jacobian[:, [i]].todense()).ravel()) for i in range(len(point.x))]
+        changes = np.array([c.ravel() for c in columns])
+        bent = np.array([misfit.bend(state.data, c).ravel() for c in columns])
+        data = changes.real @ bent.real.T + changes.imag @ bent.imag.T
+        self.matrix = data + point.regular_matrix.toarray()
+
+    def apply(self, x: Array) -> Array:
+        """H x."""
+        return self.matrix @ x
+
+    def solve(self, b: Array, damping: float = 0.0, rtol: float = 0.0, most: int = 0) -> Array:
+        """(H + damping M)⁻¹ b, to the last digits."""
+        return scipy.linalg.solve(self.matrix + damping * self.metric.matrix.toarray(), b, assume_a="pos")
+
+    def determined(self, random: np.random.Generator) -> float:
+        """n - tr(Σ αR H⁻¹)."""
+        return self._of(slice(0, len(self.point.x)), self.point.regular_matrix)
+
+    def determined_of(
+        self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
+    ) -> dict[str, float]:
+        """So of each block."""
+        return {name: self._of(blocks[name], matrix) for name, matrix in regular.items()}
+
+    def _of(self, block: slice, matrix: sp.csr_array) -> float:
+        inverse = np.linalg.inv(self.matrix)[block, block]
+        return float(len(inverse) - (matrix @ inverse).trace())
+
+
+def _tried(reduced: Reduced, x: Array) -> Point | None:
+    try:
+        return reduced.at(x)
+    except SolverError:
+        return None
