@@ -39,7 +39,9 @@ FLOOR = 1e-5
 """Noise, relative to the waves' rms, below which data count as exact."""
 LEVELS = 8
 CLOSE = 0.15
-"""How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees."""
+BEYOND = 1.3
+"""How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
+given is raised when the misfit says this many times more, and never lowered."""
 SHORT = 10
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 
@@ -162,13 +164,17 @@ def invert(
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
     both = search.descend(problem, start.x)
-    for _ in range(LEVELS if note else 0):
+    for _ in range(LEVELS):
         found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
-        if abs(np.log(found / total)) < CLOSE:
+        if abs(np.log(found / total)) < CLOSE or (not note and found < total * BEYOND):
             break
+        if not note:
+            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * total:.3g} % leaves"
+            notes.append(f"{note}: the rest counts as model error")
+        before = both.x if found < total else None  # what was fitted too closely is no start
         total = found
         search = _Search(experiment, total, tell, search)
-        problem, start = search.from_waves(kind, both.x)
+        problem, start = search.from_waves(kind, before)
         both = search.descend(problem, start.x)
     rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"

@@ -229,6 +229,7 @@ class Measured:
             poisson=phantom.poisson,
             bulk=None if phantom.poisson else TI_BULK,
             fibre=None if phantom.poisson else np.array([np.cos(np.deg2rad(TI_ANGLE)), np.sin(np.deg2rad(TI_ANGLE))]),
+            element="q4p0" if phantom.poisson and phantom.poisson > NEARLY else "q4",
             noise=self.noise,
             truth={"shear": truth["storage"] + 1j * truth["loss"]} if "loss" in truth else truth,
         )
