@@ -31,7 +31,7 @@ ROUNDS = 12
 
 @dataclass
 class Iteration:
-    """What one iteration did."""
+    """What one iteration did; `determined` are how many numbers of each field the data determine."""
 
     phase: str
     misfit: float
@@ -40,6 +40,7 @@ class Iteration:
     change: float
     step: float
     cpu_s: float
+    determined: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -187,9 +188,8 @@ class GaussNewton:
         weights = dict(reduced.weights)
         moved = self.policy.update(reduced, x, level, conditions, probes) if step > 0.5 else LARGE
         change = float(np.sqrt(np.mean(dx**2))) * step
-        history.append(
-            Iteration(phase, misfit, level.expected, weights, change, step, time.process_time() - self._begun)
-        )
+        spent, determined = time.process_time() - self._begun, dict(self.policy.determined)
+        history.append(Iteration(phase, misfit, level.expected, weights, change, step, spent, determined))
         self.tell(history[-1])
         return change, bool(change < SETTLED and moved < STEADY) or bool(change < 10 * SETTLED and moved < 1.05)
 

@@ -9,7 +9,7 @@ Sources: MacKay 1992, 10.1162/neco.1992.4.3.415; Morozov 1966; Hansen and O'Lear
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -45,7 +45,14 @@ class Level:
 
 
 @dataclass
-class Evidence:
+class Policy:
+    """What changes weights; `determined` are how many numbers of each block the data determined, where it was asked for."""
+
+    determined: dict[str, float] = field(default_factory=dict, init=False)
+
+
+@dataclass
+class Evidence(Policy):
     """Each block's weight from the data."""
 
     def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
@@ -53,7 +60,8 @@ class Evidence:
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
         largest = 1.0
-        for name, number in factor.determined_of(blocks, regular, random).items():
+        self.determined = factor.determined_of(blocks, regular, random)
+        for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
             wanted = max(number, 1.0) / max(energy, 1e-12)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / LARGEST, LARGEST))
@@ -63,7 +71,7 @@ class Evidence:
 
 
 @dataclass
-class Discrepancy:
+class Discrepancy(Policy):
     """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there."""
 
     slack: float = 0.02
@@ -80,7 +88,7 @@ class Discrepancy:
 
 
 @dataclass
-class Given:
+class Given(Policy):
     """Weights as they are."""
 
     def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
