@@ -41,7 +41,7 @@ def build(
     pictures |= {
         "maps": maps(result, data, arrays, flat),
         "following": following(arrays, flat),
-        "residuals": residuals(arrays["residual"]),
+        "residuals": residuals(result, arrays["residual"]),
         "convergence": convergence(result),
     }
     return write_page(
@@ -71,7 +71,7 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
         for part, take in (("Re", np.real), ("Im", np.imag)):
             values = take(measured[:, i])
             if part == "Re" or _rms(values) > 0.1 * _rms(measured[:, i]):
-                name = f"{part} u{'xyz'[i]} (µm)"
+                name = f"{part} $u_{'xyz'[i]}$ (µm)"
                 rows += [
                     (name, plane, 1e6 * values, 1e6 * take(predicted[:, i]), take(residual[:, i])) for plane in flat
                 ]
@@ -123,28 +123,30 @@ def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
     return _table(flat, titles, [""] * len(flat), looks)
 
 
-def residuals(residual: Floats) -> bytes:
-    """How often which residual occurs, in units of the noise, against the normal distribution."""
+def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
+    """How often which residual occurs, in units of the noise, against the normal distribution that a good fit leaves."""
     left = np.concatenate([residual.real.ravel(), residual.imag.ravel()])
     left = left[np.isfinite(left)]
+    used = 1 - result["starts"][result["chosen"]]["expected_misfit"] / left.size
+    width = np.sqrt(max(1 - used, 1e-6))
     with style():
         page = figure(2.9)
         axes = page.add_axes((0.075, 0.17, 0.55, 0.74))
-        edges = np.linspace(-5, 5, 81)
-        axes.hist(np.clip(left, -5, 5), edges, density=True, color="#9db3c4", label="residuals")
+        axes.hist(np.clip(left, -5, 5), np.linspace(-5, 5, 81), density=True, color="#9db3c4", label="residuals")
         at = np.linspace(-5, 5, 301)
-        axes.plot(at, np.exp(-(at**2) / 2) / np.sqrt(2 * np.pi), color="#B2182B", lw=1.4, label="normal distribution")
+        for spread, dash, label in ((1.0, ":", "noise"), (width, "-", "noise less what a fit uses up")):
+            density = np.exp(-((at / spread) ** 2) / 2) / (spread * np.sqrt(2 * np.pi))
+            axes.plot(at, density, color="#B2182B", ls=dash, lw=1.4, label=label)
         axes.set(xlabel="(measured − fitted) / noise, real and imaginary parts", ylabel="density", xlim=(-5, 5))
-        axes.legend(frameon=False, fontsize=9)
-        beyond = 100 * float(np.mean(np.abs(left) > 3))
-        text = f"{left.size:,} numbers\nmean {left.mean():+.3f}\nstandard deviation {left.std():.3f}\nbeyond ±3: {beyond:.2f} %\n"
-        page.text(
-            0.66,
-            0.86,
-            (text + "(normal: 0.27 %; what is beyond ±5\nstands at the ends)").replace("-", "−"),
-            va="top",
-            fontsize=9.5,
-        )
+        axes.legend(frameon=False, fontsize=8.5, loc="upper left")
+        lines = [
+            f"{left.size} numbers",
+            f"mean {left.mean():+.3f}".replace("-", "−"),
+            f"standard deviation {left.std():.3f}, expected {width:.3f}",
+            f"beyond ±3: {100 * float(np.mean(np.abs(left) > 3)):.2f} % (noise: 0.27 %)",
+            "What is beyond ±5 stands at the ends.",
+        ]
+        page.text(0.655, 0.86, "\n".join(lines), va="top", fontsize=9)
         return png(page)
 
 
@@ -181,10 +183,10 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
     looks   row → (colours, values) for each column
     """
     columns = max(len(titles), 2)
-    bar, gap, margin, head = 0.62, 0.12, 0.55, 0.42
+    bar, gap, margin, head, foot = 0.62, 0.12, 0.55, 0.42, 0.42  # inches
     wide = (WIDTH - margin - columns * (bar + gap)) / columns
     talls = [min(wide * max(plane.extent[1] / plane.extent[0], 0.15), 1.15 * wide) for plane in flat]
-    height = sum(tall + head + 0.22 for tall in talls) + 0.1
+    height = sum(tall + head + foot for tall in talls) + 0.1
     with style():
         page = figure(height)
         top = height - 0.05
@@ -199,19 +201,22 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
                 if column:
                     axes.tick_params(labelleft=False)
                 if column + 1 == len(found) or found[column + 1][0] != look:
-                    box = axes.get_position(original=False)
                     axes.apply_aspect()
                     box = axes.get_position()
                     place = (box.x1 + 0.06 / WIDTH, box.y0, 0.09 / WIDTH, box.height)
-                    scale = page.colorbar(image, cax=page.add_axes(place), extend=look.get("extend", "neither"))
+                    scale = page.colorbar(image, cax=page.add_axes(place), extend=_beyond(look, values))
                     scale.ax.tick_params(labelsize=7, length=2, pad=1.5)
                     scale.outline.set_linewidth(0.4)
             words = "   ".join(word for word in (name, plane.name) if word)
             page.text(margin / WIDTH, (top - 0.03) / height, words, fontsize=10, va="top", fontweight="bold")
+            for column in range(len(found)):
+                x = margin + column * (wide + bar + gap) + wide / 2
+                place = (x / WIDTH, (bottom - 0.2) / height)
+                page.text(*place, f"{plane.axes[0]} (mm)", ha="center", va="top", fontsize=7.5)
             page.text(
                 0.012, (bottom + tall / 2) / height, f"{plane.axes[1]} (mm)", rotation=90, va="center", fontsize=7.5
             )
-            top = bottom - 0.22
+            top = bottom - foot
         return png(page)
 
 
@@ -220,6 +225,12 @@ def _window(cmap: str, values: Floats) -> dict[str, Any]:
     low, high = np.nanpercentile(values, [1, 99]) if np.isfinite(values).any() else (0.0, 1.0)
     room = max(float(high - low) * 0.02, 1e-9 * abs(float(high)), 1e-12)
     return {"cmap": cmap, "vmin": float(low) - room, "vmax": float(high) + room}
+
+
+def _beyond(look: Mapping[str, Any], values: Floats) -> str:
+    """Which ends of a colour bar values go beyond."""
+    low, high = bool(np.nanmin(values) < look["vmin"]), bool(np.nanmax(values) > look["vmax"])
+    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[low, high]
 
 
 def _rms(values: Floats) -> float:

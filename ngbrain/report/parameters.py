@@ -31,7 +31,7 @@ PARAMETERS = {
     "mu": Parameter("Shear modulus across fibres", "μ", "kPa", 1e-3),
     "zeta": Parameter("Tensile anisotropy", "ζ"),
     "phi": Parameter("Shear anisotropy", "φ"),
-    "magnitude": Parameter("Magnitude of the shear modulus", "|G*|", "kPa", 1e-3),
+    "magnitude": Parameter("Magnitude", "|G*|", "kPa", 1e-3),
     "phase": Parameter("Phase angle", "arg G*", "rad"),
     "damping_ratio": Parameter("Damping ratio", "ξ"),
     "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import Delaunay, KDTree
 
 from ngbrain.io.waves import Grid, WaveData
 from ngbrain.report.surface import Floats, Ints
 
+Bools = npt.NDArray[np.bool_]
 LONGEST = 4.0
 """Triangles between scattered points are not drawn where longer than this many of the median distance to a neighbour."""
-SLAB = 0.05
-"""Of the extent: how far scattered points in space may be from the plane they are drawn in."""
+SLAB = 0.8
+"""How far scattered points in space may be from the plane they are drawn in, in median distances to a neighbour."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,32 +102,30 @@ def _layers(data: WaveData, grid: Grid) -> list[Plane]:
 
 def _slabs(data: WaveData) -> list[Plane]:
     points = 1e3 * data.points
-    low, high = points[data.mask].min(axis=0), points[data.mask].max(axis=0)
+    among = points[data.mask]
+    middle = (among.min(axis=0) + among.max(axis=0)) / 2
+    thick = SLAB * _apart(among)
     made = []
     for normal in range(3):
         right, up = (axis for axis in range(3) if axis != normal)
-        where = (low + high)[normal] / 2
-        near = np.abs(points[:, normal] - where) < SLAB * (high - low)[normal]
-        chosen = np.flatnonzero(near & data.mask)
-        at = points[chosen][:, [right, up]]
+        chosen = np.flatnonzero((np.abs(points[:, normal] - middle[normal]) < thick) & data.mask)
+        at, axes = points[chosen][:, [right, up]], ("xyz"[right], "xyz"[up])
         made.append(
-            Plane(
-                _name(normal, where),
-                chosen,
-                at,
-                None,
-                _triangles(at, np.ones(len(at), bool)),
-                ("xyz"[right], "xyz"[up]),
-            )
+            Plane(_name(normal, middle[normal]), chosen, at, None, _triangles(at, np.ones(len(at), bool)), axes)
         )
     return made
+
+
+def _apart(points: Floats) -> float:
+    """Median distance to the nearest neighbour."""
+    return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
 
 def _name(normal: int, where: float) -> str:
     return f"{'xyz'[normal]} = {where:.1f} mm".replace("-", "−")
 
 
-def _triangles(at: Floats, mask: Floats) -> Ints:
+def _triangles(at: Floats, mask: Bools) -> Ints:
     """Delaunay triangles between the points of a mask, without the long ones across dents and holes."""
     chosen = np.flatnonzero(mask)
     if len(chosen) < 3:
@@ -133,5 +133,4 @@ def _triangles(at: Floats, mask: Floats) -> Ints:
     triangles = chosen[Delaunay(at[chosen], qhull_options="QJ").simplices]
     corners = at[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    apart = np.median(KDTree(at[chosen]).query(at[chosen], k=2)[0][:, 1])
-    return np.asarray(triangles[longest < LONGEST * apart])
+    return np.asarray(triangles[longest < LONGEST * _apart(at[chosen])])
