@@ -43,7 +43,10 @@ class Unknowns(Protocol):
     """From x to θ."""
 
     start: Array
-    blocks: Mapping[str, slice]
+
+    @property
+    def blocks(self) -> Mapping[str, slice]:
+        """Name → where in x."""
 
     def theta(self, x: Array) -> Array:
         """θ(x)."""

@@ -73,7 +73,7 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
         ]
         return Discretisation(rectangles(*sides), form, fields, None, np.ones(len(data.points), bool))
     mesh, inside = _between(data.points, data.mask)
-    low = f"P2/P1" if "/" in form else "P2"
+    low = "P2/P1" if "/" in form else "P2"
     return Discretisation(mesh, low, 1, None, inside)
 
 

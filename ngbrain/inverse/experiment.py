@@ -156,9 +156,8 @@ class Experiment:
         data, value = self.data, self.values
         if "youngs" in value:
             E = value["youngs"]
-            if data.poisson is not None:
-                return Shearing(_complex(E / (2 * (1 + data.poisson)))), E / (3 * (1 - 2 * data.poisson))
-            return Shearing(_complex(3 * data.bulk * E / (9 * data.bulk - E))), data.bulk
+            bulk = data.bulk if data.poisson is None else E / (3 * (1 - 2 * data.poisson))
+            return Shearing(_complex(data.shear_of(E))), bulk
         G = value["storage"] + 1j * value["loss"] if "storage" in value else _complex(value["mu"])
         bulk = data.bulk
         if data.poisson is not None:
@@ -176,7 +175,10 @@ class Experiment:
         space = ngs.VectorL2(self.elements.mesh, order=0)
         field = ngs.GridFunction(space)
         centres = np.array(
-            [np.mean([self.elements.mesh[v].point for v in el.vertices], axis=0) for el in self.elements.mesh.Elements()]
+            [
+                np.mean([self.elements.mesh[v].point for v in el.vertices], axis=0)
+                for el in self.elements.mesh.Elements()
+            ]
         )
         nearest = KDTree(self.data.points[self.inside]).query(centres)[1]
         field.vec.FV().NumPy()[:] = fibre[self.inside][nearest].T.ravel()
@@ -192,7 +194,9 @@ class Experiment:
                 waves[k, : values.size] = values.T.ravel()
             return waves
         if not all(np.isfinite(self.measured[:, :, i]).any() for i in range(self.data.dim)):
-            raise InputError("displacement", "of which a component is never measured", "all components, or a start of fields")
+            raise InputError(
+                "displacement", "of which a component is never measured", "all components, or a start of fields"
+            )
         at = _samples(self.elements.mesh, self.body.form.order)
         values = np.nan_to_num(smoothed(self.data).values(at))
         there = evaluation(space, at)

@@ -1,8 +1,8 @@
 """The inversion of wave data from one call: noise, elements, starts, regularisers and weights are chosen and told.
 
-    start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
-    regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score
-    polish     down in J from there; and from uniform fields, for comparison. The lower J at equal weights is kept
+start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
+regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score
+polish     down in J from there; and from uniform fields, for comparison. The lower J at equal weights is kept
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ EDGE = 0.1
 """Length of an edge, see `total_variation`, as a share of the body."""
 FLOOR = 1e-5
 """Noise, relative to the waves' rms, below which data count as exact."""
+FEW = 5
+"""Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 SHORT = 10
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 
@@ -222,7 +224,14 @@ def invert(
     }
     ratio = best.level.ratio
     if not 0.8 < ratio < 1.25 and total > FLOOR:
-        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that")
+        notes.append(
+            f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that"
+        )
+    for name, number in determined.items():
+        if number < FEW:
+            notes.append(
+                f"the data determine only {number:.1f} numbers of {name}: no detail of its map is to be believed"
+            )
     notes += _unseen(experiment)
     return Inversion(
         data=data,
@@ -255,7 +264,8 @@ class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
     def __init__(self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None]) -> None:
-        self.experiment, self.history, self._tell = experiment, [], tell
+        self.experiment, self._tell = experiment, tell
+        self.history: list[Iteration] = []
         size = np.abs(np.nan_to_num(experiment.measured)) ** 2
         count = np.maximum((~np.isnan(experiment.measured)).sum(axis=1, keepdims=True), 1)
         rms = np.sqrt(size.sum(axis=1, keepdims=True) / count)

@@ -211,8 +211,8 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
             page.text(margin / WIDTH, (top - 0.03) / height, words, fontsize=10, va="top", fontweight="bold")
             for column in range(len(found)):
                 x = margin + column * (wide + bar + gap) + wide / 2
-                place = (x / WIDTH, (bottom - 0.2) / height)
-                page.text(*place, f"{plane.axes[0]} (mm)", ha="center", va="top", fontsize=7.5)
+                across = f"{plane.axes[0]} (mm)"
+                page.text(x / WIDTH, (bottom - 0.2) / height, across, ha="center", va="top", fontsize=7.5)
             page.text(
                 0.012, (bottom + tall / 2) / height, f"{plane.axes[1]} (mm)", rotation=90, va="center", fontsize=7.5
             )
