@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,9 +17,13 @@ from ngbrain.report.planes import Plane, planes
 from ngbrain.report.style import SPARE, WIDTH, figure, png, style
 from ngbrain.report.surface import Floats
 
+Looks: TypeAlias = Callable[[int], list[tuple[dict[str, Any], Floats]]]
+"""Of a row of pictures: its colours and values, from left to right."""
 MOST_LOADS = 6
 """Loads that are drawn, from the first on."""
 WAVE, MODULUS, DIFFERENCE = "RdBu_r", "viridis", "PuOr_r"
+FAINT = 0.1
+"""Imaginary parts below this share of the whole, as of waves without loss, are not drawn."""
 SIGMAS = 4.0
 """Residuals are drawn from minus to plus this many standard deviations."""
 FOLLOWING = ("magnitude", "phase", "damping_ratio", "stiffness")
@@ -62,7 +66,7 @@ def build(
 
 
 def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequence[Plane]) -> bytes:
-    """Measured, fitted, residual of every component of a load: real parts, and imaginary ones that are more than noise."""
+    """Measured, fitted, residual of every component of a load: real parts; in the plane imaginary ones too, if they count."""
     measured, predicted, residual = (arrays[name][load] for name in ("measured", "predicted", "residual"))
     rows = []
     for i in range(data.dim):
@@ -70,7 +74,7 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
             continue
         for part, take in (("Re", np.real), ("Im", np.imag)):
             values = take(measured[:, i])
-            if part == "Re" or _rms(values) > 0.1 * _rms(measured[:, i]):
+            if part == "Re" or (data.dim == 2 and _rms(values) > FAINT * _rms(measured[:, i])):
                 name = f"{part} $u_{'xyz'[i]}$ (µm)"
                 rows += [
                     (name, plane, 1e6 * values, 1e6 * take(predicted[:, i]), take(residual[:, i])) for plane in flat
@@ -177,11 +181,8 @@ def convergence(result: Mapping[str, Any]) -> bytes:
         return png(page)
 
 
-def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Any) -> bytes:
-    """Planes in rows, with a colour bar on the right of each picture whose colours are not those of its left neighbour.
-
-    looks   row → (colours, values) for each column
-    """
+def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Looks) -> bytes:
+    """Planes in rows, each with a name above, columns with titles; neighbours with the same colours (one object) share a bar."""
     columns = max(len(titles), 2)
     bar, gap, margin, head, foot = 0.62, 0.12, 0.55, 0.42, 0.42  # inches
     wide = (WIDTH - margin - columns * (bar + gap)) / columns
@@ -200,7 +201,7 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
                 axes.set_title(titles[column], fontsize=9, pad=3)
                 if column:
                     axes.tick_params(labelleft=False)
-                if column + 1 == len(found) or found[column + 1][0] != look:
+                if column + 1 == len(found) or found[column + 1][0] is not look:
                     axes.apply_aspect()
                     box = axes.get_position()
                     place = (box.x1 + 0.06 / WIDTH, box.y0, 0.09 / WIDTH, box.height)
@@ -223,7 +224,7 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
 def _window(cmap: str, values: Floats) -> dict[str, Any]:
     """Colours from the 1st to the 99th percentile."""
     low, high = np.nanpercentile(values, [1, 99]) if np.isfinite(values).any() else (0.0, 1.0)
-    room = max(float(high - low) * 0.02, 1e-9 * abs(float(high)), 1e-12)
+    room = max(float(high - low) * 0.02, 0.01 * abs(float(high)), 1e-12)
     return {"cmap": cmap, "vmin": float(low) - room, "vmax": float(high) + room}
 
 
