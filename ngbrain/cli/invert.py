@@ -39,7 +39,7 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--discretisation",
-        choices=DISCRETISATIONS,
+        choices=tuple(DISCRETISATIONS),
         help="the data's own elements, or ours (the data's, if it has some)",
     )
     parser.add_argument(

@@ -93,7 +93,8 @@ def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
     triangles = Delaunay(at).simplices
     corners = at[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    double = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    double = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     longest = edges.max(axis=1)
     kept = (longest < LONGEST * np.median(edges)) & (np.abs(double) > SHARP * longest**2)
     triangles, turned = triangles[kept], double[kept] < 0

@@ -19,7 +19,7 @@ from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.inverse.direct import helmholtz
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
-from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.smoothing import SmoothField, moving_least_squares, smoothed
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
 
@@ -29,6 +29,8 @@ STIFF = 10e3
 LOSSY = 0.1
 FIBROUS = 0.5
 """Loss tangent, and ζ and φ, to start from."""
+GUESSED = 1e-2
+"""Weight of a smooth field against data: it says what waves are between the points."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -198,13 +200,24 @@ class Experiment:
                 "displacement", "of which a component is never measured", "all components, or a start of fields"
             )
         at = _samples(self.elements.mesh, self.body.form.order)
-        values = np.nan_to_num(smoothed(self.data).values(at))
-        there = evaluation(space, at)
-        normal = scipy.sparse.linalg.splu(sp.csc_array(there.T @ there))
-        for k, load in enumerate(values):
-            for i, part in enumerate((there.T @ load).T):
-                waves[k, i * space.ndof : (i + 1) * space.ndof] = normal.solve(part.real) + 1j * normal.solve(part.imag)
+        guess = np.nan_to_num(_smooth(self.data).values(at))
+        there, here = evaluation(space, at), evaluation(space, self.model.points)
+        share = GUESSED * len(self.model.points) / len(at)
+        for k, load in enumerate(self.measured):
+            for i, values in enumerate(load.T):
+                known = ~np.isnan(values)
+                seen = here[known]
+                normal = scipy.sparse.linalg.splu(sp.csc_array(seen.T @ seen + share * (there.T @ there)))
+                b = seen.T @ values[known] + share * (there.T @ guess[k, :, i])
+                waves[k, i * space.ndof : (i + 1) * space.ndof] = normal.solve(b.real) + 1j * normal.solve(b.imag)
         return waves
+
+
+def _smooth(data: WaveData) -> SmoothField:
+    try:
+        return smoothed(data)
+    except InputError:  # a grid of too few points for splines
+        return moving_least_squares(data)
 
 
 def _complex(value: CoefficientFunction) -> CoefficientFunction:

@@ -102,14 +102,12 @@ class GaussNewton:
         for _ in range(rounds):
             theta = self.reduced.unknowns.theta(x)
             state = self.model.around(theta, waves)
-            balance = np.array(
-                [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
-            )
+            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
             conditions, dx, du = self._step(x, state, balance)
             step = self._bounded(dx)
             x, waves = self._moved(x, step * dx, waves + step * du)
             data = np.array([self.model.observed(u) for u in waves])
-            change, settled = self._account("waves", x, data, conditions, dx, step, history)
+            _, settled = self._account("waves", x, data, conditions, dx, step, history)
             if settled:
                 break
         return self._found(x, waves, self.model.around(self.reduced.unknowns.theta(x), waves).data, history, settled)

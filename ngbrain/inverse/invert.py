@@ -17,7 +17,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, NgbrainError, SolverError, nearest
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers, by_label, derived
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
@@ -39,6 +39,9 @@ EDGE = 0.1
 """Length of an edge, see `total_variation`, as a share of the body."""
 FLOOR = 1e-5
 """Noise, relative to the waves' rms, below which data count as exact."""
+LEVELS = 8
+CLOSE = 0.15
+"""How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees."""
 FEW = 5
 """Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 SHORT = 10
@@ -199,8 +202,16 @@ def invert(
     tried = {name: search.from_waves(name) for name in (REGULARISERS if regulariser == "auto" else (regulariser,))}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
-    rows = [search.row("waves", problem, start)]
     both = search.descend(problem, start.x)
+    for _ in range(LEVELS if note else 0):
+        found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
+        if abs(np.log(found / total)) < CLOSE:
+            break
+        total = found
+        search = _Search(experiment, total, tell, search)
+        problem, start = search.from_waves(kind, both.x)
+        both = search.descend(problem, start.x)
+    rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
     if uniform:
         far = search.uniform(kind, both.weights)
@@ -251,7 +262,7 @@ def invert(
             "form": elements.form,
             "n_elements": mesh.ne,
             "n_unknowns": experiment.body.fes.ndof,
-            "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != "boundary"),
+            "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
             "made_in_these_elements": elements.nodal and data.element is not None,
             **_mismatch(experiment),
         },
@@ -263,12 +274,12 @@ def invert(
 class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
-    def __init__(self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None]) -> None:
+    def __init__(
+        self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None], before: _Search | None = None
+    ) -> None:
         self.experiment, self._tell = experiment, tell
-        self.history: list[Iteration] = []
-        size = np.abs(np.nan_to_num(experiment.measured)) ** 2
-        count = np.maximum((~np.isnan(experiment.measured)).sum(axis=1, keepdims=True), 1)
-        rms = np.sqrt(size.sum(axis=1, keepdims=True) / count)
+        self.history: list[Iteration] = before.history if before else []
+        rms = experiment.data.rms
         self.sigma = np.maximum(noise * rms, 1e-12 * rms.max()) / np.sqrt(2)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = LeastSquares(experiment.measured, self.sigma)
@@ -287,9 +298,13 @@ class _Search:
             )
         return Reduced(experiment.model, self.misfit, unknowns, regularisers, dict.fromkeys(regularisers, FIRST))
 
-    def from_waves(self, kind: str) -> tuple[Reduced, Found]:
-        problem = self.problem(kind)
-        return problem, self._newton(problem).from_waves(self.unknowns.start, self.experiment.waves)
+    def from_waves(self, kind: str, x: Array | None = None) -> tuple[Reduced, Found]:
+        """From measured waves, and the fields of other unknowns x if there are any."""
+        problem, start = self.problem(kind), self.unknowns.start.copy()
+        if x is not None:
+            fields = self.unknowns.blocks[BOUNDARY].start
+            start[:fields] = x[:fields]
+        return problem, self._newton(problem).from_waves(start, self.experiment.waves)
 
     def descend(self, problem: Reduced, x: Array) -> Found:
         return self._newton(problem).descend(x)
@@ -343,9 +358,12 @@ def _noise(data: WaveData, given: float | None) -> tuple[float, str]:
             found = smoothed(data).noise
     except NgbrainError:
         return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
-    size = np.sqrt(np.nanmean(np.abs(data.displacement) ** 2, axis=1))
-    noise = float(np.nanmedian(found / size))
-    return noise, f"noise was not given; a smooth field through the data leaves {100 * noise:.3g} %"
+    measured = np.isfinite(found) & (data.rms[:, 0] > 0)
+    noise = float(np.median(found[measured] / data.rms[:, 0][measured]))
+    return (
+        noise,
+        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",
+    )
 
 
 def _unseen(experiment: Experiment) -> list[str]:

@@ -16,10 +16,7 @@ from ngbrain.io.waves import WaveData
 
 def noise_of(data: WaveData, relative: float) -> np.ndarray:
     """Standard deviation (loads, 1, dim) m of real and of imaginary parts, for noise relative to each component's rms."""
-    size = np.abs(data.displacement[:, data.mask]) ** 2
-    with np.errstate(invalid="ignore"):
-        rms = np.sqrt(np.nansum(size, axis=1) / np.maximum((~np.isnan(size)).sum(axis=1), 1))
-    return relative * rms[:, None] / np.sqrt(2)
+    return relative * data.rms / np.sqrt(2)
 
 
 def median_strain_snr(data: WaveData, relative: float) -> float | None:

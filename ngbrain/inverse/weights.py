@@ -55,7 +55,9 @@ class Policy:
 class Evidence(Policy):
     """Each block's weight from the data."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the largest factor by which one changed."""
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
@@ -76,7 +78,9 @@ class Discrepancy(Policy):
 
     slack: float = 0.02
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the factor by which they changed."""
         if abs(level.ratio - 1) <= self.slack:
             return 1.0
@@ -91,7 +95,9 @@ class Discrepancy(Policy):
 class Given(Policy):
     """Weights as they are."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """1."""
         return 1.0
 

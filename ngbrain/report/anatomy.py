@@ -19,7 +19,10 @@ from ngbrain.report.render import Camera, Layer, draw
 from ngbrain.report.style import WIDTH, bar_mm, figure, inches, png, style
 from ngbrain.report.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
 
-COLOURS = ("#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#F0E442")
+COLOURS = (
+    "#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00",
+    "#F0E442", "#882255", "#44AA99", "#332288", "#AA4499", "#117733", "#DDCC77", "#661100",
+)  # fmt: skip
 """Of regions in their order, over and over."""
 KNOWN = {"csf": 0, "grey": 1, "white": 2, "ventricles": 3, "brain": 2}
 VIEWS = (("Sagittal", 0, 1, 2), ("Coronal", 1, 0, 2), ("Axial", 2, 0, 1))

@@ -82,7 +82,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     pairs = [
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights from the data: {weights}"),
-        ("Noise", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
+        ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
         ("Misfit over its expected level", number(checks["misfit_over_expected"])),
         ("Detail that the data determine, about", fields),
     ]

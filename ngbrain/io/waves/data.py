@@ -216,6 +216,12 @@ class WaveData:
         return ~np.isnan(self.displacement)
 
     @property
+    def rms(self) -> np.ndarray:
+        """(loads, 1, d) m: the rms of |u| over the measured points of each component, 0 where there are none."""
+        size = np.nan_to_num(np.abs(self.displacement))
+        return np.sqrt((size**2).sum(axis=1, keepdims=True) / np.maximum(self.measured.sum(axis=1, keepdims=True), 1))
+
+    @property
     def truth_views(self) -> dict[str, np.ndarray]:
         """The truth under the names of the answers: youngs, or storage and loss (Pa), or mu, zeta, phi.
 
@@ -259,10 +265,7 @@ class WaveData:
         """
         sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
         a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))
-        size = np.nan_to_num(np.abs(self.displacement))
-        count = np.maximum(self.measured.sum(axis=1, keepdims=True), 1)
-        rms = np.sqrt((size**2).sum(axis=1, keepdims=True) / count)
-        noisy = self.displacement + sigma * rms * (a + 1j * b) / np.sqrt(2)
+        noisy = self.displacement + sigma * self.rms * (a + 1j * b) / np.sqrt(2)
         return replace(self, displacement=noisy, noise=float(np.hypot(self.noise or 0.0, sigma)))
 
 
