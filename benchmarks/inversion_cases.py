@@ -1,8 +1,8 @@
 """Published cases of MatNLI inverted by one call that is told nothing: neither start nor weight nor regulariser.
 
-Six of its nine cases and the transversely isotropic one with two loads (`ngbrain.inverse.phantoms`), made anew on their own grids, with
-1 % noise on every point and without. `error` is that of the first field (youngs, storage or mu), the others stand beside it. The
-published method (BFGS from the published start, without noise) is quoted where its result is known: not measured here.
+Six of its nine cases and the transversely isotropic one with two loads (`ngbrain.inverse.phantoms`), made anew on their own
+grids, with 1 % noise on every point and without. `error` is that of the first field (youngs, storage or mu), the others stand
+beside it. The published method (BFGS from the published start, no noise) is quoted where its result is known: not measured here.
 
     python benchmarks/inversion_cases.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/inversion_cases.py --chart FILE.png < records.json

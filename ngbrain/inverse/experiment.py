@@ -158,10 +158,8 @@ class Experiment:
         data, value = self.data, self.values
         if "youngs" in value:
             E = value["youngs"]
-            if data.poisson is not None:
-                return Shearing(_complex(E / (2 * (1 + data.poisson)))), E / (3 * (1 - 2 * data.poisson))
-            K = data.bulk or 0.0  # WaveData has seen to it that one of the two is given
-            return Shearing(_complex(3 * K * E / (9 * K - E))), K
+            bulk = data.bulk if data.poisson is None else E / (3 * (1 - 2 * data.poisson))
+            return Shearing(_complex(data.shear_of(E))), bulk
         G = value["storage"] + 1j * value["loss"] if "storage" in value else _complex(value["mu"])
         bulk = data.bulk
         if data.poisson is not None:

@@ -23,7 +23,7 @@ FAST = 0.5
 @dataclass
 class Iteration:
     """What one iteration did: 2Φ and where it is expected, the weights it used, change of x (rms), how far its step is
-    to be trusted, CPU time."""
+    to be trusted, CPU time, how many numbers of each field the data determine."""
 
     phase: str
     misfit: float
@@ -32,6 +32,7 @@ class Iteration:
     change: float
     step: float
     cpu_s: float
+    determined: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -95,9 +96,8 @@ class Ledger:
         level = Level(misfit, self.misfit.count - factor.determined(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun
-        history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s))
+        turned = np.inf if step <= FAST else self.policy.update(self.reduced, x, level, factor, probes)
+        determined = dict(self.policy.determined)
+        history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
         self.tell(history[-1])
-        if step <= FAST:
-            return False
-        turned = self.policy.update(self.reduced, x, level, factor, probes)
         return (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05)

@@ -12,17 +12,20 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, NgbrainError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
-from ngbrain.inverse.answers import answers
+from ngbrain.inverse.answers import answers, by_label, derived
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.gauss_newton import Found, GaussNewton, Iteration
+from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
 from ngbrain.inverse.regularise import smooth, total_variation
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData
@@ -42,20 +45,22 @@ CLOSE = 0.15
 BEYOND = 1.3
 """How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
 given is raised when the misfit says this many times more, and never lowered."""
+FEW = 5
+"""Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 SHORT = 10
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 
 
 @dataclass
 class Row:
-    """One way of inverting: its maps, misfit and expected misfit, J, rounds and CPU seconds."""
+    """One way of inverting: its maps, misfit and expected misfit, J, what each round did, CPU seconds."""
 
     name: str
     maps: dict[str, Array]
     misfit: float
     expected: float
     value: float
-    rounds: int
+    history: list[Iteration]
     cpu_s: float
     converged: bool
 
@@ -69,6 +74,8 @@ class Inversion:
     rows        the starts that were tried: "waves", "uniform", "both"
     noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
     regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
+    resolution  a hint at the finest detail of each map, m (see `quality`)
+    checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
     notes       what a reader has to know, in words
     """
 
@@ -81,15 +88,42 @@ class Inversion:
     noise_found: float
     regulariser: str
     weights: dict[str, float]
+    determined: dict[str, float]
+    resolution: dict[str, float]
     solves: Solves
     history: list[Iteration]
     model: dict[str, Any]
+    checks: dict[str, float | bool]
     notes: list[str] = field(default_factory=list)
 
     @property
     def answers(self) -> dict[str, dict[str, float]]:
         """Of the maps, as in `result.json`."""
         return answers(self.data, self.maps)
+
+    @property
+    def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
+        """Name of a map → label → median and IQR; empty without labels."""
+        labels = self.data.labels
+        return {} if labels is None else {name: by_label(values, labels) for name, values in self.maps.items()}
+
+    def arrays(self) -> dict[str, Array]:
+        """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
+
+        points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
+        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone.
+        """
+        modulus = derived(self._shear())
+        follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
+        measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
+        residual = (measured - self.predicted) / noise_of(self.data, self.noise)
+        waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
+        return {"points": self.data.points, **self.maps, **follows, **waves}
+
+    def _shear(self) -> Array:
+        if "storage" in self.maps:
+            return self.maps["storage"] + 1j * self.maps["loss"]
+        return np.real(self.maps["mu"] if "mu" in self.maps else self.data.shear_of(self.maps["youngs"]))
 
     def result(self) -> dict[str, Any]:
         """All numbers of it, for JSON."""
@@ -98,19 +132,27 @@ class Inversion:
                 "misfit": row.misfit,
                 "expected_misfit": row.expected,
                 "objective": row.value,
-                "rounds": row.rounds,
+                "rounds": len(row.history),
                 "cpu_s": row.cpu_s,
                 "converged": row.converged,
                 "answers": answers(self.data, row.maps),
+                "misfit_over_expected": [each.misfit / each.expected for each in row.history],
+                "weights": [each.weights for each in row.history],
             }
             for row in self.rows
         }
-        last = self.rows[-1]
         return {
             "answers": self.answers,
+            "by_label": self.by_label,
             "solves": asdict(self.solves),
-            "checks": {"misfit_over_expected": last.misfit / last.expected, "converged": bool(last.converged)},
-            "model": {**self.model, "regulariser": self.regulariser, "weights": self.weights},
+            "checks": self.checks,
+            "model": {
+                **self.model,
+                "regulariser": self.regulariser,
+                "weights": self.weights,
+                "determined": self.determined,
+                "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
+            },
             "noise": {"assumed": self.noise, "found": self.noise_found},
             "starts": rows,
             "chosen": self.chosen,
@@ -189,12 +231,25 @@ def invert(
             notes.append("from uniform fields no step lowered the objective")
     rows.append(search.row("both", problem, both))
     predicted = np.full(data.displacement.shape, np.nan, complex)
-    predicted[:, experiment.inside] = problem.model.at(problem.unknowns.theta(best.x)).data  # type: ignore[attr-defined]
+    state = experiment.model.at(problem.unknowns.theta(best.x))
+    predicted[:, experiment.inside] = state.data
+    mesh, determined = experiment.body.mesh, best.history[-1].determined
+    checks = {
+        "misfit_over_expected": best.level.ratio,
+        "converged": bool(best.converged),
+        "strain_snr": median_strain_snr(data, total),
+        "resonance_distance": resonance_distance(data, state.factors),
+    }
     ratio = best.level.ratio
     if not 0.8 < ratio < 1.25 and total > FLOOR:
         notes.append(
             f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that"
         )
+    for name, number in determined.items():
+        if number < FEW:
+            notes.append(
+                f"the data determine only {number:.1f} numbers of {name}: no detail of its map is to be believed"
+            )
     notes += _unseen(experiment)
     return Inversion(
         data=data,
@@ -206,16 +261,19 @@ def invert(
         noise_found=total * float(np.sqrt(ratio)),
         regulariser=kind,
         weights=best.weights,
+        determined=determined,
+        resolution=resolution(ngs.Integrate(ngs.CF(1), mesh), data.dim, determined),
         solves=experiment.model.solves,
         history=search.history,
         model={
             "form": elements.form,
-            "n_elements": experiment.body.mesh.ne,
+            "n_elements": mesh.ne,
             "n_unknowns": experiment.body.fes.ndof,
             "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
             "made_in_these_elements": elements.nodal and data.element is not None,
             **_mismatch(experiment),
         },
+        checks={name: value for name, value in checks.items() if value is not None},
         notes=notes,
     )
 
@@ -278,7 +336,7 @@ class _Search:
             found.level.misfit,
             found.level.expected,
             found.value,
-            len(found.history),
+            found.history,
             last.cpu_s,
             found.converged,
         )

@@ -234,7 +234,7 @@ class WaveData:
             return views
         if self.rheology == "elastic":
             return {**views, "youngs": np.real(self.youngs_of(shear) if youngs is None else youngs)}
-        shear = self._shear_of(youngs) if shear is None else shear
+        shear = self.shear_of(youngs) if shear is None else shear
         return {**views, "storage": np.real(shear), "loss": np.imag(shear)}
 
     def youngs_of(self, shear: Any) -> Any:
@@ -243,7 +243,8 @@ class WaveData:
             return 2 * shear * (1 + float(self.poisson or 0))
         return 9 * self.bulk * shear / (3 * self.bulk + shear)
 
-    def _shear_of(self, youngs: Any) -> Any:
+    def shear_of(self, youngs: Any) -> Any:
+        """Shear modulus (Pa) that belongs to Young's modulus E (Pa): the inverse of `youngs_of`."""
         if self.bulk is None:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.cli.invert import add_invert
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
 from ngbrain.mesh.grading import Graded
@@ -41,7 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
         return EXIT_SOLVER
     except KeyboardInterrupt:
-        print(f"ngbrain: stopped; go on with --resume -o {arguments.output}", file=sys.stderr)
+        resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
+        print(f"ngbrain: stopped{resumed}", file=sys.stderr)
         return EXIT_INTERRUPTED
 
 
@@ -77,15 +79,20 @@ def _parser() -> argparse.ArgumentParser:
     mesh.add_argument("--radius", type=_length, metavar="MM", help="around it that is so fine (20; lattice 11)")
     mesh.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
     mesh.set_defaults(verb=_mesh)
-    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf")):
+    invert = add_invert(verbs)
+    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted")):
         kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
-        if verb is not mesh:
+        if verb in (demo, retract):
             verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         verb.add_argument(
-            "--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side"
+            "--threads",
+            type=_positive,
+            default=1 if verb is invert else os.cpu_count() or 1,
+            metavar="N",
+            help="for assembly (1)" if verb is invert else "processes side by side",
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser
