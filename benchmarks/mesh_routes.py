@@ -99,7 +99,7 @@ def one(route: str, size: float, labels: LabelMap, place: tuple[np.ndarray, np.n
     record = {"method": f"ngbrain:{route}", "size_mm": size, "order": 2, "converged": False, "reason": "", "wave": None}
     start = time.process_time()
     try:
-        made: Elements = ROUTES[route].make(labels, Graded(size * 1e-3, size * 1e-3))
+        made: Elements = ROUTES[route].make(labels, Graded(size * 1e-3, size * 1e-3)).elements
         record |= {"n_tets": len(made.tets), "mesh_s": time.process_time() - start}
         mesh = made.mesh()
         mu = stiffness(mesh, labels)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import ngsolve as ngs
 import nibabel
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from phantoms import nested
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.io import load
+from ngbrain.mesh.routes import min_jacobian
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 
@@ -292,13 +294,35 @@ def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys
     )
 
 
+def test_a_curved_lattice_of_labels(tmp_path, capsys):
+    labels_file(tmp_path / "labels.nii.gz")
+    out = tmp_path / "head.vtkhdf"
+    what = [str(tmp_path / "labels.nii.gz"), "--labels", "--names", "1=csf,2=brain,3=ventricles", "-o", str(out)]
+    status = main(["mesh", *what, "--route", "lattice", "--size", "5", "--curve"])
+    lines = capsys.readouterr().out.splitlines()
+    result = json.loads((tmp_path / "result.json").read_text())
+    snaps, curved, page = result["snaps"], result["curved"], (tmp_path / "report.html").read_text()
+    assert status == 0 and snaps["snapped"] > 10 * snaps["rejected"] > 0
+    assert f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected" in lines
+    assert f"{snaps['snapped']}, {snaps['rejected']} snaps rejected" in page and "held back" in page
+    assert curved["mean_mm_after"] < 0.8 * curved["mean_mm_before"] and lines[-1].startswith("interfaces off by")
+    mesh = load(out).mesh
+    assert 0 < min_jacobian(mesh) < 0.9
+    volume = ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Materials("brain"))
+    assert result["regions"]["brain"]["volume_ml"] == pytest.approx(1e6 * volume, rel=1e-9)
+    assert result["quality"]["min_jacobian"] == pytest.approx(min_jacobian(mesh))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--curve", "-o", "head.msh"], ["-o is 'head.msh'", ".vtkhdf"]),
+        (["--curve"], ["--curve", "hull", "lattice or conforming"]),
         (["--names", "1=grey"], ["labels is without a name for [2, 3]"]),
         (["--names", "aseg"], ["names is 'aseg'", "freesurfer"]),
         (["-o", "head.stl"], ["-o is 'head.stl'", ".vtkhdf", ".feb"]),
         (["--size", "0"], ["mesh size", "above 0"]),
+        (["--structures"], ["--structures is given with --labels", "T1"]),
     ],
 )
 def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):

@@ -1,4 +1,4 @@
-"""From a scan to tissue labels, each step kept on disk: the next mesh of the same scan does not segment it again."""
+"""From a scan to labels of its tissues and structures, each step kept on disk: the next mesh does not segment it again."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import hashlib
 
 import numpy as np
 
-from ngbrain.image import align, bias, segment, strip, topology, ventricles
+from ngbrain.image import align, bias, midsurface, places, segment, strip, topology, ventricles
+from ngbrain.image import structures as structures_module
 from ngbrain.image.brain import find_brain
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.midsurface import MidSurface
+from ngbrain.image.structures import NAMES, Structures, structures
 from ngbrain.image.volume import Scan, Volume
 from ngbrain.io.cache import Arrays, kept
 
@@ -17,18 +21,56 @@ def tissues(scan: Scan) -> Volume:
 
     Raises `InputError` for a scan that is no T1 of a whole head or brain.
     """
-    picture = scan.volume
+    return _tissues(scan, _brain(scan))
 
-    def stripped(scan: Scan) -> np.ndarray:
-        made_by = (align, bias, strip)
-        return kept("brain", picture.digest(), made_by, lambda: {"mask": strip.strip(scan)})["mask"]
 
-    mask = find_brain(scan, stripped)
-    seen = [picture.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
+def structured(scan: Scan) -> Structures:
+    """Tissues and structures of a scan: `tissues`, split by `ngbrain.image.structures.structures`; raises what they raise.
+
+    >>> from ngbrain.image.volume import mni152
+    >>> structured(mni152()).labels.regions[:4]
+    ('csf', 'ventricles', 'grey_left', 'grey_right')
+    """
+    mask = _brain(scan)
+    labels = _tissues(scan, mask)
 
     def make() -> Arrays:
-        even = kept("even", seen, (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})["t1"]
-        return {"labels": segment.segment(Volume(even, picture.affine), mask).volume.data}
+        made = structures(_even(scan, mask), labels)
+        return {
+            "labels": made.labels.volume.data,
+            "parts": made.parts.data,
+            "affine": made.affine,
+            "offset": made.middle.offset,
+        }
 
-    labels = kept("labels", seen, (segment, topology, ventricles, bias), make)["labels"]
-    return Volume(labels, picture.affine)
+    modules = (structures_module, places, midsurface, align, bias)
+    found = kept("structures", [*_seen(scan, mask), labels.digest()], modules, make)
+    names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
+    return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))
+
+
+def _brain(scan: Scan) -> np.ndarray:
+    def stripped(scan: Scan) -> np.ndarray:
+        made_by = (align, bias, strip)
+        return kept("brain", scan.volume.digest(), made_by, lambda: {"mask": strip.strip(scan)})["mask"]
+
+    return find_brain(scan, stripped)
+
+
+def _seen(scan: Scan, mask: np.ndarray) -> list[str]:
+    return [scan.volume.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
+
+
+def _even(scan: Scan, mask: np.ndarray) -> Volume:
+    """The picture without the coil's field."""
+    picture = scan.volume
+    arrays = kept("even", _seen(scan, mask), (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})
+    return Volume(arrays["t1"], picture.affine)
+
+
+def _tissues(scan: Scan, mask: np.ndarray) -> Volume:
+    def make() -> Arrays:
+        return {"labels": segment.segment(_even(scan, mask), mask).volume.data}
+
+    labels = kept("labels", _seen(scan, mask), (segment, topology, ventricles, bias), make)["labels"]
+    return Volume(labels, scan.volume.affine)

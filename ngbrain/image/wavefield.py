@@ -206,7 +206,7 @@ def strain_snr(gradient: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.
                 `gradient_noise`
 
     By propagation of errors, entries independent: σ² = Σ (∂OSS/∂(∂u_i/∂x_j) · noise_ij)² at each of 5 Gauss points of half
-    a period, and the mean of σ over them. Usual inversions ask for a ratio above 3.
+    a period, and the mean of σ over them.
 
     McGarry et al. 2011, doi:10.1088/0031-9155/56/13/N02.
     """

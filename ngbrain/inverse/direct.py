@@ -79,7 +79,7 @@ def local_frequency(data: WaveData) -> np.ndarray:
         k = Σ_i q_i q_{i+1} √(k_i k_{i+1}) q_{i+1}/q_i  /  Σ_i q_i q_{i+1} ,
 
     where every term is exact for a plane wave. Frequencies are weighted by their energies. It needs no derivative, so no
-    smoothing, but sees nothing finer than about a wavelength, and is off within half of one from the border.
+    smoothing, but sees nothing finer than about a wavelength, and is off near the border, and where waves cross.
 
     Knutsson, Westin & Granlund 1994, doi:10.1109/ICIP.1994.413270; Manduca et al. 2001,
     doi:10.1016/S1361-8415(00)00039-6.

@@ -23,7 +23,7 @@ FAST = 0.5
 @dataclass
 class Iteration:
     """What one iteration did: 2Φ and where it is expected, the weights it used, change of x (rms), how far its step is
-    to be trusted, CPU time."""
+    to be trusted, CPU time, how many numbers of each field the data determine."""
 
     phase: str
     misfit: float
@@ -32,6 +32,7 @@ class Iteration:
     change: float
     step: float
     cpu_s: float
+    determined: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass
@@ -80,7 +81,7 @@ class Ledger:
             raise InputError("misfit", type(reduced.misfit).__name__, "LeastSquares or one that is made of it")
         self.reduced, self.misfit = reduced, reduced.misfit
         self.policy, self.tell = policy or Evidence(), tell
-        self.random = np.random.default_rng(seed)
+        self._seed = seed
         self.begun = time.process_time()
 
     def enter(
@@ -90,13 +91,13 @@ class Ledger:
 
         step  how far it is to be trusted: the cut of a step, or what it left of J; at `FAST` or less the weights wait
         """
+        probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
         misfit = 2 * self.misfit.value(data)
-        level = Level(misfit, self.misfit.count - factor.determined(self.random))
+        level = Level(misfit, self.misfit.count - factor.determined(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun
-        history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s))
+        turned = np.inf if step <= FAST else self.policy.update(self.reduced, x, level, factor, probes)
+        determined = dict(self.policy.determined)
+        history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
         self.tell(history[-1])
-        if step <= FAST:
-            return False
-        turned = self.policy.update(self.reduced, x, level, factor, self.random)
         return (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05)

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.sensitivity import Linearised
@@ -73,19 +73,17 @@ class Optimality:
             self._columns.append(column)
             self._rows.append(row)
         constraint = sp.csr_array(sp.block_array(rows))
-        whole = sp.csc_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
+        whole = sp.csr_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
         self._matrix = whole
         equations = constraint.shape[0]
         shift = np.concatenate([np.full(whole.shape[0] - equations, SHIFT), np.full(equations, -SHIFT)])
+        entries = sp.coo_array(whole + sp.diags_array(shift))
+        self._shifted = ngs.la.SparseMatrixd.CreateFromCOO(*entries.coords, entries.data, *whole.shape)
         try:
-            self._factor = scipy.sparse.linalg.splu(
-                sp.csc_array(whole + sp.diags_array(shift)),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as error:
+            self._factor = self._shifted.Inverse(inverse="sparsecholesky")
+        except Exception as error:  # NGSolve raises bare exceptions of several kinds here
             raise SolverError(f"the optimality conditions cannot be factorised: {error}") from error
+        self._in, self._out = self._shifted.CreateColVector(), self._shifted.CreateColVector()
 
     def step(self, slope: Array, residual: Array, imbalance: Array | None = None) -> tuple[Array, Array]:
         """δx and δu (loads, ndof).
@@ -133,7 +131,9 @@ class Optimality:
         b = np.concatenate(parts)
         x, left = np.zeros_like(b), b
         for _ in range(REFINEMENTS):
-            x += self._factor.solve(left)
+            self._in.FV().NumPy()[:] = left
+            self._out.data = self._factor * self._in
+            x += self._out.FV().NumPy()
             left = b - self._matrix @ x
             if not np.linalg.norm(left) > ROUGH * 1e-4 * np.linalg.norm(b):
                 break

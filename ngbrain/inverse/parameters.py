@@ -133,15 +133,15 @@ class Fields:
         if missing := set(unknowns) - set(blocks):
             raise InputError("unknowns", ", ".join(sorted(missing)), "one of " + ", ".join(blocks))
         self._theta, self._where, self.unknowns = np.array(theta, float), dict(blocks), dict(unknowns)
-        self.blocks: dict[str, slice] = {}
+        places: dict[str, slice] = {}
         starts, end = [], 0
         for name, unknown in self.unknowns.items():
             where = blocks[name]
             size = where.stop - where.start if unknown.basis is None else unknown.basis.shape[1]
             starts.append(np.broadcast_to(unknown.transform.inverse(np.asarray(unknown.start, float)), (size,)))
-            self.blocks[name] = slice(end, end + size)
+            places[name] = slice(end, end + size)
             end += size
-        self.start = np.concatenate(starts)
+        self.start, self.blocks = np.concatenate(starts), places
 
     def theta(self, x: Array) -> Array:
         """θ(x)."""

@@ -52,17 +52,21 @@ class Level:
         return self.misfit / self.expected
 
 
-class Policy(Protocol):
-    """What changes the weights between iterations."""
+@dataclass
+class Policy:
+    """What changes the weights between iterations; `determined`: how many numbers of each block the data determined."""
+
+    determined: dict[str, float] = field(default_factory=dict, init=False)
 
     def update(
         self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
     ) -> float:
         """New weights in `reduced`; the largest factor by which one changed, up or down."""
+        raise NotImplementedError
 
 
 @dataclass
-class Evidence:
+class Evidence(Policy):
     """Each block's weight from the data."""
 
     def update(
@@ -72,7 +76,8 @@ class Evidence:
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
         largest = 1.0
-        for name, number in factor.determined_of(blocks, regular, random).items():
+        self.determined = factor.determined_of(blocks, regular, random)
+        for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
             wanted = max(number, 1.0) / max(energy, 1e-12)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / LARGEST, LARGEST))
@@ -82,7 +87,7 @@ class Evidence:
 
 
 @dataclass
-class Discrepancy:
+class Discrepancy(Policy):
     """All weights by one factor, to the level where the misfit is expected; `slack` is what counts as there.
 
     A misfit that stays above its level whatever the weight (a model error, a noise larger than stated) leaves them as they are.
@@ -112,7 +117,7 @@ class Discrepancy:
 
 
 @dataclass
-class Given:
+class Given(Policy):
     """Weights as they are."""
 
     def update(

@@ -21,6 +21,8 @@ PASSES = 3
 """Triangulations of ever better points, each labelled anew."""
 OFF = 0.15
 """Part of the element size by which points that stay off the interface that they border may miss it; others go."""
+STRAY = 0.25
+"""Difference of the shares that should be equal, up to which a vertex may be moved along an interface."""
 MOVES = 8
 """Rounds of moves after each of them,"""
 LAST_MOVES = 20
@@ -29,6 +31,8 @@ POLISHES = 6
 """and how often swaps and moves take turns in the last one at most."""
 FAVOUR = 0.2
 """Share that a region of which there is too little is given at most, and one of which there is too much is taken off."""
+AIR = 0.95
+"""Share of outside at a corner from which a tetrahedron is outside."""
 THORNS = 3
 """Layers of a thorn that are taken off the surface."""
 BALANCING = 6
@@ -71,7 +75,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     (('outer_gel',), True, 1.0)
     """
     _check(labels, size)
-    indicators, rng = Indicators.of(labels, smoothing), np.random.default_rng(seed)
+    indicators, rng = Indicators.of(labels, smoothing).filled(labels), np.random.default_rng(seed)
     wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):
@@ -139,13 +143,15 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
     for at in _INSIDE:
         shares += indicators(np.einsum("k,nkd->nd", at, x)) / len(_INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
-    # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air.
+    # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
+    # anything inside that reaches into it, as its corner could not be brought back.
+    air = (indicators(points)[:, 0] > AIR)[tets].any(axis=1)
     deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros(len(wanted) + 1)
     for _ in range(BALANCING):
-        within = _without_thorns(deep + favour[0] > 0, beside)
+        within = _without_thorns((deep + favour[0] > 0) & ~air, beside)
         region = np.where(within, 1 + (shares[:, 1:] + favour[1:]).argmax(axis=1), 0)
         got = np.bincount(region, volume, len(favour))[1:]
-        favour[0] += 0.1 * np.clip(wanted.sum() / got.sum() - 1, -0.5, 0.5)
+        favour[0] += 0.1 * np.clip(wanted.sum() / max(got.sum(), 1e-12) - 1, -0.5, 0.5)
         favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
         favour = np.clip(favour, -FAVOUR, FAVOUR)
     missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
@@ -202,7 +208,13 @@ def _improved(
 
     def place(vertices: np.ndarray, wanted: Points) -> Points:
         placed, on = wanted.copy(), border[vertices]
-        placed[on] = indicators.onto(wanted[on], meeting[vertices[on]], 1)
+        mine = vertices[on]
+        there = indicators.onto(wanted[on], meeting[mine], 1)
+        astray = indicators.spread(there, meeting[mine]) > np.maximum(
+            STRAY, indicators.spread(points[mine], meeting[mine])
+        )
+        there[astray] = points[mine[astray]]
+        placed[on] = there
         return placed
 
     return improved(points, tets, region > 0, place, GOAL, moves, rng)

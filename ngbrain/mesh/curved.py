@@ -15,6 +15,7 @@ LOWEST = 0.1
 STEP = 1 / 16
 """Part of an edge's bow that is taken back at a time."""
 
+_CHUNK = 1 << 12
 _EDGES = np.array(list(combinations(range(4), 2)))
 """Netgen's order of the six middle nodes, by the vertices that they lie between."""
 
@@ -57,13 +58,20 @@ def determinants(elements: np.ndarray) -> np.ndarray:
 
     The determinant lies between the least and the largest of them everywhere, so that no fold goes unseen.
     """
-    jacobians = np.einsum("eni,pnj->epij", elements, _SLOPES)
-    return -np.linalg.det(jacobians) @ _COEFFICIENTS.T
+    found = np.empty((len(elements), len(_COEFFICIENTS)))
+    for start in range(0, len(elements), _CHUNK):
+        x = elements[start : start + _CHUNK].transpose(2, 0, 1)
+        a, b, c = (x @ _SLOPES[:, :, j].T for j in range(3))  # (3, n, 20)
+        value = (
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+        found[start : start + _CHUNK] = -value @ _COEFFICIENTS.T
+    return found
 
 
-def folds(coefficients: np.ndarray) -> np.ndarray:
+def folds(coefficients: np.ndarray, lowest: float = LOWEST) -> np.ndarray:
     """Which elements (n,) fold, or nearly do, by what `determinants` says of them."""
-    return ~(coefficients.min(axis=1) > LOWEST * coefficients.max(axis=1))
+    return ~(coefficients.min(axis=1) > lowest * coefficients.max(axis=1))
 
 
 def _bernstein() -> tuple[np.ndarray, np.ndarray]:

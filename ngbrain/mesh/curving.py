@@ -9,13 +9,17 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.curved import determinants, folds
+from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.indicators import Indicators, Points
 
 FURTHEST = 0.5e-3
 """Distance (m) that a node is moved at most."""
-HALVINGS = 6
+HALVINGS = 4
 """of a node's move in an element that folds, before it stays where it is."""
+LOWEST = 0.03
+"""The Jacobian determinant anywhere in an element is at least this part of the element's largest."""
 _BUBBLE = -0.125
 """Value in the middle of an edge of NGSolve's second-order function of that edge."""
 _EDGES = list(combinations(range(4), 2))
@@ -34,6 +38,8 @@ class Curving:
     before       distance (n,) m there from where the labels' regions meet, to first order; huge where none do for some mm
     after        the same, curved
     held         share of the interfaces' nodes that were moved less than wanted, as an element would have folded
+    nodes        numbers (m, 10) of the tetrahedra's corners and middles of edges, 01, 02, 03, 12, 13, 23
+    places       (n, 3) m, where these are now
     """
 
     deformation: ngs.GridFunction
@@ -41,9 +47,17 @@ class Curving:
     before: np.ndarray
     after: np.ndarray
     held: float
+    nodes: np.ndarray
+    places: Points
 
 
-def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: float = FURTHEST) -> Curving:
+def curved(
+    mesh: ngs.Mesh,
+    indicators: Indicators,
+    order: int = 2,
+    furthest: float = FURTHEST,
+    towards: Indicators | None = None,
+) -> Curving:
     """Give a mesh of straight tetrahedra a deformation that brings its interfaces onto where the labels' regions meet.
 
     Interfaces are the boundaries `outer_<a>` and `<a>_<b>` of regions of the indicators. Their vertices and, of order 2,
@@ -52,18 +66,21 @@ def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: flo
     Jacobian determinant is positive all over every element: by its Bernstein coefficients, not only at quadrature
     points (Johnen, Remacle & Geuzaine 2013, 10.1016/j.jcp.2012.08.051).
 
+    towards   if given, where regions meet by these instead, such as `Indicators.filled`; distances stay those of `indicators`
+
     Raises `InputError` for another order, a mesh that is curved already, that has an element inside out, or that has no
     such boundary.
     """
     if order not in (1, 2):
         raise InputError("order", order, "1 or 2")
-    points, tets, triangles, pairs, edges = _read(mesh, indicators)
+    points, tets, triangles, pairs = _read(mesh, indicators)
     if not (np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]]) < 0).all():
         raise InputError("mesh", "one with an element inside out", "positive volumes")
-    ends, middle = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+    pairs_of = np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1)
+    keys, middle = np.unique(pairs_of[:, 0] * len(points) + pairs_of[:, 1], return_inverse=True)
+    ends = np.stack([keys // len(points), keys % len(points)], axis=1)
     nodes = np.concatenate([tets, len(points) + middle.reshape(-1, 6)], axis=1)
-    # A triangle's nodes: its corners and the middles of its edges, in the order in which NGSolve has the edges.
-    keys = ends[:, 0] * len(points) + ends[:, 1]
+    # A triangle's nodes: its corners and the middles of its edges 01, 02, 12.
     sides = np.sort(triangles[:, [[0, 1], [0, 2], [1, 2]]], axis=2)
     between = np.searchsorted(keys, sides[..., 0] * len(points) + sides[..., 1])
     six = np.concatenate([triangles, len(points) + between], axis=1)
@@ -79,7 +96,7 @@ def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: flo
     for side in (ends[:, 0], ends[:, 1], np.arange(len(points), len(straight))):
         np.minimum.at(shortest, side, length)
     move = np.zeros_like(straight)
-    move[moved] = indicators.onto(straight[moved], meeting[moved]) - straight[moved]
+    move[moved] = (towards or indicators).onto(straight[moved], meeting[moved]) - straight[moved]
     far = np.linalg.norm(move, axis=1)
     move *= np.minimum(1, np.minimum(furthest, shortest / 4) / np.maximum(far, 1e-12))[:, None]
     on = np.zeros(len(straight), bool)
@@ -89,19 +106,42 @@ def curved(mesh: ngs.Mesh, indicators: Indicators, order: int = 2, furthest: flo
     space = ngs.VectorH1(mesh, order=order)
     deformation = ngs.GridFunction(space)
     bow = shift[len(points) :] - shift[ends].mean(axis=1)
+    numbers = _numbers(mesh, ends, middle) if order == 2 else np.zeros(0, int)
     for k, component in enumerate(deformation.components):
         values = component.vec.FV().NumPy()
         values[: len(points)] = shift[: len(points), k]
         if order == 2:
-            values[len(points) + edges] = bow[between, k] / _BUBBLE
+            values[len(points) + numbers] = bow[:, k] / _BUBBLE
     mesh.SetDeformation(deformation)
     at, there = (np.einsum("pn,tnd->tpd", _BASIS, x[six]).reshape(-1, 3) for x in (straight, straight + shift))
     before, after = _distances(at, pairs, indicators), _distances(there, pairs, indicators)
-    return Curving(deformation, at, before, after, float(held[moved].mean()))
+    return Curving(deformation, at, before, after, float(held[moved].mean()), nodes, straight + shift)
 
 
-def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points, tetrahedra (m, 4), interface triangles (k, 3), their pairs of regions (k, 2), their edges in the mesh (k, 3)."""
+def bent(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, Curving]:
+    """A mesh whose own geometry is curved, of second order, without a deformation; and what `curved` says of it.
+
+    It can be saved, loaded, and deformed by whatever is computed on it. Films of tissue keep part of what smoothing takes
+    (`Indicators.filled`). Raises what `curved` raises.
+
+    >>> from ngbrain.image.volume import Volume
+    >>> from ngbrain.mesh.lattice import lattice
+    >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
+    >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
+    >>> mesh, done = bent(lattice(labels, lambda points: np.full(len(points), 4e-3)).elements, labels)
+    >>> mesh.deformation, bool(done.after.mean() < 0.7 * done.before.mean())
+    (None, True)
+    """
+    indicators = Indicators.of(labels)
+    done = curved(elements.mesh(), indicators, towards=indicators.filled(labels))
+    solid = elements.mesh().ngmesh
+    solid.SecondOrder()
+    solid.Coordinates()[solid.Elements3D().NumPy()["nodes"] - 1] = done.places[done.nodes]
+    return ngs.Mesh(solid), done
+
+
+def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, tetrahedra (m, 4), interface triangles (k, 3) and their pairs of regions (k, 2)."""
     names = {f"outer_{a}": (0, i) for i, a in enumerate(indicators.regions, 1)}
     names |= {
         f"{a}_{b}": (i, j)
@@ -109,29 +149,33 @@ def _read(mesh: ngs.Mesh, indicators: Indicators) -> tuple[Points, np.ndarray, n
         for j, b in enumerate(indicators.regions, 1)
         if i != j
     }
-    solid = mesh.ngmesh.Elements3D().NumPy()
-    if mesh.GetCurveOrder() > 1 or solid["nodes"].shape[1] > 4:
+    solid, flat = mesh.ngmesh.Elements3D().NumPy(), mesh.ngmesh.Elements2D().NumPy()
+    if mesh.GetCurveOrder() > 1 or (solid["nodes"].shape[1] > 4 and solid["nodes"][:, 4:].any()):
         raise InputError("mesh", "curved already", "straight tetrahedra")
-    known = [names.get(name) for name in mesh.GetBoundaries()]
-    if not any(known):
+    known = np.array([names.get(name, (0, 0)) for name in mesh.GetBoundaries()])
+    pairs = known[flat["index"] - 1]
+    if not pairs.any():
         raise InputError("mesh", f"one with boundaries {', '.join(mesh.GetBoundaries())}", "outer_<a> or <a>_<b>")
-    triangles, edges, pairs = [], [], []
-    for element in mesh.Elements(ngs.BND):
-        pair = known[element.index]
-        if pair is not None:
-            triangles.append([v.nr for v in element.vertices])
-            edges.append([e.nr for e in element.edges])
-            pairs.append(pair)
-    corners, numbers = np.array(triangles), np.array(edges)
-    numbers = _in_order(mesh, corners, numbers)
-    return mesh.ngmesh.Coordinates().copy(), solid["nodes"][:, :4].astype(int) - 1, corners, np.array(pairs), numbers
+    mine = pairs.any(axis=1)
+    points = mesh.ngmesh.Coordinates().copy()
+    return points, solid["nodes"][:, :4].astype(int) - 1, flat["nodes"][mine, :3].astype(int) - 1, pairs[mine]
 
 
-def _in_order(mesh: ngs.Mesh, triangles: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """The edges (k, 3) of triangles in the order 01, 02, 12 of their corners; it is the same for every triangle."""
-    ends = [sorted(v.nr for v in mesh[ngs.NodeId(ngs.EDGE, int(e))].vertices) for e in edges[0]]
-    wanted = [sorted(triangles[0][[i, j]].tolist()) for i, j in ((0, 1), (0, 2), (1, 2))]
-    return edges[:, [ends.index(pair) for pair in wanted]]
+def _numbers(mesh: ngs.Mesh, ends: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """NGSolve's number of each edge (n, 2), of which `middle` (6 m,) are those of the tetrahedra; asked for all at once.
+
+    Of the functions of second order only that of an edge does not vanish in its middle.
+    """
+    at = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]], float)  # of the corners in NGSolve's element
+    rule = ngs.IntegrationRule([tuple(at[[i, j]].mean(axis=0)) for i, j in _EDGES], [0.0] * 6)
+    field = ngs.GridFunction(ngs.H1(mesh, order=2))
+    values = field.vec.FV().NumPy()
+    values[:] = 0
+    values[mesh.nv :] = 1 + np.arange(mesh.nedge)
+    found = field(mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL)).reshape(-1, 6) / _BUBBLE - 1
+    numbers = np.full(len(ends), -1)
+    numbers[middle.reshape(-1, 6)] = np.rint(found)
+    return numbers
 
 
 def _backtracked(
@@ -150,10 +194,19 @@ def _backtracked(
     suspects = nodes[on[nodes].any(axis=1)]
     while True:
         shift = shifted()
-        folded = suspects[folds(determinants((straight + shift)[suspects]))]
+        folded = suspects[folds(determinants((straight + shift)[suspects]), LOWEST)]
         if not len(folded):
             return halvings > 0, shift
-        halvings[np.unique(folded)] += 1
+        # Of each the node that is farthest off first: a vertex from its place, a middle from between its ends.
+        off = np.linalg.norm(shift, axis=1)
+        off[n:] = np.linalg.norm(shift[n:] - shift[ends].mean(axis=1), axis=1)
+        off[halvings > HALVINGS] = 0
+        back = np.unique(folded[np.arange(len(folded)), off[folded].argmax(axis=1)])
+        halvings[back] += 1
+        changed = np.zeros(len(straight), bool)
+        changed[back] = True
+        changed[n:] |= changed[ends].any(axis=1)
+        suspects = nodes[changed[nodes].any(axis=1)]
 
 
 def _distances(at: Points, pairs: np.ndarray, indicators: Indicators) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import netgen.meshing as meshing
 import ngsolve as ngs
 import numpy as np
@@ -26,12 +28,12 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
     made = meshing.Mesh(dim=2)
     node = [[made.Add(meshing.MeshPoint(meshing.Pnt(a, b, 0))) for a in x] for b in y]
     tissue = made.AddRegion("tissue", 2)
-    for low, high in zip(node[:-1], node[1:], strict=True):
+    for low, high in pairwise(node):
         for i in range(len(x) - 1):
             made.Add(meshing.Element2D(tissue, [low[i], low[i + 1], high[i + 1], high[i]]))
     left, right = [row[0] for row in node], [row[-1] for row in node]
     for name, line in (("bottom", node[0]), ("right", right), ("top", node[-1][::-1]), ("left", left[::-1])):
         edge = made.AddRegion(name, 1)
-        for a, b in zip(line[:-1], line[1:], strict=True):
+        for a, b in pairwise(line):
             made.Add(meshing.Element1D([a, b], index=edge))
     return ngs.Mesh(made)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -12,6 +12,11 @@ from ngbrain.image.labelmap import LabelMap
 Points = np.ndarray
 SMOOTHING = 0.75e-3
 """Standard deviation (m) of the Gaussian that rounds the voxels' steps."""
+FILLED = 0.75
+"""Part of the volume that smoothing takes from films and sheets of a tissue that `Indicators.filled` gives back,"""
+MOST = 0.25
+"""and share that is given to a region for it at most."""
+_STEPS = 0.1 * 0.85 ** np.arange(30)
 FAR = 5e-3
 """Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
 
@@ -41,6 +46,24 @@ class Indicators:
         affine = labels.volume.affine.copy()
         affine[:3, 3] = labels.volume.to_world(np.full((1, 3), -pad))[0]
         return cls(shares, affine, labels.regions)
+
+    def filled(self, labels: LabelMap) -> Indicators:
+        """With a constant added to each region's share, so that those of the largest share come closer to their voxels' volumes.
+
+        Smoothing thins whatever is bent or thin: a constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. What
+        is left to be missing (see `FILLED`) would move interfaces farther than the volume is worth.
+        """
+        count = len(self.shares)
+        wanted = np.bincount(labels.numbered().ravel(), minlength=count)[1:]
+        shares = self.shares.reshape(count, -1)
+        sure = shares.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
+        inside = np.bincount(shares[:, sure].argmax(axis=0), minlength=count)
+        shares, given = shares[:, ~sure], np.zeros((count, 1), np.float32)
+        for step in _STEPS:
+            got = (inside + np.bincount((shares + given).argmax(axis=0), minlength=count))[1:]
+            missing = wanted / np.maximum(got, 1) - 1
+            given[1:, 0] = np.clip(given[1:, 0] + np.clip(missing, -step, step), -MOST, MOST)
+        return replace(self, shares=self.shares + np.float32(FILLED) * given[:, :, None, None])
 
     def __call__(self, points: Points) -> np.ndarray:
         """Shares (n, regions + 1) at points (n, 3) in m."""
@@ -75,6 +98,13 @@ class Indicators:
         slopes, rows = self.slopes(points), np.arange(len(points))
         gradient = slopes[rows, pairs[:, 1]] - slopes[rows, pairs[:, 0]]
         return np.asarray(gradient / np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)[:, None])
+
+    def spread(self, points: Points, meeting: np.ndarray) -> np.ndarray:
+        """Largest less smallest share (n,) of the regions that are True in `meeting` (n, regions + 1): 0 where they meet."""
+        shares = self(points)
+        return np.asarray(
+            np.where(meeting, shares, -np.inf).max(axis=1) - np.where(meeting, shares, np.inf).min(axis=1)
+        )
 
     def onto(self, points: Points, meeting: np.ndarray, steps: int = 3) -> Points:
         """Points (n, 3) moved to where all the regions that are True in `meeting` (n, regions + 1) have the same share.

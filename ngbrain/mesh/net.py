@@ -50,7 +50,7 @@ class Net:
         self.bias = np.zeros(self.shares.count)
         self.beside = _beside(self.tets)
         cubes = np.cbrt(12 * volumes(self.points, self.tets))
-        self.weight = (self.scale / self.scale.max()) ** 2
+        self.weight = self.scale / self.scale.max()
         shares = self.shares(self.points)
         number, deep = shares.argmax(axis=1)[self.tets], (shares.max(axis=1) > _DEEP)[self.tets].all(axis=1)
         deep &= (number == number[:, :1]).all(axis=1) & (cubes < _LARGE * self.width)

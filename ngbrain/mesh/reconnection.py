@@ -19,11 +19,13 @@ class Reconnection:
         self.points, self.tets, self.region = points, tets.tolist(), region.tolist()
         self.quality = shapes(points[tets]).tolist()
         self.dead: set[int] = set()
+        self.goal = 0.0
         self._stars = Stars.of(tets, len(points))
         self._around: dict[int, set[int]] = {}
 
     def improve(self, goal: float) -> int:
         """Try every tetrahedron with a shape below the goal, the worst ones first; returns how many were replaced."""
+        self.goal = goal
         quality, region = np.array(self.quality), np.array(self.region)
         bad = np.flatnonzero((quality < goal) & (region > 0))
         changed = 0
@@ -55,6 +57,9 @@ class Reconnection:
             found = self._without_face(t, apex)
             if found and (best is None or found[0] > best[0]):
                 best = found
+        found = self._outside(t)
+        if found and (best is None or found[0] > best[0]):
+            best = found
         if best is None:
             return False
         _, old, new = best
@@ -70,6 +75,26 @@ class Reconnection:
         self.quality += shapes(self.points[np.array([corners for corners, _ in new])]).tolist()
         return True
 
+    def _outside(self, t: int) -> tuple[float, set[int], list[tuple[list[int], int]]] | None:
+        """A tetrahedron at the surface, as there are flat ones where that is a plane, becomes part of the outside.
+
+        Not where parts of the surface would then touch.
+        """
+        tet = self.tets[t]
+        within: list[int] = []
+        beyond: list[int] = []  # corners opposite to a face on the surface; and the others
+        for apex in tet:
+            p, q, r = (v for v in tet if v != apex)
+            sharing = (self.around(p) & self.around(q) & self.around(r)) - {t}
+            (beyond if sharing and not any(self.region[k] for k in sharing) else within).append(apex)
+        if not beyond:
+            return None
+        # What the surface gets to: the corner or the edge that all faces within share, which no surface may have yet.
+        shared = set.intersection(*(self.around(v) for v in beyond))
+        if len(within) > 1 and not all(self.region[k] for k in shared):
+            return None
+        return self.goal, {t}, [(tet, 0)]
+
     def _worst(self, old: set[int]) -> float:
         """Shape that the replacement has to beat."""
         return min(self.quality[t] for t in old if self.region[t])
@@ -78,7 +103,7 @@ class Reconnection:
         """Two tetrahedra of a region become the three around the line between their apices."""
         p, q, r = (v for v in self.tets[t] if v != apex)
         sharing = (self.around(p) & self.around(q) & self.around(r)) - {t}
-        if not sharing:
+        if len(sharing) != 1:  # at the hull
             return None
         (other,) = sharing
         if self.region[other] != self.region[t]:

@@ -17,8 +17,8 @@ THIRD = 0.2
 """Share of a third region on an interface from which on a line where three regions meet is looked for."""
 AROUND = 1.5
 """Outside samples are within this part of it of the surface."""
-FILM = 0.72e-3
-"""A film thinner than about twice this (m) is sampled as if it were one surface, a thicker one on both its sides."""
+FILM = 1e-3
+"""The sides of a film count as farther apart by √6 times this (m), so that both have samples where elements are below 3 mm."""
 
 
 def where_regions_meet(indicators: Indicators) -> tuple[Points, np.ndarray]:
@@ -112,6 +112,8 @@ def _darts(indicators: Indicators, size: Sizes, rng: np.random.Generator) -> Poi
     inside = np.argwhere(indicators.shares[0] < 0.5)
     low, high = (indicators.affine[:3, :3] @ inside.min(axis=0), indicators.affine[:3, :3] @ inside.max(axis=0))
     low, high = np.minimum(low, high) + indicators.affine[:3, 3], np.maximum(low, high) + indicators.affine[:3, 3]
+    around = AROUND * float(size(np.stack([low, high, (low + high) / 2])).max())
+    low, high = low - around, high + around
     side = float((high - low).max())
     corners, found = low[None], []
     eighths = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)

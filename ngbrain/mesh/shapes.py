@@ -11,7 +11,7 @@ import ngsolve as ngs
 import numpy as np
 from scipy.optimize import brentq
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, nearest
 from ngbrain.mesh.cleft import Cleft, frame
 from ngbrain.mesh.curved import curve
 
@@ -21,6 +21,13 @@ CORTEX_THICKNESS = 0.008
 """Folded cortex as a mantle (m)."""
 VENTRICLE_CENTRE = np.array([0.014, 0.0, 0.006])
 VENTRICLE_SEMI_AXES = np.array([0.009, 0.021, 0.010])
+FREE_MARGIN = 0.5
+"""The falx ends at an ellipsoid of this part of the brain's axes."""
+TENTORIUM_HEIGHT = -0.020
+"""z of the tentorium, a horizontal plane (m); the falx stands on it."""
+NOTCH_CENTRE, NOTCH_RADIUS = -0.020, 0.020
+"""The tentorium lies behind this y (m), but for half a disc of this radius around the brain stem."""
+SHEETS = ("falx", "tentorium")
 NEAR_DEPTH = 0.016
 """Depth (m) of the zone under the craniotomy that is meshed finer."""
 MOST_LOST = 0.01
@@ -110,7 +117,9 @@ def _way_out(target: np.ndarray) -> np.ndarray:
     return target * squared / (squared + shift) - target
 
 
-def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes: Sizes | None = None) -> ngs.Mesh:
+def idealised_head(
+    cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes: Sizes | None = None, sheets: Sequence[str] = ()
+) -> ngs.Mesh:
     """A smooth brain, optionally opened: curved elements of second order, none folded (see `curve`).
 
     Regions `cortex`, `white`, `ventricle_left`, `ventricle_right`; boundaries `skull` (the surface), `ventricle_wall`,
@@ -119,15 +128,20 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
     cleft        from `cleft_to`; None for the whole head
     craniotomy   diameter (m)
     sizes        element sizes
+    sheets       "falx", "tentorium" or both: faces inside the brain, boundaries of that name. The falx is the part of the mid
+                 plane outside an ellipsoid of half the brain's axes and above the tentorium; this is the horizontal plane
+                 20 mm below the middle, behind the notch for the brain stem. A cleft cuts through them.
 
-    The mesh is curved already: its `Curve` must not be called. Raises `InputError` for sizes that are too large
-    and for a cleft that opens a ventricle.
+    The mesh is curved already: its `Curve` must not be called. Raises `InputError` for sizes that are too large,
+    a cleft that opens a ventricle, and other names of sheets.
 
     >>> mesh = idealised_head(sizes=Sizes(far=0.018, grading=0.5))
     >>> sorted(set(mesh.GetMaterials()))
     ['cortex', 'ventricle_left', 'ventricle_right', 'white']
     """
     sizes = sizes or Sizes()
+    if unknown := sorted(set(sheets) - set(SHEETS)):
+        raise InputError("sheets", repr(unknown[0]), nearest(unknown[0], SHEETS))
     brain, inner = _ellipsoid(np.zeros(3), SEMI_AXES), _ellipsoid(np.zeros(3), SEMI_AXES - CORTEX_THICKNESS)
     brain.faces.name = "skull"
     left = _ellipsoid(VENTRICLE_CENTRE * [-1, 1, 1], VENTRICLE_SEMI_AXES)
@@ -145,7 +159,9 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
         for piece in pieces:
             piece.mat(name)
         parts += pieces
-    whole = occ.Glue([*parts, left, right])
+    dura = [_sheet(name, brain) for name in SHEETS if name in sheets]
+    dura = [sheet if cleft is None else _without(sheet, _slot(cleft)) for sheet in dura]
+    whole = occ.Glue([*parts, left, right, *dura])
     for face in whole.faces:
         if cleft is not None and face.name == "skull" and _under(face, cleft, craniotomy):
             face.name = "craniotomy"
@@ -155,13 +171,33 @@ def idealised_head(cleft: Cleft | None = None, craniotomy: float = 40e-3, sizes:
         straight = _mesh(whole, sizes.far, sizes.grading)
         curve(straight)
         mesh = ngs.Mesh(straight)
-        lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / whole.mass
+        solid = sum(part.mass for part in whole.solids)  # of the whole it is wrong where faces lie inside solids
+        lost = 1 - ngs.Integrate(ngs.CF(1), mesh) / solid
         if abs(lost) > MOST_LOST:
             raise InputError("mesh sizes", f"such that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
     except InputError as error:
         wanted = "less, or smaller body.near_mm or body.site_mm"
         raise InputError("body.far_mm", f"{1e3 * sizes.far:g}, {error.value}", wanted) from error
     return mesh
+
+
+def _sheet(name: str, brain: occ.Solid) -> occ.TopoDS_Shape:
+    below = occ.Box(occ.Pnt(-1, -1, -1), occ.Pnt(1, 1, TENTORIUM_HEIGHT))
+    if name == "falx":
+        plane = occ.WorkPlane(occ.Axes((0, 0, 0), occ.X, occ.Y)).RectangleC(1, 1).Face()
+        sheet = plane * brain - _ellipsoid(np.zeros(3), FREE_MARGIN * SEMI_AXES) - below
+    else:
+        plane = occ.WorkPlane(occ.Axes((0, 0, TENTORIUM_HEIGHT), occ.Z, occ.X)).RectangleC(1, 1).Face()
+        before = occ.Box(occ.Pnt(-1, NOTCH_CENTRE, -1), occ.Pnt(1, 1, 1))
+        sheet = plane * brain - before - occ.Cylinder(occ.Pnt(0, NOTCH_CENTRE, -1), occ.Z, r=NOTCH_RADIUS, h=2)
+    sheet.faces.name = name
+    return sheet
+
+
+def _without(sheet: occ.TopoDS_Shape, slot: occ.Solid) -> occ.TopoDS_Shape:
+    name, rest = sheet.faces[0].name, sheet - slot
+    rest.faces.name = name
+    return rest
 
 
 def _opened(tissue: occ.TopoDS_Shape, cleft: Cleft, craniotomy: float, sizes: Sizes) -> list[occ.TopoDS_Shape]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from ngbrain.errors import InputError, require
 from ngbrain.report import figures, slices, tables
+from ngbrain.report.page import write_page
 from ngbrain.report.peak import Peak
 from ngbrain.report.style import colour
 
@@ -31,16 +31,28 @@ def build(folder: str | os.PathLike[str]) -> Path:
         require(package, "report")
     folder = Path(folder)
     result = _read(folder / "result.json")
-    page = _page(result, _pictures(folder, result))
-    path = folder / "report.html"
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    return path
+    answers, comparison = result["answers"], result.get("comparison") or {}
+    openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
+    pictures, shown, time = _pictures(folder, result)
+    return write_page(
+        folder / "report.html",
+        "report.html",
+        pictures,
+        result=result,
+        shown=shown,
+        time=tables.duration(time),
+        same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
+        protocols={name: colour(name, answers) for name in answers},
+        headlines=tables.headlines(answers),
+        findings=tables.findings(answers, comparison.get("findings") or []),
+        rows=tables.comparison(answers),
+        checks=tables.checks(result.get("checks") or {}),
+        equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
+        band=result.get("material_band") or {},
+        geometry=result["geometry"],
+        model=result.get("model") or {},
+        volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -61,8 +73,8 @@ def _read(path: Path) -> dict[str, Any]:
     return result
 
 
-def _pictures(folder: Path, result: dict[str, Any]) -> dict[str, str]:
-    """Name → PNG as base64. Space is drawn for the protocol whose strain is largest, the first of equals."""
+def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], str, float]:
+    """Name → PNG; the protocol that space is drawn for, whose strain is largest, the first of equals; when that is (s)."""
     answers = result["answers"]
     strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
     shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))
@@ -80,34 +92,4 @@ def _pictures(folder: Path, result: dict[str, Any]) -> dict[str, str]:
     }
     if image:
         drawn["slices"] = slices.slices(image, peak)
-    encoded = {name: base64.b64encode(png).decode() for name, png in drawn.items()}
-    return {**encoded, "protocol": shown, "time": tables.duration(peak.time)}
-
-
-def _page(result: dict[str, Any], pictures: dict[str, str]) -> str:
-    jinja2 = require("jinja2", "report")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
-        undefined=jinja2.ChainableUndefined,
-    )  # fmt: skip
-    answers = result["answers"]
-    environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size)
-    comparison = result.get("comparison") or {}
-    openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
-    return str(
-        environment.get_template("report.html").render(
-            result=result,
-            pictures=pictures,
-            same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
-            protocols={name: colour(name, answers) for name in answers},
-            headlines=tables.headlines(answers),
-            findings=tables.findings(answers, comparison.get("findings") or []),
-            rows=tables.comparison(answers),
-            checks=tables.checks(result.get("checks") or {}),
-            equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
-            band=result.get("material_band") or {},
-            geometry=result["geometry"],
-            model=result.get("model") or {},
-            volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),
-        )
-    )
+    return drawn, shown, peak.time

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,12 +14,15 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.quality import Quality
-from ngbrain.report import tables
+from ngbrain.report.page import write_page
 from ngbrain.report.render import Camera, Layer, draw
 from ngbrain.report.style import WIDTH, bar_mm, figure, inches, png, style
 from ngbrain.report.surface import Floats, Ints, cut_surface, cut_tets, vertex_normals
 
-COLOURS = ("#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#F0E442")
+COLOURS = (
+    "#56B4E9", "#999999", "#F2E6C9", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00",
+    "#F0E442", "#882255", "#44AA99", "#332288", "#AA4499", "#117733", "#DDCC77", "#661100",
+)  # fmt: skip
 """Of regions in their order, over and over."""
 KNOWN = {"csf": 0, "grey": 1, "white": 2, "ventricles": 3, "brain": 2}
 VIEWS = (("Sagittal", 0, 1, 2), ("Coronal", 1, 0, 2), ("Axial", 2, 0, 1))
@@ -46,27 +48,12 @@ def build(
 
     Raises `MissingExtra` where matplotlib or jinja2 is not installed.
     """
-    jinja2 = require("jinja2", "report")
     pictures = {
         "slices": slices(elements, labels.upright(), t1, at),
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
-        undefined=jinja2.ChainableUndefined,
-    )  # fmt: skip
-    environment.filters.update(number=tables.number, duration=tables.duration)
-    encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
-    page = environment.get_template("anatomy.html").render(result=result, pictures=encoded, scan=t1 is not None)
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        part.write_text(str(page), encoding="utf-8")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
+    return write_page(Path(path), "anatomy.html", pictures, result=result, scan=t1 is not None)
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) -> bytes:

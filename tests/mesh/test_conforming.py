@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.conforming import conforming, named
-from ngbrain.mesh.indicators import Indicators
+from ngbrain.mesh.indicators import MOST, Indicators
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import improved, shapes
@@ -257,6 +257,42 @@ def test_a_face_is_swapped_inside_a_region_only():
         swaps = Reconnection(points, tets, np.array(region))
         assert swaps.improve(0.8) == count - 2 and len(swaps.arrays()[0]) == count
         assert (shapes(points[swaps.arrays()[0]]) > 0).all()
+
+
+def test_a_flat_element_on_the_surface_joins_the_outside_unless_surfaces_would_touch():
+    corners = [
+        [0, 0, 0],
+        [2, 0, 0],
+        [1, 1, 0.1],
+        [1, -1, 0.1],
+    ]  # flat, its upper edge from 2 to 3, its lower one from 0 to 1
+    points = np.array([*corners, [1, 0, 3.0], [1, 0.5, -3.0], [1, -0.5, -3.0]])
+    tets = np.array([[0, 1, 2, 3], [0, 2, 3, 4], [1, 2, 3, 4], [0, 1, 2, 5], [0, 1, 3, 6], [0, 1, 5, 6]])
+    turned = shapes(points[tets]) < 0
+    tets[turned] = tets[turned][:, [1, 0, 2, 3]]
+    for region, joins in (([1, 0, 0, 1, 1, 1], True), ([1, 1, 1, 0, 0, 0], True), ([1, 0, 0, 1, 1, 0], False)):
+        swaps = Reconnection(points, tets, np.array(region))
+        assert (swaps._outside(0) is not None) == joins
+        swaps.improve(0.2)
+        assert not joins or (swaps.arrays()[1] > 0).sum() == sum(region) - 1
+
+
+def test_shares_that_are_filled_have_the_volume_of_a_thin_shell_but_for_a_quarter():
+    labels = shell()
+    smooth = Indicators.of(labels, 1.5e-3)
+    wanted, before, after = (
+        np.bincount(numbers.ravel(), minlength=3)[1]
+        for numbers in (labels.numbered(), smooth.shares.argmax(axis=0), smooth.filled(labels).shares.argmax(axis=0))
+    )
+    assert before < 0.9 * wanted and abs(wanted - after) < 0.4 * (wanted - before)
+    assert (np.abs(smooth.filled(labels).shares - smooth.shares) <= MOST).all()
+
+
+def test_large_elements_leave_no_spikes():
+    made = conforming(shell(), same(5e-3))
+    outer = np.isin(made.boundary, [k for k, name in enumerate(made.boundaries) if name.startswith("outer")])
+    away = np.linalg.norm(made.points[np.unique(made.triangles[outer])], axis=1)
+    assert away.max() < 19e-3
 
 
 def test_moves_make_the_worst_better_and_stay_where_they_may():

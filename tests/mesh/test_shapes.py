@@ -8,7 +8,15 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.mesh import Sizes, block, cleft_to, idealised_head, load
-from ngbrain.mesh.shapes import SEMI_AXES, VENTRICLE_SEMI_AXES
+from ngbrain.mesh.shapes import (
+    FREE_MARGIN,
+    NOTCH_CENTRE,
+    NOTCH_RADIUS,
+    SEMI_AXES,
+    SHEETS,
+    TENTORIUM_HEIGHT,
+    VENTRICLE_SEMI_AXES,
+)
 
 TARGET = np.array([17.0, 5.9, 26.2]) * 1e-3
 COARSE = Sizes(4e-3, 10e-3, 24e-3)
@@ -54,6 +62,53 @@ def test_the_cleft_has_exact_planes_and_the_depth_asked_for(opened):
         a, b, c = cleft.coordinates(np.array([mesh[vertex].point]))[0]
         assert a == pytest.approx(2e-3, abs=1e-12) and abs(b) < 6.0001e-3 and c > -1e-9
     assert area(mesh, "wall_plus") == pytest.approx(area(mesh, "wall_minus"), rel=1e-2)
+
+
+def segment(a, b, height):
+    """Area of the part of an ellipse above a height along its half axis b."""
+    t = height / b
+    return a * b * (np.pi / 2 - t * np.sqrt(1 - t * t) - np.arcsin(t))
+
+
+def sheet_areas():
+    """Closed forms: an ellipse less the inner one, both above the tentorium; a part of an ellipse less half a disc."""
+    x, y, z = SEMI_AXES
+    falx = segment(y, z, TENTORIUM_HEIGHT) - segment(FREE_MARGIN * y, FREE_MARGIN * z, TENTORIUM_HEIGHT)
+    cut = np.sqrt(1 - (TENTORIUM_HEIGHT / z) ** 2)
+    return falx, segment(cut * x, cut * y, -NOTCH_CENTRE) - np.pi * NOTCH_RADIUS**2 / 2
+
+
+@pytest.mark.parametrize("sheets", [("falx",), ("tentorium",), SHEETS])
+def test_falx_and_tentorium_have_the_areas_of_closed_forms(sheets):
+    mesh = idealised_head(sizes=COARSE, sheets=sheets)
+    assert set(mesh.GetBoundaries()) == {"skull", "ventricle_wall", "inside", *sheets}
+    assert set(mesh.GetMaterials()) == {"cortex", "white", "ventricle_left", "ventricle_right"}
+    for name, exact in zip(SHEETS, sheet_areas(), strict=True):
+        if name in sheets:
+            assert area(mesh, name) == pytest.approx(exact, rel=2e-3)
+    assert volume(mesh, ".*") == pytest.approx(4 / 3 * np.pi * np.prod(SEMI_AXES), rel=2e-3)
+
+
+def test_sheets_lie_in_their_planes_with_tissue_on_both_sides():
+    mesh = idealised_head(sizes=COARSE, sheets=SHEETS)
+    for name, axis, level in (("falx", 0, 0.0), ("tentorium", 2, TENTORIUM_HEIGHT)):
+        faces = [element.faces[0] for element in mesh.Boundaries(name).Elements()]
+        places = np.array([mesh[v].point for element in mesh.Boundaries(name).Elements() for v in element.vertices])
+        assert np.abs(places[:, axis] - level).max() < 1e-9
+        assert all(len(mesh[face].elements) == 2 for face in faces)
+
+
+def test_a_cleft_cuts_the_falx():
+    cleft = cleft_to(1e-3 * np.array([0.0, 10.0, 45.0]), approach=np.array([0, 0, 1.0]), across=np.array([0, 1.0, 0]))
+    mesh = idealised_head(cleft, sizes=COARSE, sheets=("falx",))
+    falx, _ = sheet_areas()
+    assert area(mesh, "falx") < falx - 0.9 * 4e-3 * cleft.depth
+    assert area(mesh, "craniotomy") > 0
+
+
+def test_unknown_sheets_are_refused():
+    with pytest.raises(InputError, match="sheets is 'flax'; wanted: did you mean 'falx'"):
+        idealised_head(sheets=("flax",))
 
 
 def test_the_craniotomy_is_a_disc_of_40_mm(opened):

@@ -58,3 +58,17 @@ def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
     assert image.shape == subject.shape and 1e3 * subject.affine[:3] == pytest.approx(image.affine[:3], abs=1e-3)
     assert 1700 < sum(volumes_ml(made).values()) < 2000
     assert result["quality"]["min_dihedral_deg"] > (8 if route != "conforming" else 3)
+
+
+@pytest.mark.slow
+def test_a_raw_scan_with_its_structures(tmp_path):
+    subject = Subject.of_structures(colin27().source)
+    result, made = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", Graded(5e-3, 5e-3))
+    print(result["regions"], result["quality"], result["time_s"])
+    for name, region in result["regions"].items():
+        bound = 0.12 if name == "csf" else 0.03
+        assert region["volume_ml"] == pytest.approx(region["label_volume_ml"], rel=bound), name
+    mesh = made.mesh()
+    assert {"grey_left", "white_right", "brain_stem", "deep_grey_left", "corpus_callosum"} <= set(made.regions)
+    assert mesh.Materials("white.*").Mask().NumSet() == 3
+    assert mesh.Boundaries("(grey|white)_(left|right)_(grey|white)_cerebellum").Mask().NumSet() >= 1

@@ -221,6 +221,7 @@ def test_all_pictures_decode(page: str) -> None:
 
 
 def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
+    assert len(re.findall(r"Protocol \w+, \d+ (?:s|min)", page)) == 2
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     for name in ("continuous", "intermittent", "my own &lt;way&gt;"):
         assert name in text

@@ -216,6 +216,12 @@ class WaveData:
         return ~np.isnan(self.displacement)
 
     @property
+    def rms(self) -> np.ndarray:
+        """(loads, 1, d) m: the rms of |u| over the measured points of each component, 0 where there are none."""
+        size = np.nan_to_num(np.abs(self.displacement))
+        return np.sqrt((size**2).sum(axis=1, keepdims=True) / np.maximum(self.measured.sum(axis=1, keepdims=True), 1))
+
+    @property
     def truth_views(self) -> dict[str, np.ndarray]:
         """The truth under the names of the answers: youngs, or storage and loss (Pa), or mu, zeta, phi.
 
@@ -228,7 +234,7 @@ class WaveData:
             return views
         if self.rheology == "elastic":
             return {**views, "youngs": np.real(self.youngs_of(shear) if youngs is None else youngs)}
-        shear = self._shear_of(youngs) if shear is None else shear
+        shear = self.shear_of(youngs) if shear is None else shear
         return {**views, "storage": np.real(shear), "loss": np.imag(shear)}
 
     def youngs_of(self, shear: Any) -> Any:
@@ -237,7 +243,8 @@ class WaveData:
             return 2 * shear * (1 + float(self.poisson or 0))
         return 9 * self.bulk * shear / (3 * self.bulk + shear)
 
-    def _shear_of(self, youngs: Any) -> Any:
+    def shear_of(self, youngs: Any) -> Any:
+        """Shear modulus (Pa) that belongs to Young's modulus E (Pa): the inverse of `youngs_of`."""
         if self.bulk is None:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
@@ -258,10 +265,7 @@ class WaveData:
         """
         sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
         a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))
-        size = np.nan_to_num(np.abs(self.displacement))
-        count = np.maximum(self.measured.sum(axis=1, keepdims=True), 1)
-        rms = np.sqrt((size**2).sum(axis=1, keepdims=True) / count)
-        noisy = self.displacement + sigma * rms * (a + 1j * b) / np.sqrt(2)
+        noisy = self.displacement + sigma * self.rms * (a + 1j * b) / np.sqrt(2)
         return replace(self, displacement=noisy, noise=float(np.hypot(self.noise or 0.0, sigma)))
 
 

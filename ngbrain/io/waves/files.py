@@ -16,6 +16,7 @@ from ngbrain.errors import InputError, NgbrainError
 from ngbrain.image.niftifile import NIFTI
 from ngbrain.io.waves.data import TRUTHS, WaveData
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
+from ngbrain.io.whole import whole
 
 _REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
 _OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine")
@@ -142,7 +143,7 @@ def _read_h5(path: Path) -> dict[str, Any]:
 
 
 def _write_npz(path: Path, data: WaveData) -> None:
-    _whole(path, lambda part: np.savez_compressed(part, **to_keys(data)))
+    whole(path, lambda part: np.savez_compressed(part, **to_keys(data)))
 
 
 def _write_h5(path: Path, data: WaveData) -> None:
@@ -151,17 +152,7 @@ def _write_h5(path: Path, data: WaveData) -> None:
             for name, value in to_keys(data).items():
                 file[name] = value
 
-    _whole(path, write)
-
-
-def _whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Write beside the place, then rename: a reader never sees half a file."""
-    part = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
-    try:
-        write(part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    whole(path, write)
 
 
 def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:

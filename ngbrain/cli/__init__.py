@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.cli.invert import add_invert
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
 from ngbrain.mesh.grading import Graded
@@ -41,7 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
         return EXIT_SOLVER
     except KeyboardInterrupt:
-        print(f"ngbrain: stopped; go on with --resume -o {arguments.output}", file=sys.stderr)
+        resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
+        print(f"ngbrain: stopped{resumed}", file=sys.stderr)
         return EXIT_INTERRUPTED
 
 
@@ -65,23 +67,32 @@ def _parser() -> argparse.ArgumentParser:
     mesh.add_argument(
         "--names", type=_names, metavar="N=NAME,…", help="what labels are called, or freesurfer, spm, ngbrain"
     )
+    mesh.add_argument(
+        "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
+    )
     mesh.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
     mesh.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     mesh.add_argument(
         "--site", type=_point, metavar="X,Y,Z", help="a point (mm, as the file places it) to be finer around"
     )
     mesh.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site (2)")
-    mesh.add_argument("--radius", type=_length, default=20e-3, metavar="MM", help="of what is that fine (20)")
+    mesh.add_argument("--radius", type=_length, metavar="MM", help="around it that is so fine (20; lattice 11)")
+    mesh.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
     mesh.set_defaults(verb=_mesh)
-    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf")):
+    invert = add_invert(verbs)
+    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted")):
         kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
-        if verb is not mesh:
+        if verb in (demo, retract):
             verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         verb.add_argument(
-            "--threads", type=_positive, default=os.cpu_count() or 1, metavar="N", help="processes side by side"
+            "--threads",
+            type=_positive,
+            default=1 if verb is invert else os.cpu_count() or 1,
+            metavar="N",
+            help="for assembly (1)" if verb is invert else "processes side by side",
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser
@@ -118,12 +129,16 @@ def _names(text: str) -> str | dict[int, str]:
 def _mesh(arguments: argparse.Namespace) -> None:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
-    subject = (
-        Subject.of_labels(arguments.image, arguments.names) if arguments.labels else Subject.of_scan(arguments.image)
-    )
+    if arguments.labels and arguments.structures:
+        raise InputError("--structures", "given with --labels", "a T1 scan to find them in, or --labels without it")
+    if arguments.labels:
+        subject = Subject.of_labels(arguments.image, arguments.names)
+    else:
+        subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
-    size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, arguments.radius)
-    result, mesh = write_subject(subject, arguments.output, arguments.route, size)
+    radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
+    size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, radius)
+    result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve)
     from ngbrain.report import anatomy
 
     shown = 1e-3 * np.array(result["shown_mm"])
@@ -133,6 +148,10 @@ def _mesh(arguments: argparse.Namespace) -> None:
             print(f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml")
         quality = result["quality"]
         print(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
+        if snaps := result.get("snaps"):
+            print(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
+        if off := result.get("curved"):
+            print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
 
 
 def _demo(arguments: argparse.Namespace) -> None:

@@ -1,0 +1,135 @@
+"""The verb `invert`: wave data to property maps."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, SolverError, require
+from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
+from ngbrain.inverse.files import finite, write_inversion
+from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.invert import REGULARISERS, invert
+from ngbrain.io import write_json
+from ngbrain.io.versions import versions
+from ngbrain.io.waves import WaveData, read_waves
+from ngbrain.io.waves.files import in_file
+from ngbrain.progress import ProgressLine
+from ngbrain.report import parameters
+from ngbrain.threads import threads
+
+DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
+SEED = 0
+"""Of the probes that estimate how much the data determine."""
+
+
+def add_invert(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb to a parser's verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser("invert", help="property maps from wave data")
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    parser.add_argument(
+        "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
+    )
+    parser.add_argument(
+        "--model-error", type=float, default=0.0, metavar="SIGMA", help="what the model cannot fit, likewise (0)"
+    )
+    parser.add_argument(
+        "--discretisation",
+        choices=tuple(DISCRETISATIONS),
+        help="the data's own elements, or ours (the data's, if it has some)",
+    )
+    parser.add_argument(
+        "--regulariser", choices=("auto", *REGULARISERS), default="auto", help="auto: the better by cross-validation"
+    )
+    parser.add_argument(
+        "--starts", choices=("all", "waves"), default="all", help="measured waves, or uniform fields too (all)"
+    )
+    parser.set_defaults(verb=run)
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, invert, write, report, print."""
+    started, rounds = time.monotonic(), list[Iteration]()
+    data = _checked(arguments)
+    folder: Path = arguments.output
+    folder.mkdir(parents=True, exist_ok=True)
+    with ProgressLine(arguments.quiet) as line, threads(arguments.threads), in_file(arguments.data):
+
+        def tell(iteration: Iteration) -> None:
+            rounds.append(iteration)
+            line.tell(_round(iteration, len(rounds)))
+
+        line.tell("reading")
+        chosen = arguments.discretisation
+        try:
+            inversion = invert(
+                data,
+                DISCRETISATIONS[chosen](data) if chosen else None,
+                noise=arguments.noise,
+                model_error=arguments.model_error,
+                regulariser=arguments.regulariser,
+                uniform=arguments.starts == "all",
+                tell=tell,
+            )
+        except SolverError:
+            write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
+            raise
+    result = write_inversion(
+        folder,
+        inversion,
+        verb="invert",
+        source=arguments.data.name,
+        versions=versions(),
+        seed=SEED,
+        threads=arguments.threads,
+        time_s=time.monotonic() - started,
+    )
+    from ngbrain.report import elastography
+
+    report = elastography.build(folder / "report.html", result, inversion.data, inversion.arrays())
+    if not arguments.quiet:
+        print(summary(result), f"report: {report}", sep="\n")
+
+
+def _checked(arguments: argparse.Namespace) -> WaveData:
+    """The data; what is wrong or missing is said before the work begins."""
+    for package in ("matplotlib", "jinja2"):
+        require(package, "report")
+    for option, level in (("--noise", arguments.noise), ("--model-error", arguments.model_error)):
+        if level is not None and not 0 <= level <= 10:
+            raise InputError(option, level, "relative, from 0 to 10 (0.02: two per cent)")
+    folder: Path = arguments.output
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    data = read_waves(arguments.data)
+    if data.affine is not None:
+        require("nibabel", "mri")
+    return data
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The result as text: parameters, starts, what was assumed and found, notes."""
+    lines = [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>9}"]
+    for row in parameters.parameters(result):
+        median, iqr, error = (text for text, _ in row.cells)
+        lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>9}")
+    symbols = [parameters.PARAMETERS[name].symbol for name in result["answers"]]
+    heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "CPU s"]
+    lines += ["", f"{'start':<34}" + "".join(f"{head:>11}" for head in heads)]
+    for row in parameters.starts(result):
+        name = f"{row.name} *" if row.unit else row.name
+        lines.append(f"{name:<34}" + "".join(f"{text:>11}" for text, _ in row.cells))
+    lines += ["* kept", ""]
+    lines += [f"{name}: {text}" for name, text in parameters.facts(result)]
+    lines += [f"Time: {result['time_s']:.1f} s on {result['threads']} thread{'s' if result['threads'] > 1 else ''}"]
+    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])
+
+
+def _round(iteration: Iteration, number: int) -> str:
+    start = {"waves": "measured waves", "fields": "descent"}[iteration.phase]
+    return f"round {number}, {start}: misfit {iteration.misfit / iteration.expected:.3g} times what is expected"

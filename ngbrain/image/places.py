@@ -1,0 +1,143 @@
+"""Where parts of the brain lie in the MNI152 template: a few lines, tubes and ellipsoids, as markers for a search.
+
+All coordinates are in mm of the symmetric template that nilearn ships (ICBM 2009a; right, front, up from the anterior
+commissure), rounded to whole millimetres. They are for telling what is surely inside from what is surely outside: the
+borders themselves come from the subject's own scan. The tentorium and the corpus callosum were read off the template's
+picture; outline of the brain stem, and places and sizes of the nuclei, were set with atlases of MNI space beside it
+(neuromorphometrics); centres of nuclei are within 3 mm of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+Points = np.ndarray
+
+# Height of the tentorium: rows by y, columns by |x|. In front of the cerebellum it dives below the temporal lobes.
+_AWAY = (0, 5, 10, 15, 20, 30, 40, 50, 60)
+_TENTORIUM = {
+    -22: (-90, -90, -90, -90, -90, -90, -90, -90, -90),
+    -28: (-28, -28, -26, -26, -26, -45, -60, -70, -80),
+    -34: (-2, -6, -12, -16, -20, -28, -38, -50, -60),
+    -46: (0, 0, -6, -12, -16, -22, -26, -30, -40),
+    -58: (4, 0, -6, -10, -14, -20, -22, -24, -32),
+    -70: (-8, -10, -10, -14, -14, -18, -20, -24, -32),
+    -82: (-20, -18, -18, -18, -18, -20, -24, -30, -38),
+    -94: (-30, -28, -26, -25, -25, -28, -34, -40, -45),
+    -106: (-45, -45, -42, -40, -40, -42, -45, -50, -55),
+}
+# Outline of the brain stem: z, half width, back and front.
+_STEM = np.array(
+    [
+        (3, 9, -36, -22),
+        (-4, 13, -38, -22),
+        (-10, 16, -41, -20),
+        (-16, 18, -40, -17),
+        (-20, 18, -39, -13),
+        (-25, 18, -41, -11),
+        (-30, 19, -42, -11),
+        (-35, 18, -43, -12),
+        (-40, 17, -43, -14),
+        (-45, 15, -44, -17),
+        (-50, 13, -46, -23),
+        (-55, 12, -47, -29),
+        (-60, 10, -48, -31),
+        (-65, 8, -48, -33),
+        (-72, 7, -48, -36),
+    ],
+    float,
+)
+# Through the mammillary bodies' back and the posterior commissure, y and z: above it the diencephalon begins.
+_TOP = np.array([(-14.0, -18.0), (-27.0, 2.0)])
+# The corpus callosum in the mid plane from the rostrum over the genu to the splenium, y and z.
+CALLOSUM = np.array([(12, -5), (24, -3), (31, 8), (24, 19), (10, 25), (-10, 27), (-25, 23), (-36, 15), (-38, 8)], float)
+CRISTA_GALLI = np.array([58.0, -24.0])
+"""y and z: where the falx begins in front."""
+
+
+def tentorium(points: Points) -> np.ndarray:
+    """Height (n,) of the tentorium at points (n, 3): where it would be, right up to the mid line and the skull.
+
+    >>> tentorium(np.array([[0, -58, 0], [-40.0, -64, 0]]))
+    array([ 4., -21.])
+    """
+    rows = sorted(_TENTORIUM)
+    table = np.array([_TENTORIUM[y] for y in rows], float)
+    at = np.stack([points[:, 1].clip(rows[0], rows[-1]), np.abs(points[:, 0]).clip(0, _AWAY[-1])], axis=1)
+    return np.asarray(RegularGridInterpolator((rows, _AWAY), table)(at))
+
+
+def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """How far points (n, 3) are from the axis of the brain stem, 1 on its outline; how far (mm) below its upper end.
+
+    >>> np.round(stem(np.array([[0, -26.5, -30], [19, -26.5, -30]])), 1)
+    array([[ 0., 1.], [17., 17.]])
+    """
+    z = -points[:, 2]
+    half, back, front = (np.interp(z, -_STEM[:, 0], column) for column in _STEM[:, 1:].T)
+    radius = np.hypot(points[:, 0] / half, (points[:, 1] - (back + front) / 2) / ((front - back) / 2))
+    (y0, z0), along = _TOP[0], _TOP[1] - _TOP[0]
+    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    return radius, (points[:, 1] - y0) * normal[0] + (points[:, 2] - z0) * normal[1]
+
+
+@dataclass(frozen=True)
+class Nucleus:
+    """An ellipsoid on the right; its mirror image is on the left.
+
+    centre  mm
+    axes    directions (3, 3) as rows, short, middle and long
+    half    half the axes' lengths (mm)
+    core    radius up to which all is of the nucleus
+    reach   radius beyond which nothing is
+    """
+
+    centre: tuple[float, float, float]
+    axes: tuple[tuple[float, float, float], ...]
+    half: tuple[float, float, float]
+    core: float
+    reach: float
+
+    def radius(self, points: Points) -> np.ndarray:
+        """Of points (n, 3) from the nearer of the two centres, 1 on the ellipsoid.
+
+        >>> NUCLEI["thalamus"].radius(np.array([[12, -18, 6], [-12.0, -18, 6]]))
+        array([0., 0.])
+        """
+        right = points * [1, 1, 1]
+        right[:, 0] = np.abs(points[:, 0])
+        turn, _ = np.linalg.qr(np.array(self.axes).T[:, ::-1])  # the long axis exactly, the others nearly
+        return np.linalg.norm((right - self.centre) @ turn[:, ::-1] / self.half, axis=1)
+
+
+NUCLEI = {
+    "caudate": Nucleus((13, 12, 10), ((0.9, -0.2, -0.3), (-0.4, -0.6, -0.7), (-0.1, 0.7, -0.7)), (6, 10, 27), 0.7, 1.4),
+    "putamen": Nucleus((26, 3, 0), ((0.9, 0.3, -0.1), (0.0, -0.3, -0.9), (-0.3, 0.9, -0.3)), (7, 13, 23), 0.7, 1.25),
+    "pallidum": Nucleus((21, -1, -1), ((0.8, 0.6, -0.1), (0.1, 0.1, 1.0), (-0.6, 0.8, 0.0)), (5, 7, 14), 0.9, 1.15),
+    "thalamus": Nucleus((12, -18, 6), ((0.9, 0.4, 0.1), (0.0, -0.2, 1.0), (-0.4, 0.9, 0.2)), (11, 12, 22), 0.9, 1.2),
+}
+
+
+# The free margin of the falx around y = 5, z = 0: angle (degrees, from front to up) and distance (mm). It begins at the crista
+# galli, runs 5 mm above the corpus callosum and ends behind the splenium, where the straight sinus begins.
+_MIDDLE = np.array([5.0, 0.0])
+_MARGIN = np.array(
+    [(-24, 58), (0, 42), (17, 33), (45, 33), (79, 31), (119, 36), (143, 42), (160, 48), (210, 50)], float
+)
+
+
+def free_margin(where: Points) -> np.ndarray:
+    """How far (mm) places y, z (..., 2) of the mid plane are outside the free margin of the falx; below 0 inside it.
+
+    >>> free_margin(np.array([[5.0, 60.0], [5.0, 0.0]])).round(0)
+    array([ 28., -42.])
+    """
+    at = where - _MIDDLE
+    angle = np.degrees(np.arctan2(at[..., 1], at[..., 0]))
+    angle = np.where(angle < -90, angle + 360, angle)
+    inside = np.interp(angle, *_MARGIN.T)
+    open_below = (angle < _MARGIN[0, 0]) | (angle > _MARGIN[-1, 0])
+    return np.asarray(np.where(open_below, -1.0, np.linalg.norm(at, axis=-1) - inside))

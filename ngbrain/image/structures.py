@@ -1,0 +1,231 @@
+"""Structures of a brain from its tissues: hemispheres, cerebellum, brain stem, deep grey matter and corpus callosum.
+
+There is no atlas in this: marks at known places of the MNI152 template (`ngbrain.image.places`) are carried into the head
+by an affine map, and the scan itself says where the structures that they are in end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError, require
+from ngbrain.image import places
+from ngbrain.image.align import align
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.midsurface import MidSurface
+from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
+from ngbrain.image.volume import Volume, mni152
+
+LEFT, RIGHT, CEREBELLUM, STEM = range(1, 5)
+PARTS = {LEFT: "cerebrum_left", RIGHT: "cerebrum_right", CEREBELLUM: "cerebellum", STEM: "brain_stem"}
+"""Names of the parts of a brain."""
+NAMES = {
+    1: "csf",
+    2: "ventricles",
+    3: "grey_left",
+    4: "grey_right",
+    5: "white_left",
+    6: "white_right",
+    7: "grey_cerebellum",
+    8: "white_cerebellum",
+    9: "brain_stem",
+    10: "deep_grey_left",
+    11: "deep_grey_right",
+    12: "corpus_callosum",
+}
+"""Names of the regions."""
+_NUMBERS = {name: number for number, name in NAMES.items()}
+
+_BAND = 7.0  # mm to both sides of where the tentorium is expected, in which the scan decides
+_CORE, _RIM, _AROUND = 0.8, 1.25, 1.6  # radii of the brain stem: all stem inside, none outside, and what is looked at
+_SMOOTH = 0.6  # mm, of grey values in which valleys are looked for
+_EDGE = 0.7  # mm, of those in which edges are
+_TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
+_NEAR = 8.0  # mm about its expected course
+_BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
+_LIKE = 0.45  # least likeness to the template, as for a brain in its skull
+
+
+@dataclass(frozen=True, eq=False)
+class Structures:
+    """What a brain consists of.
+
+    labels  regions by the names in NAMES: tissue and structure in one, so that `grey.*` is all cortex, `.*_left` a side
+    parts   uint8: which of PARTS every voxel of the brain belongs to, fluid included; 0 is outside
+    affine  (4, 4), takes points of the MNI152 template (m) to points of the head (m)
+    middle  the surface between the halves, in the template
+    """
+
+    labels: LabelMap
+    parts: Volume
+    affine: np.ndarray
+    middle: MidSurface
+
+
+def structures(t1: Volume, tissues: Volume) -> Structures:
+    """Split the tissues of a T1 into structures.
+
+    Tissue is flooded from marks, bright first, so that floods meet in the dark between folds (Beucher & Meyer 1993):
+    cerebrum and cerebellum meet along the tentorium. The stem is cut from the cerebrum above the colliculi and behind the
+    mammillary bodies, where nothing in a T1 parts them. Left and right meet in the surface that follows the fissure
+    (`MidSurface`). Thalamus, caudate, putamen and pallidum are flooded from their middles up to edges of the grey values.
+    Corpus callosum is the white matter within 8 mm of the middle that is in its cross-section there. Right is where the
+    affine says that it is.
+
+    t1       without the coil's field; axes right, front, up, voxels of 1 mm (of 2 mm will do, but lose thin borders)
+    tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment`, 0 outside
+
+    Raises:
+        InputError: the two are on different voxels; no tissue; or the brain is not like the template's (correlation
+            below 0.45).
+        MissingExtra: nilearn or scikit-image is not installed.
+
+    >>> from ngbrain.image.tissues import structured  # structures of a scan's tissues, from the cache
+    >>> ml = structured(mni152()).labels.volumes_ml()
+    >>> f"{ml['brain_stem']:.0f} ml of stem, {ml['white_left'] / ml['white_right']:.2f} times as much white left as right"
+    '30 ml of stem, 1.00 times as much white left as right'
+    """
+    if t1.data.shape != tissues.data.shape or not np.allclose(t1.affine, tissues.affine, atol=1e-6):
+        raise InputError("tissues", f"on {tissues.data.shape} voxels", f"the voxels of the scan, {t1.data.shape}")
+    brain = tissues.data > 0
+    if not np.isin(tissues.data, (GREY, WHITE)).any():
+        raise InputError("tissues", "without grey and white matter", "labels of a whole brain")
+    dark = min(float(t1.data[brain].min()), 0.0)
+    head = Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
+    place = align(head, mni152().volume)
+    if place.likeness < _LIKE:
+        what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f})"
+        raise InputError("image", what, "a T1 of a whole brain")
+    middle = MidSurface.of(head, place.affine)
+    box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(brain.astype(np.uint8))[0])
+    case = _Case.of(head, tissues, place.affine, middle, box)
+    parts = case.parts()
+    labels = case.regions(parts)
+    whole, regions = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.uint8)
+    whole[box], regions[box] = parts, labels
+    return Structures(
+        LabelMap(Volume(regions, tissues.affine), NAMES), Volume(whole, tissues.affine), place.affine, middle
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and of every voxel in the brain the place
+    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm)."""
+
+    grey: np.ndarray
+    tissues: np.ndarray
+    size: np.ndarray
+    points: np.ndarray
+    right: np.ndarray
+
+    @classmethod
+    def of(cls, head: Volume, tissues: Volume, affine: np.ndarray, middle: MidSurface, box: tuple[slice, ...]) -> _Case:
+        brain = tissues.data[box] > 0
+        to = np.linalg.inv(affine) @ head.affine
+        index = np.argwhere(brain) + [axis.start for axis in box]
+        points = 1e3 * (index @ to[:3, :3].T + to[:3, 3])
+        return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, points, middle.right_of(points))
+
+    def on_grid(self, values: np.ndarray, outside: float = 0) -> np.ndarray:
+        """Values of the voxels in the brain, put into the box."""
+        grid = np.full(self.tissues.shape, outside, values.dtype)
+        grid[self.tissues > 0] = values
+        return grid
+
+    def parts(self) -> np.ndarray:
+        """PARTS of all voxels."""
+        flood = require("skimage.segmentation", "mri").watershed
+        above = self.points[:, 2] - places.tentorium(self.points)
+        radius, below = places.stem(self.points)
+        around = radius < _AROUND
+        marks = np.zeros(len(above), np.uint8)
+        marks[above > _BAND] = LEFT  # the cerebrum, for now as one
+        marks[(above < -_BAND) & (radius > _RIM)] = CEREBELLUM
+        marks[around] = 0
+        marks[around & (below < 0)] = LEFT
+        marks[(radius < _CORE) & (below > 0)] = STEM
+        matter = np.isin(self.tissues, (GREY, WHITE))
+        valleys = -ndimage.gaussian_filter(self.grey, _SMOOTH / self.size)
+        found = _whole(flood(valleys, np.where(matter, self.on_grid(marks), 0), mask=matter))
+        found = np.where(self.tissues > 0, _nearest(found), 0)
+        return _whole(np.where((found == LEFT) & (self.on_grid(self.right) >= 0), RIGHT, found).astype(np.uint8))
+
+    def regions(self, parts: np.ndarray) -> np.ndarray:
+        """NAMES of all voxels."""
+        regions = np.zeros_like(parts)
+        for tissue, name in ((CSF, "csf"), (VENTRICLE, "ventricles")):
+            regions[self.tissues == tissue] = _NUMBERS[name]
+        for part, ending in ((LEFT, "left"), (RIGHT, "right"), (CEREBELLUM, "cerebellum")):
+            for tissue, name in ((GREY, "grey"), (WHITE, "white")):
+                regions[(parts == part) & (self.tissues == tissue)] = _NUMBERS[f"{name}_{ending}"]
+        matter = np.isin(self.tissues, (GREY, WHITE))
+        regions[(parts == STEM) & matter] = _NUMBERS["brain_stem"]
+        regions[self.callosum(parts)] = _NUMBERS["corpus_callosum"]
+        deep = self.deep_grey()
+        regions[deep & (parts == LEFT)] = _NUMBERS["deep_grey_left"]
+        regions[deep & (parts == RIGHT)] = _NUMBERS["deep_grey_right"]
+        return regions
+
+    def deep_grey(self) -> np.ndarray:
+        """Mask of the four nuclei of both sides."""
+        flood = require("skimage.segmentation", "mri").watershed
+        matter = np.isin(self.tissues, (GREY, WHITE))
+        marks, far = np.zeros(len(self.points), np.uint8), np.ones(len(self.points), bool)
+        for number, nucleus in enumerate(places.NUCLEI.values(), 2):
+            radius = nucleus.radius(self.points)
+            marks[radius < nucleus.core] = number
+            far &= radius > nucleus.reach
+        marks[far] = 1
+        near = self.on_grid(~far)
+        found = np.zeros_like(near)
+        if not near.any():
+            return found
+        around = tuple(
+            slice(max(axis.start - 4, 0), axis.stop + 4) for axis in ndimage.find_objects(near.astype(int))[0]
+        )
+        edges = ndimage.gaussian_gradient_magnitude(self.grey[around], _EDGE / self.size)
+        found[around] = flood(edges, np.where(matter, self.on_grid(marks), 1)[around]) > 1
+        return ndimage.binary_opening(found)
+
+    def callosum(self, parts: np.ndarray) -> np.ndarray:
+        """Mask of the corpus callosum."""
+        near = (np.abs(self.right) <= _TRUNK) & (self._from_course() <= _NEAR)
+        white = (self.tissues == WHITE) & np.isin(parts, (LEFT, RIGHT))
+        middle = near & (np.abs(self.right) <= 1.5 * self.size.max()) & white[self.tissues > 0]
+        cell = np.rint((self.points[:, 1:] + _BACK_BELOW) / self.size.max()).astype(int).clip(0)
+        section = np.zeros(cell.max(axis=0) + 3, bool)
+        section[tuple(cell[middle].T)] = True
+        section = ndimage.binary_opening(ndimage.binary_closing(section))
+        section = ndimage.binary_dilation(_largest(section))
+        return _largest(white & self.on_grid(near & section[tuple(cell.T)]))
+
+    def _from_course(self) -> np.ndarray:
+        """Distance (n,) of places' y and z from the line along the corpus callosum, mm."""
+        best = np.full(len(self.points), np.inf)
+        for a, b in zip(places.CALLOSUM, places.CALLOSUM[1:], strict=False):
+            along = ((self.points[:, 1:] - a) @ (b - a) / ((b - a) @ (b - a))).clip(0, 1)
+            best = np.minimum(best, np.linalg.norm(self.points[:, 1:] - a - along[:, None] * (b - a), axis=1))
+        return best
+
+
+def _whole(parts: np.ndarray) -> np.ndarray:
+    """Each part in one piece: smaller pieces take the nearest label."""
+    kept = np.zeros_like(parts)
+    for part in np.setdiff1d(np.unique(parts), [0]):
+        kept[_largest(parts == part)] = part
+    return np.where(parts > 0, _nearest(kept), 0)
+
+
+def _nearest(parts: np.ndarray) -> np.ndarray:
+    """Labels everywhere: those of the nearest voxel that has one."""
+    where = ndimage.distance_transform_edt(parts == 0, return_distances=False, return_indices=True)
+    return np.asarray(parts[tuple(where)])
+
+
+def _largest(mask: np.ndarray) -> np.ndarray:
+    pieces, count = ndimage.label(mask)
+    return np.asarray(pieces == np.bincount(pieces.ravel())[1:].argmax() + 1) if count else mask

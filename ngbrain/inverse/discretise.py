@@ -1,0 +1,117 @@
+"""Which elements wave data are inverted in: those they were made in, or our own over the same points.
+
+Our own are quadrilaterals or hexahedra of an order p on cells of p × p data points, so that elements have as many unknowns as
+there are data; on scattered points in the plane, triangles between them. A field is looked for in half that order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import netgen.meshing as meshing
+import ngsolve as ngs
+import numpy as np
+from scipy.spatial import Delaunay
+
+from ngbrain.errors import InputError
+from ngbrain.io.waves import WaveData
+from ngbrain.mesh.grid import rectangles
+
+Array = np.ndarray
+NEARLY = 100.0
+"""K/G from which the pressure becomes an unknown."""
+LONGEST = 3.0
+SHARP = 0.05
+"""Triangles between scattered points are left out at the border when longer than this many median edges, or sharper (rad)."""
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """Elements for wave data.
+
+    mesh        in m
+    form        as `Harmonic` takes it
+    fields      order of the fields that are looked for
+    quadrature  as `Harmonic` takes it
+    inside      (n,) bool, the points in the mesh
+    nodal       whether the points are the mesh's vertices, one by one and in their order
+    """
+
+    mesh: ngs.Mesh
+    form: str
+    fields: int
+    quadrature: int | None
+    inside: Array
+    nodal: bool = False
+
+
+def as_made(data: WaveData) -> Discretisation:
+    """The elements `data.element` of the grid that the data were computed on: bilinear, with a 2×2 rule; q4p0 with pressures.
+
+    Raises `InputError` when the data name none.
+    """
+    if data.element is None:
+        raise InputError("element", "not given", "q4 or q4p0, or a discretisation of our own (fe)")
+    grid = data.structured
+    assert grid is not None  # WaveData has seen to it
+    lines = [start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)]
+    form = {"q4": "Q1", "q4p0": "Q1/L2(0)"}[data.element]
+    return Discretisation(rectangles(*lines), form, 1, 1, np.ones(len(data.points), bool), nodal=True)
+
+
+def in_elements(data: WaveData, order: int = 3) -> Discretisation:
+    """Elements of our own, of an order; one with pressures for nearly incompressible tissue."""
+    if data.dim == 3:
+        raise InputError("points", "in space", "points in the plane: problems in space have a route of their own")
+    form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
+    fields = max(1, (order + 1) // 2)
+    grid = data.structured
+    if grid is not None and grid.along and data.mask.all():
+        sides = [
+            np.linspace(start, start + step * (n - 1), max(2, round((n - 1) / order) + 1))
+            for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)
+        ]
+        return Discretisation(rectangles(*sides), form, fields, None, np.ones(len(data.points), bool))
+    mesh, inside = _between(data.points, data.mask)
+    low = "P2/P1" if "/" in form else "P2"
+    return Discretisation(mesh, low, 1, None, inside)
+
+
+def bulk_ratio(data: WaveData) -> float:
+    """K/G as far as the data say: by Poisson's ratio, or a bulk modulus over brain-like or true moduli."""
+    if data.poisson is not None:
+        return 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson))
+    truths = data.truth_views
+    stiff = next((np.median(truths[name][data.mask]) for name in ("mu", "storage") if name in truths), 2e3)
+    return float(abs(data.bulk) / stiff)  # type: ignore[arg-type]
+
+
+def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
+    """Triangles between the points of a mask, without the long and sharp ones, and which points are on them."""
+    chosen = np.flatnonzero(mask)
+    at = points[chosen]
+    triangles = Delaunay(at).simplices
+    corners = at[triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    double = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    longest = edges.max(axis=1)
+    kept = (longest < LONGEST * np.median(edges)) & (np.abs(double) > SHARP * longest**2)
+    triangles, turned = triangles[kept], double[kept] < 0
+    triangles[turned] = triangles[turned][:, ::-1]
+    used = np.unique(triangles)
+    if len(used) < 3:
+        raise InputError("points", "too scattered", "points of which neighbours are about equally far apart")
+    made = meshing.Mesh(dim=2)
+    node = {int(i): made.Add(meshing.MeshPoint(meshing.Pnt(*at[i], 0))) for i in used}
+    tissue = made.AddRegion("tissue", 2)
+    for triangle in triangles:
+        made.Add(meshing.Element2D(tissue, [node[int(i)] for i in triangle]))
+    sides = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    edge = made.AddRegion("hull", 1)
+    for a, b in sides[first[count == 1]]:
+        made.Add(meshing.Element1D([node[int(a)], node[int(b)]], index=edge))
+    inside = np.zeros(len(points), bool)
+    inside[chosen[used]] = True
+    return ngs.Mesh(made), inside

@@ -1,0 +1,233 @@
+"""From wave data to a problem: which fields a material has, the model that predicts the waves, and what is unknown in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from ngsolve import CoefficientFunction
+from scipy.spatial import KDTree
+
+from ngbrain.errors import InputError
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.points import evaluation
+from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
+from ngbrain.inverse.direct import helmholtz
+from ngbrain.inverse.discretise import Discretisation
+from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
+from ngbrain.inverse.smoothing import SmoothField, moving_least_squares, smoothed
+from ngbrain.io.waves import WaveData
+from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
+
+Array = np.ndarray
+STIFF = 10e3
+"""Shear modulus (Pa) to start from where the waves say none, as quasi-static ones."""
+LOSSY = 0.1
+FIBROUS = 0.5
+"""Loss tangent, and ζ and φ, to start from."""
+GUESSED = 1e-2
+"""Weight of a smooth field against data: it says what waves are between the points."""
+HELD = 1e-9
+"""Keeps a fit of a field definite where no point is."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A property that is looked for: where it starts, and the least value it can take."""
+
+    name: str
+    start: float
+    floor: float = 0.0
+
+
+def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
+    """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
+
+    `shear` (Pa) is where moduli start; unasked the median of algebraic inversion.
+    """
+    stiff = uniform_shear(data) if shear is None else shear
+    if data.rheology == "viscoelastic":
+        moduli = [Quantity("storage", stiff), Quantity("loss", LOSSY * stiff)]
+    elif data.symmetry == "isotropic":
+        moduli = [Quantity("youngs", float(np.real(data.youngs_of(stiff))))]
+    else:
+        moduli = [Quantity("mu", stiff)]
+    if data.symmetry == "transversely_isotropic":
+        moduli += [Quantity("zeta", FIBROUS, -0.75), Quantity("phi", FIBROUS, -1.0)]
+    return tuple(moduli)
+
+
+def uniform_shear(data: WaveData) -> float:
+    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave."""
+    if not np.any(data.frequency > 0):
+        return STIFF
+    found = np.abs(helmholtz(data)[data.mask])
+    found = found[np.isfinite(found) & (found > 0)]
+    return float(np.median(found)) if len(found) else STIFF
+
+
+class Experiment:
+    """The inversion's problem for some data in some elements.
+
+    data       waves; points outside of the mask or the elements are left out
+    elements   see `discretise`
+    sought     the quantities, by default those of the material
+
+    `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
+    `unknowns(sigma)` are all quantities and, with σ, the displacements of the boundary.
+    """
+
+    def __init__(self, data: WaveData, elements: Discretisation, sought: tuple[Quantity, ...] | None = None) -> None:
+        self.data, self.elements = data, elements
+        self.sought = quantities(data) if sought is None else sought
+        self.inside = elements.inside & data.mask
+        self.space = ngs.H1(elements.mesh, order=elements.fields)
+        self._fields = {quantity.name: ngs.GridFunction(self.space) for quantity in self.sought}
+        self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
+        """Each quantity as a CoefficientFunction of the fields."""
+        waves = [Wave(float(f)) for f in data.frequency]
+        law, bulk = self._material()
+        self.body = Harmonic(
+            elements.mesh,
+            law,
+            waves,
+            bulk=bulk,
+            density=data.density,
+            form=elements.form,
+            held=".*",
+            quadrature=elements.quadrature,
+        )
+        self.model = WaveModel(self.body, self._fields, data.points[self.inside])
+        self.measured = data.displacement[:, self.inside]
+        self.waves = self._in_elements()
+
+    def unknowns(self, sigma: Array | None) -> Fields:
+        """All quantities from their start; the boundary's displacements too, in units of σ (m), unless that is None."""
+        theta = self.model.theta
+        held = self.waves[:, self.model.driving]
+        theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
+        unknowns = {quantity.name: Unknown(*self._start(quantity)) for quantity in self.sought}
+        if sigma is not None:
+            scale = float(np.median(sigma))
+            unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(scale))
+        return Fields(theta, self.model.blocks, unknowns)
+
+    def maps(self, unknowns: Fields, x: Array) -> dict[str, Array]:
+        """Each quantity at all points of the data (n,), NaN where they are left out."""
+        theta = unknowns.theta(x)
+        at = evaluation(self.space, self.model.points)
+        maps = {}
+        for quantity in self.sought:
+            field = at @ theta[self.model.blocks[quantity.name]]
+            maps[quantity.name] = np.full(len(self.data.points), np.nan)
+            maps[quantity.name][self.inside] = field if self.elements.nodal else quantity.floor + np.exp(field)
+        return maps
+
+    def of_truth(self) -> Array | None:
+        """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary."""
+        truths = self.data.truth_views
+        if not all(quantity.name in truths for quantity in self.sought):
+            return None
+        theta = self.unknowns(np.ones(1)).theta(self.unknowns(np.ones(1)).start)
+        at = evaluation(self.space, self.model.points)
+        normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
+        for quantity in self.sought:
+            truth = np.real(truths[quantity.name][self.inside])
+            field = truth if self.elements.nodal else np.log(truth - quantity.floor)
+            theta[self.model.blocks[quantity.name]] = field if self.elements.nodal else normal.solve(at.T @ field)
+        return self.model.at(theta).data
+
+    def _value(self, quantity: Quantity) -> CoefficientFunction:
+        field = self._fields[quantity.name]
+        # Nodal values are moduli on the grid of the data; elsewhere the field is the logarithm, positive everywhere.
+        return field if self.elements.nodal else quantity.floor + ngs.exp(field)
+
+    def _start(self, quantity: Quantity) -> tuple[Array, Transform]:
+        uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values
+        if self.elements.nodal:
+            uniform.Set(quantity.start)
+            return uniform.vec.FV().NumPy().copy(), Log(quantity.floor)
+        uniform.Set(float(np.log(quantity.start - quantity.floor)))
+        return uniform.vec.FV().NumPy().copy(), Scaled()
+
+    def _material(self) -> tuple[OfSmallStrain, CoefficientFunction | complex]:
+        data, value = self.data, self.values
+        if "youngs" in value:
+            E = value["youngs"]
+            bulk = data.bulk if data.poisson is None else E / (3 * (1 - 2 * data.poisson))
+            return Shearing(_complex(data.shear_of(E))), bulk
+        G = value["storage"] + 1j * value["loss"] if "storage" in value else _complex(value["mu"])
+        bulk = data.bulk
+        if data.poisson is not None:
+            bulk = 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson)) * G
+        if data.symmetry == "isotropic":
+            return Shearing(G), bulk
+        return TransverselyIsotropic(G, value["zeta"], value["phi"], self._fibre()), bulk
+
+    def _fibre(self) -> CoefficientFunction:
+        fibre = self.data.fibre
+        assert fibre is not None  # WaveData has seen to it
+        if np.ptp(fibre, axis=0).max() < 1e-12:
+            return ngs.CF(tuple(float(a) for a in fibre[0]))
+        # Directions have no sign: components are those of the nearest point's tensor, by its own direction.
+        space = ngs.VectorL2(self.elements.mesh, order=0)
+        field = ngs.GridFunction(space)
+        centres = np.array(
+            [
+                np.mean([self.elements.mesh[v].point for v in el.vertices], axis=0)
+                for el in self.elements.mesh.Elements()
+            ]
+        )
+        nearest = KDTree(self.data.points[self.inside]).query(centres)[1]
+        field.vec.FV().NumPy()[:] = fibre[self.inside][nearest].T.ravel()
+        return field / ngs.Norm(field)
+
+    def _in_elements(self) -> Array:
+        """Measured waves in the elements' unknowns: as they are at the grid's nodes, else through a smooth field."""
+        complete = not np.isnan(self.measured).any()
+        ndof, space = self.body.fes.ndof, ngs.H1(self.elements.mesh, order=self.body.form.order)
+        waves = np.zeros((self.data.loads, ndof), complex)
+        if self.elements.nodal and complete:
+            for k, values in enumerate(self.measured):
+                waves[k, : values.size] = values.T.ravel()
+            return waves
+        if not all(np.isfinite(self.measured[:, :, i]).any() for i in range(self.data.dim)):
+            raise InputError(
+                "displacement", "of which a component is never measured", "all components, or a start of fields"
+            )
+        at = _samples(self.elements.mesh, self.body.form.order)
+        guess = np.nan_to_num(_smooth(self.data).values(at))
+        there, here = evaluation(space, at), evaluation(space, self.model.points)
+        share = GUESSED * len(self.model.points) / len(at)
+        for k, load in enumerate(self.measured):
+            for i, values in enumerate(load.T):
+                known = ~np.isnan(values)
+                seen = here[known]
+                normal = scipy.sparse.linalg.splu(sp.csc_array(seen.T @ seen + share * (there.T @ there)))
+                b = seen.T @ values[known] + share * (there.T @ guess[k, :, i])
+                waves[k, i * space.ndof : (i + 1) * space.ndof] = normal.solve(b.real) + 1j * normal.solve(b.imag)
+        return waves
+
+
+def _smooth(data: WaveData) -> SmoothField:
+    try:
+        return smoothed(data)
+    except InputError:  # a grid of too few points for splines
+        return moving_least_squares(data)
+
+
+def _complex(value: CoefficientFunction) -> CoefficientFunction:
+    return value * (1 + 0j)
+
+
+def _samples(mesh: ngs.Mesh, order: int) -> Array:
+    """Points in all elements, (order + 1)² or so of each, as many as a polynomial of the order needs and inside of it."""
+    rule: Callable[[ngs.ET], ngs.IntegrationRule] = lambda shape: ngs.IntegrationRule(shape, 2 * order + 1)  # noqa: E731
+    rules: Mapping[ngs.ET, ngs.IntegrationRule] = {shape: rule(shape) for shape in {el.type for el in mesh.Elements()}}
+    mapped = mesh.MapToAllElements(rules, ngs.VOL)
+    position = ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim])
+    return np.asarray(position(mapped))

@@ -1,0 +1,32 @@
+"""Pages that open alone: a template of this folder, pictures inside of it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import require
+from ngbrain.io.whole import whole
+from ngbrain.report import tables
+
+
+def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given: Any) -> Path:
+    """Fill a template and write it; the file is whole or not there.
+
+    pictures  name → PNG, in the template as base64
+    given     everything else that the template names; its filters are number, duration and size of `tables`
+
+    Raises `MissingExtra` where jinja2 is not installed.
+    """
+    jinja2 = require("jinja2", "report")
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
+        undefined=jinja2.ChainableUndefined,
+    )  # fmt: skip
+    environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size)
+    encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
+    text = str(environment.get_template(template).render(pictures=encoded, **given))
+    whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    return path

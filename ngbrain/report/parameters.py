@@ -1,0 +1,106 @@
+"""Words and tables of an inversion, for the page and for the terminal: names and units of parameters, starts, checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ngbrain.report.tables import Row, number
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """How a map is called and shown: SI times `factor` is in `unit`."""
+
+    name: str
+    symbol: str
+    unit: str = ""
+    factor: float = 1.0
+
+    @property
+    def label(self) -> str:
+        """Name, symbol and unit."""
+        return f"{self.name} {self.symbol}" + (f" ({self.unit})" if self.unit else "")
+
+
+PARAMETERS = {
+    "youngs": Parameter("Young's modulus", "E", "kPa", 1e-3),
+    "storage": Parameter("Storage modulus", "G′", "kPa", 1e-3),
+    "loss": Parameter("Loss modulus", "G″", "kPa", 1e-3),
+    "mu": Parameter("Shear modulus across fibres", "μ", "kPa", 1e-3),
+    "zeta": Parameter("Tensile anisotropy", "ζ"),
+    "phi": Parameter("Shear anisotropy", "φ"),
+    "magnitude": Parameter("Magnitude", "|G*|", "kPa", 1e-3),
+    "phase": Parameter("Phase angle", "arg G*", "rad"),
+    "damping_ratio": Parameter("Damping ratio", "ξ"),
+    "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),
+}
+STARTS = {"waves": "measured waves (convex)", "uniform": "uniform fields", "both": "measured waves, then descent"}
+"""What the rows of the table of starts are."""
+
+
+def parameters(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each parameter: median, interquartile range and, with truth, the relative error."""
+    rows = []
+    for name, answer in result["answers"].items():
+        shown = PARAMETERS[name]
+        values = [number(shown.factor * answer[key]) if key in answer else "–" for key in ("median", "iqr")]
+        error = answer.get("relative_l2_error")
+        rows.append(Row(f"{shown.name} {shown.symbol}", shown.unit, [(v, "") for v in (*values, percent(error))]))
+    return rows
+
+
+def labels(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each label: median and interquartile range of every map."""
+    found = result.get("by_label") or {}
+    names = sorted({label for each in found.values() for label in each}, key=int)
+    return [Row(label, "", [_spread(name, each.get(label) or {}) for name, each in found.items()]) for label in names]
+
+
+def starts(result: Mapping[str, Any]) -> list[Row]:
+    """A row for each start: error of every parameter, misfit over its expected level, rounds, CPU time (s)."""
+    rows = []
+    for name, start in result["starts"].items():
+        errors = [percent(start["answers"][key].get("relative_l2_error")) for key in result["answers"]]
+        ratio = number(start["misfit"] / start["expected_misfit"])
+        texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), number(start["cpu_s"])]
+        kept = "kept" if name == result["chosen"] else ""
+        rows.append(Row(STARTS[name], kept, [(text, "") for text in texts]))
+    return rows
+
+
+def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What was assumed and what came of it: pairs of words."""
+    model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
+    own = "those that the data were made in" if model["made_in_these_elements"] else "our own"
+    fields = ", ".join(
+        f"{PARAMETERS[name].symbol} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
+        for name, length in model["resolution_mm"].items()
+    )
+    weights = ", ".join(f"{PARAMETERS[name].symbol} {number(weight)}" for name, weight in model["weights"].items())
+    pairs = [
+        ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
+        ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights from the data: {weights}"),
+        ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
+        ("Misfit over its expected level", number(checks["misfit_over_expected"])),
+        ("Detail that the data determine, about", fields),
+    ]
+    if "strain_snr" in checks:
+        pairs.append(("Octahedral strain over its noise, median", number(checks["strain_snr"])))
+    if "resonance_distance" in checks:
+        pairs.append(("Nearest resonance, from the frequency", percent(checks["resonance_distance"])))
+    if "mismatch_at_truth" in model:
+        pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
+    done = ", ".join(f"{count} {name}" for name, count in solves.items())
+    return [*pairs, ("Solves", done)]
+
+
+def percent(value: float | None) -> str:
+    """A share in per cent; a dash for none."""
+    return "–" if value is None else f"{number(100 * value)} %"
+
+
+def _spread(name: str, spread: Mapping[str, float]) -> tuple[str, str]:
+    factor = PARAMETERS[name].factor
+    return number(factor * spread["median"] if spread else None), number(factor * spread["iqr"] if spread else None)

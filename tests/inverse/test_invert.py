@@ -1,0 +1,163 @@
+"""The inversion in one call: all bodies, found noise, chosen regularisers and starts, scattered points, holes, bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import bump, waves
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.discretise import as_made, bulk_ratio, in_elements
+from ngbrain.inverse.experiment import Experiment, quantities, uniform_shear
+from ngbrain.inverse.invert import invert
+
+BODIES = [
+    (symmetry, rheology, volume)
+    for symmetry in ("isotropic", "transversely_isotropic")
+    for rheology in ("elastic", "viscoelastic")
+    for volume in ("compressible", "nearly incompressible")
+]
+
+
+def shear_error(data, maps):
+    """Of the elastic modulus that is looked for, relative L2."""
+    truths = dict(data.truth_views)
+    truths.setdefault("storage", truths.get("mu"))
+    name = next(name for name in ("youngs", "storage", "mu") if name in maps)
+    return np.linalg.norm(maps[name] - truths[name]) / np.linalg.norm(truths[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise, wanted", [(0.0, 0.01), (0.02, 0.04)])
+@pytest.mark.parametrize("body", BODIES, ids=lambda body: "-".join(body))
+def test_all_eight_bodies(body, noise, wanted):
+    data = waves(*body, n=41)
+    found = invert(data.with_noise(noise, seed=1), uniform=False, regulariser="smooth")
+    assert shear_error(data, found.maps) < wanted
+
+
+@pytest.mark.parametrize("body", [BODIES[0], BODIES[3], BODIES[4]], ids=lambda body: "-".join(body))
+def test_bodies_with_noise(body):
+    data = waves(*body, n=17)
+    found = invert(data.with_noise(0.02, seed=1), uniform=False, regulariser="smooth")
+    assert shear_error(data, found.maps) < 0.06
+    assert all(np.all(values > -1) for values in found.maps.values())
+
+
+def test_noise_is_found_when_it_is_not_given():
+    data = replace(waves(n=17).with_noise(0.02, seed=2), noise=None)
+    found = invert(data, uniform=False, regulariser="smooth")
+    assert found.noise == pytest.approx(0.02, rel=0.15)
+    assert found.noise_found == pytest.approx(0.02, rel=0.15)
+    assert any("noise was not given" in note for note in found.notes)
+
+
+def test_too_little_noise_is_told():
+    found = invert(waves(n=17).with_noise(0.03, seed=3), noise=0.01, uniform=False, regulariser="smooth")
+    assert any("misfit" in note for note in found.notes)
+    assert found.noise_found == pytest.approx(0.03, rel=0.2)
+
+
+def test_starts_are_compared_at_the_same_weights():
+    data = waves(n=17).with_noise(0.01, seed=4)
+    found = invert(data, regulariser="smooth")
+    rows = {row.name: row for row in found.rows}
+    assert list(rows) == ["waves", "uniform", "both"]
+    assert shear_error(data, rows["both"].maps) < 0.02
+    assert rows["uniform"].value >= rows["both"].value * (1 - 1e-6) or found.chosen == "uniform"
+
+
+def test_a_hole_in_the_data():
+    data = waves()
+    centre = np.linalg.norm(data.points - data.points.mean(axis=0), axis=1)
+    hole = np.abs(centre - 0.025) > 0.004
+    found = invert(replace(data.with_noise(0.01, 5), mask=hole, dirichlet=None), uniform=False, regulariser="smooth")
+    known = np.isfinite(found.maps["storage"])
+    assert not known[~hole].any() and known[hole].mean() > 0.9
+    error = np.linalg.norm((found.maps["storage"] - data.truth["shear"].real)[known])
+    assert error < 0.04 * np.linalg.norm(data.truth["shear"].real[known])
+
+
+def test_scattered_points():
+    data = waves(n=25)
+    rng = np.random.default_rng(6)
+    some = np.sort(rng.choice(len(data.points), 450, replace=False))
+    scattered = replace(
+        data,
+        points=data.points[some],
+        displacement=data.displacement[:, some],
+        truth={"shear": data.truth["shear"][some]},
+        dirichlet=None,
+        mask=None,
+    )
+    found = invert(scattered.with_noise(0.01, 7), uniform=False, regulariser="smooth")
+    known = np.isfinite(found.maps["storage"])
+    truth = scattered.truth["shear"].real
+    assert known.mean() > 0.95
+    assert np.linalg.norm((found.maps["storage"] - truth)[known]) < 0.04 * np.linalg.norm(truth[known])
+
+
+def test_displacements_alone_and_no_wave_say_no_scale():
+    data = waves(n=17)
+    still = replace(data, frequency=np.zeros(data.loads), bulk=None, poisson=0.3)
+    found = invert(still, noise=0.01, uniform=False, regulariser="smooth")
+    assert any("common factor" in note for note in found.notes)
+
+
+def test_starting_values_come_from_the_waves():
+    assert uniform_shear(waves()) == pytest.approx(5e3, rel=0.3)
+    assert [q.name for q in quantities(waves(), 1e3)] == ["storage", "loss"]
+    assert [q.name for q in quantities(waves("transversely_isotropic", "elastic"), 1e3)] == ["mu", "zeta", "phi"]
+
+
+def test_elements_have_as_many_unknowns_as_there_are_data():
+    data = waves(n=17)
+    experiment = Experiment(data, in_elements(data))
+    assert experiment.body.fes.ndof == pytest.approx(data.displacement[0].size, rel=0.15)
+    assert bulk_ratio(waves(volume="nearly incompressible")) > 100
+    assert "/" in in_elements(waves(volume="nearly incompressible")).form
+
+
+def test_waves_in_elements_are_those_measured():
+    data = waves(n=17)
+    experiment = Experiment(data, in_elements(data))
+    there = np.array([experiment.model.observed(u) for u in experiment.waves])
+    assert np.linalg.norm(there - data.displacement) < 0.01 * np.linalg.norm(data.displacement)
+
+
+def test_true_fields_predict_the_data():
+    experiment = Experiment(waves(), in_elements(waves()))
+    off = experiment.of_truth() - experiment.measured
+    assert np.linalg.norm(off) < 0.01 * np.linalg.norm(experiment.measured)
+
+
+def test_edges_are_told_from_smooth_fields():
+    data = waves(n=17).with_noise(0.01, seed=8)
+    assert bump(0.04, 0.04) == 1.0
+    assert invert(data, uniform=False).regulariser in ("smooth", "edges")
+
+
+@pytest.mark.parametrize(
+    "options, wanted",
+    [
+        ({"regulariser": "smoth"}, "smooth"),
+        ({"noise": -0.1}, "at least 0"),
+        ({"model_error": float("nan")}, "at least 0"),
+    ],
+)
+def test_bad_options(options, wanted):
+    with pytest.raises(InputError, match=wanted):
+        invert(waves(), **options)
+
+
+def test_elements_of_data_that_name_none():
+    with pytest.raises(InputError, match="element"):
+        as_made(waves())
+
+
+def test_never_measured_component():
+    data = waves(n=17)
+    half = data.displacement.copy()
+    half[:, :, 0] = np.nan
+    with pytest.raises(InputError, match="never measured"):
+        invert(replace(data, displacement=half), uniform=False)

@@ -1,0 +1,180 @@
+"""The verb `invert` end to end on a small grid, and what it says to bad input before any work is begun."""
+
+import json
+
+import numpy as np
+import pytest
+from planewaves import RHO, grid, shear_waves
+
+from ngbrain.cli import main
+from ngbrain.errors import ConvergenceError, MissingExtra
+from ngbrain.io.waves import WaveData, write_waves
+from ngbrain.progress import ProgressLine
+
+SHEAR = 2500 + 500j
+ROUGH = ("--regulariser", "smooth", "--starts", "waves", "-q")
+
+
+def plane(shear=SHEAR, **changes):
+    points = grid(10, 9, spacing=4e-3)
+    u = np.array([shear_waves(points, shear), shear_waves(points[:, ::-1], shear)[:, ::-1]])
+    given = {
+        "symmetry": "isotropic",
+        "rheology": "viscoelastic",
+        "poisson": 0.4,
+        "truth": {"shear": np.full(90, shear)},
+    }
+    return WaveData(points, u, [50.0] * 2, RHO, **{**given, **changes}).with_noise(0.02, seed=0)
+
+
+@pytest.fixture
+def waves(tmp_path):
+    write_waves(tmp_path / "waves.npz", plane(labels=np.repeat([1, 2], 45)))
+    return tmp_path / "waves.npz"
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    def work(*_, **__):
+        raise AssertionError("hours of work were begun")
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert", work)
+
+
+def run(capsys, *arguments):
+    status = main(["invert", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return status, out, err.strip().splitlines()
+
+
+def test_files_numbers_and_words(tmp_path, capsys, waves):
+    status, out, errors = run(capsys, waves, "-o", tmp_path / "out", "--regulariser", "smooth")
+    assert status == 0 and not errors
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["verb"] == "invert" and result["source"] == "waves.npz" and result["threads"] == 1
+    assert {"versions", "seed", "time_s", "checks", "model", "noise", "starts", "notes"} <= set(result)
+    assert set(result["solves"]) == {"factorisations", "forward", "adjoint", "incremental"}
+    assert set(result["starts"]) == {"waves", "uniform", "both"} and result["noise"]["assumed"] == pytest.approx(0.02)
+    assert result["answers"]["storage"]["median"] == pytest.approx(2500, rel=0.02)
+    assert result["answers"]["storage"]["relative_l2_error"] < 0.05
+    assert set(result["by_label"]["storage"]) == {"1", "2"}
+    assert 0.8 < result["checks"]["misfit_over_expected"] < 1.3 and result["checks"]["strain_snr"] > 3
+    assert "resonance_distance" not in result["checks"]  # there is loss
+    assert 1 <= result["model"]["determined"]["storage"] < 90
+    side = (36 * 32 / result["model"]["determined"]["storage"]) ** 0.5
+    assert result["model"]["resolution_mm"]["storage"] == pytest.approx(side)
+    arrays = np.load(tmp_path / "out" / "maps.npz")
+    assert arrays["points"].shape == (90, 2) and arrays["predicted"].shape == (2, 90, 2)
+    found = arrays["storage"] + 1j * arrays["loss"]
+    np.testing.assert_allclose(arrays["magnitude"], np.abs(found))
+    np.testing.assert_allclose(arrays["damping_ratio"], found.imag / found.real / 2)
+    assert np.median(found) == pytest.approx(SHEAR, rel=0.05)
+    assert np.sum(np.abs(arrays["residual"]) ** 2) == pytest.approx(
+        result["starts"][result["chosen"]]["misfit"], rel=1e-6
+    )
+    words = (
+        "Storage modulus G′ kPa",
+        "G″ error",
+        "uniform fields",
+        "Misfit over its expected level",
+        "factorisations",
+        "report: ",
+    )
+    assert all(word in out for word in words), out
+    error = f"{100 * result['answers']['storage']['relative_l2_error']:.2f} %"
+    assert error in out and error in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_images(tmp_path, capsys):
+    affine = np.diag([4e-3, 4e-3, 4e-3, 1.0])
+    data = plane(3000.0, rheology="elastic", truth={}, affine=affine)
+    write_waves(tmp_path / "waves.nii.gz", data)
+    status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH)
+    assert status == 0 and not errors and not out
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert 0 < result["checks"]["resonance_distance"] < 1 and "relative_l2_error" not in result["answers"]["youngs"]
+    assert result["answers"]["youngs"]["median"] == pytest.approx(2.8 * 3000, rel=0.03)
+    import nibabel
+
+    image = nibabel.load(tmp_path / "out" / "youngs.nii.gz")
+    assert image.shape == (10, 9, 1) and np.median(np.asarray(image.dataobj)) == pytest.approx(2.8 * 3000, rel=0.03)
+    assert set(result["files"]) <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--noise", "-0.1"], ["--noise is -0.1", "0.02"]),
+        (["--noise", "nan"], ["--noise is nan"]),
+        (["--model-error", "20"], ["--model-error is 20.0"]),
+        (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
+        (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
+    ],
+)
+def test_bad_options(tmp_path, capsys, monkeypatch, waves, no_work, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    status, out, lines = run(capsys, "waves.npz", "-q", *arguments)
+    assert status == 2 and len(lines) == 1 and not out
+    assert all(word in lines[0] for word in [*words, "wanted"]), lines[0]
+    assert not list(tmp_path.rglob("result.json"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("absent.npz", None, ["absent.npz", "missing"]),
+        ("cut.npz", b"PK\x03\x04 and no more", ["cut.npz", "unreadable"]),
+        ("waves.mat", b"", ["waves.mat", ".mat file"]),
+    ],
+)
+def test_bad_files(tmp_path, capsys, no_work, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    status, _, lines = run(capsys, tmp_path / name, "-o", tmp_path / "out", "-q")
+    assert status == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_not_installed_is_said_first(tmp_path, capsys, monkeypatch, waves, no_work):
+    def missing(package, extra):
+        raise MissingExtra(package, extra)
+
+    monkeypatch.setattr("ngbrain.cli.invert.require", missing)
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out")
+    assert status == 2 and lines == ['ngbrain: matplotlib is not installed; get it with: pip install "ngbrain[report]"']
+
+
+def test_a_solver_that_gives_up_leaves_its_rounds(tmp_path, capsys, monkeypatch, waves):
+    def descend(*_):
+        raise ConvergenceError("no way down")
+
+    monkeypatch.setattr("ngbrain.inverse.gauss_newton.GaussNewton.descend", descend)
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *ROUGH)
+    assert status == 3 and lines == [f"ngbrain: no way down; the steps so far are in {tmp_path / 'out'}"]
+    rounds = json.loads((tmp_path / "out" / "rounds.json").read_text())
+    assert rounds[0]["phase"] == "waves" and rounds[-1]["misfit"] > 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["rounds.json"]
+
+
+def test_a_stopped_inversion_promises_no_resume(tmp_path, capsys, monkeypatch, waves):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert", stop)
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out")
+    assert status == 130 and lines == ["ngbrain: stopped"]
+
+
+def test_progress_says_what_is_under_way_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with ProgressLine() as line:
+        line.tell("too soon")
+        line._started -= 10.0
+        line.tell("round 3")
+    shown = capsys.readouterr().err
+    assert "10 s  round 3" in shown and "too soon" not in shown and shown.endswith("\x1b[K")
+    with ProgressLine(quiet=True) as line:
+        line._started -= 10.0
+        line.tell("round 3")
+    assert not capsys.readouterr().err

@@ -1,0 +1,153 @@
+# %% [markdown]
+# # Waves in tissue
+#
+# **Question.** Elastography shakes the head and measures the shear waves that run through it. How long are they, which
+# elements carry them, what do an inclusion, a volume that stays and fibres change?
+#
+# **Number to reproduce.** 13 wavelengths without loss, ten unknowns for each, order 4: **0.19 %** off. The last cell
+# checks it, and that waves in brain at 50 Hz are 29.9 mm long.
+
+# %%
+import os
+import time
+
+import netgen.occ as occ
+import ngsolve as ngs
+import numpy as np
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
+from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.materials import Shearing, TransverselyIsotropic
+from ngbrain.materials.modulus import shear_wave
+
+ngs.ngsglobals.msg_level = 0
+FAST = bool(os.environ.get("NGBRAIN_FAST"))
+HERTZ, RHO = 50.0, 1000.0
+OMEGA = 2 * np.pi * HERTZ
+BRAIN = 2000 + 800j  # Pa: storage and loss modulus
+
+# %% [markdown]
+# ## A slab
+# Driven on one face, clamped on the other, rollers on its long sides: u = sin k(L - x) / sin kL, k = ω √(ρ/G*).
+
+
+# %%
+def slab(n, order, length=0.1, modulus=BRAIN, **options):
+    """A strip of n elements, and its wave."""
+    mesh = MakeStructured2DMesh(quads=True, nx=n, ny=1, mapping=lambda x, y: (length * x, length / n * y))
+    held, wave = {"x": ".*", "y": "left|right"}, Wave(HERTZ, {"left": (0, 1e-3)})
+    body = Harmonic(mesh, Shearing(modulus), [wave], bulk=1e5, density=RHO, form=f"P{order}", held=held, **options)
+    return body, body.solve()[0]
+
+
+wave = shear_wave(BRAIN, RHO, OMEGA)
+print(f"brain at 50 Hz: {1e3 * wave.length:.1f} mm long, 1/e in {1e3 * wave.depth:.1f} mm, {wave.speed:.2f} m/s")
+body, u = slab(8, 6)
+k = complex(wave.k)
+exact = ngs.CF((0, 1e-3 / np.sin(k * 0.1) * ngs.sin(k * (0.1 - ngs.x))))
+
+
+def off(u, exact):
+    """Relative L2 error."""
+    mesh = u.space.mesh
+    error, size = (ngs.Integrate(ngs.Norm(f) ** 2, mesh, order=16) for f in (u - exact, exact))
+    return float(np.sqrt(error / size))
+
+
+print(f"slab, order 6: error {off(u, exact):.1e}")
+
+# %% [markdown]
+# ## Order
+# Ten unknowns for each wavelength, a slab of 13 wavelengths, without loss and with it. Linear elements without loss lose
+# the phase altogether.
+
+# %%
+errors = {}
+for xi in (0.0, 0.2):
+    for order in (1, 2, 4, 8):
+        turns = 80.0  # kL
+        modulus = complex(RHO * (OMEGA * 0.1 / turns) ** 2 * (1 + 2j * xi))
+        body, u = slab(round(10 * turns / (2 * np.pi) / order), order, modulus=modulus)
+        kk = complex(shear_wave(modulus, RHO, OMEGA).k)
+        errors[xi, order] = off(u, ngs.CF((0, 1e-3 / np.sin(kk * 0.1) * ngs.sin(kk * (0.1 - ngs.x)))))
+        print(f"damping ratio {xi}, order {order}: {100 * errors[xi, order]:.3g} %")
+
+# %% [markdown]
+# ## Near a resonance
+# Without loss a slab may resonate; the factor says how near that is. A wave that may leave does not come back.
+
+# %%
+stiff = slab(8, 6, modulus=2000.0)[0]
+print(f"without loss, nearest resonance: {100 * stiff.factorised().detuning(0):.1f} % off")
+mesh = MakeStructured2DMesh(quads=True, nx=8, ny=1, mapping=lambda x, y: (0.1 * x, 0.01 * y))
+held, driven = {"x": ".*", "y": "left"}, Wave(HERTZ, {"left": (0, 1e-3)})
+open_ = Harmonic(
+    mesh, Shearing(2000.0), [driven], bulk=1e5, form="P6", held=held, absorbing=[Absorbing("right", 2000.0, 1e5)]
+)
+leaving = 1e-3 * ngs.CF((0, ngs.exp(-1j * OMEGA * np.sqrt(RHO / 2000.0) * ngs.x)))
+print(f"a wave that leaves: error {off(open_.solve()[0], leaving):.1e}")
+
+# %% [markdown]
+# ## An inclusion in nearly incompressible tissue
+# Brain keeps its volume: K/G is about a million. Displacements of low order lock; with the pressure as an unknown volume
+# costs nothing. Two driving directions share one factorisation.
+
+# %%
+square = occ.MoveTo(0, 0).Rectangle(0.12, 0.12).Face()
+square.edges.Min(occ.Y).name = "bottom"
+disc = occ.WorkPlane().Circle(0.07, 0.06, 0.015).Face()
+disc.faces.name = "tumour"
+rest = square - disc
+rest.faces.name = "tissue"
+mesh = ngs.Mesh(occ.OCCGeometry(occ.Glue([rest, disc]), dim=2).GenerateMesh(maxh=0.012 if FAST else 0.008))
+mesh.Curve(3)
+shear = mesh.MaterialCF({"tissue": 2.0, "tumour": 5.0}) * 1e3
+waves = [Wave(HERTZ, {"bottom": (1e-3, 0)}), Wave(HERTZ, {"bottom": (0, 1e-3)})]
+probe = (0.07, 0.06)
+for form in ("P1", "P2", "P3/P2", "P4/P3"):
+    start = time.process_time()
+    body = Harmonic(mesh, Shearing(shear * (1 + 0.4j)), waves, bulk=2e9, form=form, held="bottom")
+    first = body.solve()[0]
+    there = (first.components[0] if body.mixed else first)(mesh(*probe))[0]
+    print(f"{form:<6} {body.fes.ndof:6d} unknowns {time.process_time() - start:5.2f} s: {1e3 * there:.4f} mm")
+
+# %% [markdown]
+# ## How data change with moduli
+# `WaveModel` gives displacements at points, and products with their derivative and its transpose: what an inversion needs.
+
+# %%
+storage, loss = (ngs.GridFunction(ngs.H1(mesh, order=1)) for _ in range(2))
+storage.Set(2000.0)
+loss.Set(800.0)
+body = Harmonic(mesh, Shearing(storage + 1j * loss), waves, bulk=2e9, form="P3/P2", held="bottom")
+points = np.column_stack([g.ravel() for g in np.meshgrid(*[np.linspace(0.01, 0.11, 21)] * 2)])
+model = WaveModel(body, {"storage": storage, "loss": loss}, points)
+at = model.at(model.theta)
+stiffer = np.zeros(model.size)
+stiffer[model.blocks["storage"]] = 20.0  # 1 % more everywhere
+print(f"1 % stiffer moves the data by {100 * np.linalg.norm(at.push(stiffer)) / np.linalg.norm(at.data):.2f} %")
+gradient = at.gradient(at.data)
+print(f"{model.solves} for {model.size} derivatives of ½ Σ |u|²")
+
+# %% [markdown]
+# ## Fibres
+# At an angle θ to the fibre a shear wave is slow or fast by its polarisation: ρc² = μ(1 + φ cos²θ) and
+# μ(1 + φ cos²2θ + ζ sin²2θ). One that moves in the plane of fibre and propagation is the fast one.
+
+# %%
+mu, zeta, phi, theta = 2000.0, 1.0, 0.5, np.radians(30)
+fast = mu * (1 + phi * np.cos(2 * theta) ** 2 + zeta * np.sin(2 * theta) ** 2)
+k = OMEGA * np.sqrt(RHO / fast)
+plane = MakeStructured2DMesh(quads=False, nx=6, ny=6, mapping=lambda x, y: (0.06 * x, 0.06 * y))
+running = 1e-3 * ngs.CF((0, ngs.exp(-1j * k * ngs.x)))  # along x, the fibre at 30° to it
+law = TransverselyIsotropic(mu, zeta, phi, (np.cos(theta), np.sin(theta)))
+body = Harmonic(plane, law, [Wave(HERTZ, {".*": running})], bulk=2e9, form="P5/P4")
+u = body.solve()[0].components[0]
+error = off(u, running)
+print(f"fast wave, {np.sqrt(fast / RHO):.3f} m/s: error {error:.1e}")
+
+# %% The number.
+assert abs(1e3 * wave.length - 29.9) < 0.05
+assert abs(100 * errors[0.0, 4] - 0.19) < 0.01, errors
+assert off(slab(8, 6)[1], exact) < 1e-4
