@@ -226,14 +226,21 @@ class WaveData:
         shear, youngs = self.truth.get("shear"), self.truth.get("youngs")
         if self.symmetry != "isotropic" or (shear is None and youngs is None):
             return views
-        nu, K = self.poisson, self.bulk
         if self.rheology == "elastic":
-            if youngs is None and shear is not None:
-                youngs = 2 * shear * (1 + nu) if nu is not None else 9 * K * shear / (3 * K + shear)  # type: ignore
-            return {**views, "youngs": np.real(youngs)}  # type: ignore[arg-type]
-        if shear is None and youngs is not None:
-            shear = youngs / (2 * (1 + nu)) if nu is not None else 3 * K * youngs / (9 * K - youngs)  # type: ignore
-        return {**views, "storage": np.real(shear), "loss": np.imag(shear)}  # type: ignore[arg-type]
+            return {**views, "youngs": np.real(self.youngs_of(shear) if youngs is None else youngs)}
+        shear = self._shear_of(youngs) if shear is None else shear
+        return {**views, "storage": np.real(shear), "loss": np.imag(shear)}
+
+    def youngs_of(self, shear: Any) -> Any:
+        """Young's modulus (Pa) that belongs to a shear modulus G (Pa): 2G(1 + ν), or 9KG/(3K + G)."""
+        if self.bulk is None:
+            return 2 * shear * (1 + float(self.poisson or 0))
+        return 9 * self.bulk * shear / (3 * self.bulk + shear)
+
+    def _shear_of(self, youngs: Any) -> Any:
+        if self.bulk is None:
+            return youngs / (2 * (1 + float(self.poisson or 0)))
+        return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
 
     def with_noise(self, sigma: float, seed: int) -> WaveData:
         """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
@@ -243,6 +250,11 @@ class WaveData:
         √(noise² + σ²) where there was some.
 
         Raises `InputError` unless 0 ≤ σ ≤ 10.
+
+        >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+        >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+        >>> data.with_noise(0.02, seed=0).noise
+        0.02
         """
         sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
         a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))

@@ -1,0 +1,116 @@
+"""What an inversion answers: maps of what follows from G*, medians by label, errors against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.io.waves.data import WaveData
+
+PARAMETERS = ("youngs", "storage", "loss", "mu", "zeta", "phi")
+
+
+def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
+    """Maps that follow from a complex shear modulus G* = G' + iG'' (n,) Pa.
+
+    storage         G' = Re G*, Pa
+    loss            G'' = Im G*, Pa
+    magnitude       |G*|, Pa
+    phase           arg G*, rad
+    damping_ratio   ξ = G''/2G'
+    stiffness       2|G*|²/(G' + |G*|), Pa: ρ times the square of the speed of a plane shear wave
+
+    >>> maps = derived(np.array([2000 + 800j]))
+    >>> round(float(maps["stiffness"][0])), float(maps["damping_ratio"][0])
+    (2234, 0.2)
+    """
+    shear = np.asarray(shear, complex)
+    storage, loss, size = shear.real, shear.imag, np.abs(shear)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {
+            "storage": storage,
+            "loss": loss,
+            "magnitude": size,
+            "phase": np.angle(shear),
+            "damping_ratio": loss / (2 * storage),
+            "stiffness": 2 * size**2 / (storage + size),
+        }
+
+
+def spread(values: np.ndarray) -> dict[str, float]:
+    """`median` and `iqr` (third less first quartile) of the finite values; nothing if there is none.
+
+    >>> spread(np.array([1.0, 2.0, 3.0, np.nan]))
+    {'median': 2.0, 'iqr': 1.0}
+    """
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return {}
+    low, median, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return {"median": float(median), "iqr": float(high - low)}
+
+
+def by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, float]]:
+    """`spread` of the real values (n,) at the points of each label (n,); label 0 is none.
+
+    >>> by_label(np.array([1.0, 2.0, 4.0]), np.array([1, 1, 2]))
+    {1: {'median': 1.5, 'iqr': 0.5}, 2: {'median': 4.0, 'iqr': 0.0}}
+    """
+    return {int(label): spread(values[labels == label]) for label in np.unique(labels) if label}
+
+
+def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:
+    """‖estimate - truth‖₂ / ‖truth‖₂ over the points; infinite if the estimate is missing (NaN) at one of them.
+
+    >>> relative_l2_error(np.array([3.0, 5.0]), np.array([3.0, 4.0]))
+    0.2
+    """
+    off = float(np.linalg.norm(estimate - truth))
+    return off / float(np.linalg.norm(truth)) if np.isfinite(off) else float("inf")
+
+
+def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """The answers of `result.json`: each recovered parameter → `median`, `iqr` and, with truth, `relative_l2_error`.
+
+    data    its mask says which points count, its truth (`WaveData.truth_views`) what is right
+    found   parameter (youngs, storage, loss, mu (Pa), zeta, phi) → real map (n,)
+
+    The error is left out where it is no finite number: the truth is 0 everywhere, or the map is missing at a point.
+
+    Raises `InputError` for another name, or a map of another shape or complex.
+
+    >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> u, G = 1e-6 * np.ones((1, 9, 2)), np.full(9, 2000 + 800j)
+    >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4, truth={"shear": G})
+    >>> answers(data, {"storage": 1.1 * G.real})
+    {'storage': {'median': 2200.0, 'iqr': 0.0, 'relative_l2_error': 0.1}}
+    """
+    truths, given = data.truth_views, {}
+    for name, values in found.items():
+        if name not in PARAMETERS:
+            raise InputError("parameter", repr(name), nearest(name, PARAMETERS))
+        if np.shape(values) != (len(data.points),) or np.iscomplexobj(values):
+            kind = f"{np.asarray(values).dtype} of shape {np.shape(values)}"
+            raise InputError(name, kind, f"a real map of shape ({len(data.points)},)")
+        given[name] = spread(values[data.mask])
+        if name in truths and np.any(truths[name][data.mask]):
+            error = relative_l2_error(values[data.mask], truths[name][data.mask].real)
+            if np.isfinite(error):
+                given[name]["relative_l2_error"] = error
+    return given
+
+
+def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
+    """The parameters of isotropic data that a complex shear modulus (n,) Pa stands for: storage and loss, or youngs.
+
+    Young's modulus is E = 2G(1 + ν), or 9KG/(3K + G) where the bulk modulus K is given.
+
+    Raises `InputError` if the data are transversely isotropic.
+    """
+    if data.symmetry != "isotropic":
+        raise InputError("symmetry", data.symmetry, "isotropic: one shear modulus says it all")
+    if data.rheology == "viscoelastic":
+        return {"storage": shear.real, "loss": shear.imag}
+    return {"youngs": data.youngs_of(shear).real}

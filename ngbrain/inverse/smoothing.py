@@ -1,0 +1,366 @@
+"""Smooth fields through noisy displacements: tensor-product splines on grids, moving least squares through scattered points.
+
+How smooth is chosen by the data: by generalised cross-validation (Golub, Heath & Wahba 1979,
+doi:10.1080/00401706.1979.10489751) or by leaving one out.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from scipy.interpolate import BSpline, NdBSpline
+from scipy.spatial import KDTree
+
+from ngbrain.errors import InputError
+from ngbrain.io.waves.data import WaveData
+from ngbrain.io.waves.grid import Grid
+
+_DEGREE = 5  # quintic: the Laplacian of a curl, a third derivative, is still smooth
+_GROWTH = 1.2  # from one number of knots to try to the next
+_PATIENCE = 2  # numbers tried after the best
+_TOUCHED = 0.05  # share of a spline's weight on points that count, from which it counts as a coefficient
+_NEIGHBOURS = (1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.5, 8.0, 11.0)  # to try, times the coefficients of a polynomial
+_LEFT_OUT = 4000  # points at most that are predicted from the others
+_RIDGE = 1e-14  # of the trace of the normal equations
+_CHUNK = 4_000_000  # numbers at a time
+
+
+class SmoothField(ABC):
+    """A smooth displacement (m) of several loads with its derivatives, everywhere.
+
+    Attributes:
+        noise: (loads, d) m, rms of the complex noise found in each component; NaN where one is not measured.
+        axes: (d, d) unit vectors along which `derivative` differentiates, in rows.
+
+    `points` (n, d) m are those of the data where they are not given.
+    """
+
+    noise: np.ndarray
+    axes: np.ndarray
+
+    @abstractmethod
+    def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
+        """∂^|orders| u of those orders along `axes`, (loads, n, d)."""
+
+    def values(self, points: np.ndarray | None = None) -> np.ndarray:
+        """u, (loads, n, d) m."""
+        return self.derivative((0,) * len(self.axes), points)
+
+    def gradient(self, points: np.ndarray | None = None) -> np.ndarray:
+        """∂u_i/∂x_j, (loads, n, d, d), i before j."""
+        along = np.stack([self.derivative(_orders(len(self.axes), j), points) for j in range(len(self.axes))], axis=-1)
+        return along @ self.axes
+
+    def hessian(self, points: np.ndarray | None = None) -> np.ndarray:
+        """∂²u_i/∂x_j∂x_k, (loads, n, d, d, d)."""
+        d = len(self.axes)
+        pairs = {jk: self.derivative(_orders(d, *jk), points) for jk in combinations_with_replacement(range(d), 2)}
+        rows = [np.stack([pairs[min(j, k), max(j, k)] for k in range(d)], axis=-1) for j in range(d)]
+        return self.axes.T @ np.stack(rows, axis=-2) @ self.axes
+
+    def laplacian(self, points: np.ndarray | None = None) -> np.ndarray:
+        """∇²u, (loads, n, d)."""
+        return sum(self.derivative(_orders(len(self.axes), k, k), points) for k in range(len(self.axes)))  # type: ignore
+
+    def curl(self, points: np.ndarray | None = None) -> np.ndarray:
+        """∇×u, (loads, n, 3), in the plane (loads, n, 1)."""
+        return _curl(self.gradient(points))
+
+    def curl_laplacian(self, points: np.ndarray | None = None) -> np.ndarray:
+        """∇²(∇×u), as `curl`."""
+        d = len(self.axes)
+        along = [sum(self.derivative(_orders(d, k, k, j), points) for k in range(d)) for j in range(d)]
+        return _curl(np.stack(along, axis=-1) @ self.axes)  # type: ignore[arg-type]
+
+
+def smoothed(data: WaveData) -> SmoothField:
+    """A smooth field through the measured points of the mask: `fit_splines` on a grid, `moving_least_squares` otherwise.
+
+    >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 0.01
+    >>> u = 1e-5 * np.stack([np.sin(20 * points[:, 1]), np.cos(20 * points[:, 0])], axis=1)[None]
+    >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> bool(np.abs(smoothed(data).laplacian() / -400 - u).max() < 1e-7)
+    True
+    """
+    return fit_splines(data) if data.structured else moving_least_squares(data)
+
+
+@dataclass(frozen=True, eq=False)
+class _Component:
+    """A scalar spline on a grid: knots along each axis and coefficients."""
+
+    knots: tuple[np.ndarray, ...]
+    coefficients: np.ndarray
+    noise: float
+
+
+class SplineField(SmoothField):
+    """Tensor products of quintic B-splines, one scalar spline for each component of each load; see `fit_splines`."""
+
+    def __init__(self, points: np.ndarray, grid: Grid, components: list[list[_Component | None]]) -> None:
+        self.points, self.grid, self.components, self.axes = points, grid, components, grid.axes
+        self.noise = np.array([[each.noise if each else np.nan for each in load] for load in components])
+
+    def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
+        """∂^|orders| u of those orders along `axes`, (loads, n, d); beyond the grid its last polynomials go on."""
+        at_home = points is None or np.array_equal(points, self.points)  # there one axis goes after the other
+        points = self.points if points is None else np.asarray(points, float)
+        where = None if at_home else self.grid.coordinates(points)
+        u = np.full((len(self.components), len(points), len(self.axes)), np.nan, complex)
+        for load, fitted in enumerate(self.components):
+            for i, one in enumerate(fitted):
+                if one:
+                    u[load, :, i] = self._on_grid(one, orders) if where is None else _anywhere(one, orders, where)
+        return u
+
+    def _on_grid(self, one: _Component, orders: tuple[int, ...]) -> np.ndarray:
+        lines = zip(self.grid.shape, self.grid.spacing, one.knots, orders, strict=True)
+        basis = [_basis(h * np.arange(n), knots, order) for n, h, knots, order in lines]
+        return self.grid.flat(_along(basis, one.coefficients))
+
+
+def fit_splines(data: WaveData) -> SplineField:
+    """Least-squares tensor-product quintic splines through the measured points of the mask, their number by GCV.
+
+    Along every axis the knots are equally spaced, about as far on one axis as on the others. Of growing numbers of
+    coefficients p that one is taken with the smallest
+
+        GCV(p) = n Σ|u - û|² / (n - p)²,
+
+    for each component of each load by itself; the noise found is √(Σ|u - û|²/(n - p)). Points outside the mask have no
+    weight. Where they do not decide, of all fits the smallest is taken (in the sum of squares over the grid).
+
+    Raises `InputError` if the points are no grid, or one of less than 8 points along an axis; or if a component is measured at
+    some points of the mask, but at less than 6 to the power of the dimension.
+    """
+    grid = data.structured
+    if grid is None or min(grid.shape) < _DEGREE + 3:
+        found = "scattered" if grid is None else f"a grid of {' x '.join(map(str, grid.shape))}"
+        raise InputError("points", found, f"a grid with at least {_DEGREE + 3} points along each axis")
+    components: list[list[_Component | None]] = []
+    for u, measured in zip(data.displacement, data.measured, strict=True):
+        weights = measured & data.mask[:, None]
+        boxes = [(grid.box(w), grid.box(np.where(w, each, 0))) for each, w in zip(u.T, weights.T, strict=True)]
+        components.append([_best_spline(grid, values, weight) if weight.any() else None for weight, values in boxes])
+    return SplineField(data.points, grid, components)
+
+
+def _best_spline(grid: Grid, values: np.ndarray, weight: np.ndarray) -> _Component:
+    n, best, least, waited = int(weight.sum()), None, np.inf, 0
+    if n < (wanted := (_DEGREE + 1) ** len(grid.shape)):
+        raise InputError("mask", f"true at {n} measured points", f"at least {wanted}")
+    for counts in _counts(grid):
+        fit = _Fit(grid, counts, weight)
+        if (p := fit.size) > 0.9 * n:
+            break
+        coefficients, misfit = fit.solve(values, tolerance=1e-3)
+        score = n * misfit / (n - p) ** 2
+        if score < least:
+            best, least, waited = fit, score, 0
+        elif (waited := waited + 1) == _PATIENCE:
+            break
+    if best is None:
+        raise InputError("mask", f"true at {n} measured points, far apart", "points that decide a spline")
+    coefficients, misfit = best.solve(values, tolerance=1e-8)
+    return _Component(best.knots, coefficients, float(np.sqrt(misfit / (n - best.size))))
+
+
+def _counts(grid: Grid) -> list[tuple[int, ...]]:
+    """Intervals between knots along each axis, fewer first: equally long ones, and less than there are points."""
+    shape, spacing = np.array(grid.shape), grid.spacing
+    length = (shape - 1) * spacing
+    number = np.unique(np.round(_GROWTH ** np.arange(0, 60)))
+    found = [np.clip(np.round(m * length / length.max()), 1, shape - _DEGREE - 1) for m in number if m <= shape.max()]
+    return list(dict.fromkeys(tuple(int(m) for m in each) for each in found))
+
+
+class _Fit:
+    """Splines of one number of knots, and the points that they are fitted to.
+
+    Unknowns are the coefficients of an orthonormal basis of the splines on the grid's points: the matrix of the normal
+    equations is the identity where all points count, and conjugate gradients need one step.
+    """
+
+    def __init__(self, grid: Grid, counts: tuple[int, ...], weight: np.ndarray) -> None:
+        lines = list(zip(grid.shape, grid.spacing, counts, strict=True))
+        self.knots = tuple(_knots(h * (n - 1), count) for n, h, count in lines)
+        basis = [_basis(h * np.arange(n), knots, 0) for (n, h, _), knots in zip(lines, self.knots, strict=True)]
+        self.weight, self.factors = weight, [np.linalg.qr(each) for each in basis]
+        self.orthonormal = [factor.Q for factor in self.factors]
+        self.adjoint = [each.T for each in self.orthonormal]
+        seen, all_of = (_along([each.T for each in basis], w) for w in (weight.astype(float), np.ones(weight.shape)))
+        self.size = int((seen > _TOUCHED * all_of).sum())
+
+    def solve(self, values: np.ndarray, tolerance: float) -> tuple[np.ndarray, float]:
+        """Coefficients of the B-splines, and Σ|u - û|² over the points that count."""
+        right = _along(self.adjoint, values)
+        x = np.zeros_like(right)
+        r = p = right
+        rr = first = np.vdot(r, r).real
+        for _ in range(200):
+            if rr <= tolerance**2 * first:
+                break
+            Ap = _along(self.adjoint, self.weight * _along(self.orthonormal, p))
+            step = rr / np.vdot(p, Ap).real
+            x = x + step * p
+            r = r - step * Ap
+            rr, old = np.vdot(r, r).real, rr
+            p = r + rr / old * p
+        misfit = np.sum(np.abs(self.weight * (values - _along(self.orthonormal, x))) ** 2)
+        return _along([np.linalg.inv(factor.R) for factor in self.factors], x), float(misfit)
+
+
+def _knots(length: float, count: int) -> np.ndarray:
+    return np.r_[[0.0] * _DEGREE, np.linspace(0, length, count + 1), [length] * _DEGREE]
+
+
+def _basis(x: np.ndarray, knots: np.ndarray, order: int) -> np.ndarray:
+    """Derivatives of the B-splines at x, (n, m)."""
+    spline = BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)
+    return spline(np.clip(x, knots[0], knots[-1]), nu=order)
+
+
+def _along(matrices: list[np.ndarray], box: np.ndarray) -> np.ndarray:
+    """One real matrix applied along each axis: always the first, and the new axis goes to the end."""
+    whole = np.iscomplexobj(box)
+    if whole:  # half the work of a product of complex numbers; the pairs end up in front
+        box = np.ascontiguousarray(box).view(float).reshape(*box.shape, 2)
+    for matrix in matrices:
+        n, rest = box.shape[0], box.shape[1:]
+        box = (box.reshape(n, -1).T @ matrix.T).reshape(*rest, len(matrix))
+    return box[0] + 1j * box[1] if whole else box
+
+
+def _anywhere(one: _Component, orders: tuple[int, ...], where: np.ndarray) -> np.ndarray:
+    parts = np.stack([one.coefficients.real, one.coefficients.imag], axis=-1)
+    found = NdBSpline(one.knots, parts, _DEGREE)(where, nu=orders)
+    return found[:, 0] + 1j * found[:, 1]
+
+
+class LeastSquaresField(SmoothField):
+    """Moving least squares; see `moving_least_squares`.
+
+    Attributes:
+        neighbours: (loads, d), to how many points a polynomial is fitted; 0 where a component is not measured.
+    """
+
+    def __init__(self, data: WaveData, degree: int) -> None:
+        self.points, self.degree, self.axes = data.points, degree, np.eye(data.dim)
+        self.powers = _powers(data.dim, degree)
+        self.noise = np.full((data.loads, data.dim), np.nan)
+        self.neighbours = np.zeros((data.loads, data.dim), int)
+        # Components that are measured at the same points share their fits: bits of the points → components.
+        alike: dict[bytes, list[tuple[int, int]]] = {}
+        known = data.measured & data.mask[None, :, None]
+        for load, i in np.ndindex(data.loads, data.dim):
+            if known[load, :, i].sum() >= 2 * len(self.powers):
+                alike.setdefault(known[load, :, i].tobytes(), []).append((load, i))
+        if not alike:
+            raise InputError("points", f"{known.any(axis=(0, 2)).sum()} measured", f"at least {2 * len(self.powers)}")
+        self._fitted: list[tuple[KDTree, np.ndarray, np.ndarray]] = []
+        for same in alike.values():
+            load, i = which = np.array(same).T
+            at = known[same[0][0], :, same[0][1]]
+            tree, values = KDTree(data.points[at]), data.displacement[load, :, i][:, at].T
+            self._fitted.append((tree, values, which))
+            self.neighbours[load, i], self.noise[load, i] = self._chosen(tree, values)
+
+    def _chosen(self, tree: KDTree, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """For each column, the number of neighbours that predicts left-out points best, and the noise."""
+        columns = np.arange(values.shape[1])
+        some = np.random.default_rng(0).permutation(tree.n)[:_LEFT_OUT]
+        counts = [k for factor in _NEIGHBOURS if (k := int(factor * len(self.powers)) + 1) <= tree.n]
+        scores, noises = [], []
+        for k in counts:
+            fitted, own = self._fit(tree, values, k, tree.data[some], (0,) * tree.m)
+            left = np.abs(values[some] - fitted) ** 2
+            scores.append(np.mean(left / np.maximum(1 - own, 1e-6)[:, None] ** 2, axis=0))
+            noises.append(np.sqrt(left.sum(axis=0) / np.sum(1 - own)))
+        best = np.argmin(scores, axis=0)
+        return np.array(counts)[best], np.array(noises)[best, columns]
+
+    def derivative(self, orders: tuple[int, ...], points: np.ndarray | None = None) -> np.ndarray:
+        """∂^|orders| u of those orders along x, y, …, (loads, n, d): of the polynomial fitted around each point."""
+        if sum(orders) > self.degree:
+            raise InputError("orders", orders, f"at most {self.degree} in all, the degree of the polynomials")
+        where = self.points if points is None else np.asarray(points, float)
+        u = np.full((*self.noise.shape, len(where)), np.nan, complex)
+        for tree, values, (load, i) in self._fitted:
+            for k in np.unique(self.neighbours[load, i]):
+                these = self.neighbours[load, i] == k
+                u[load[these], i[these]] = self._fit(tree, values[:, these], int(k), where, orders)[0].T
+        return u.transpose(0, 2, 1)
+
+    def _fit(
+        self, tree: KDTree, values: np.ndarray, k: int, where: np.ndarray, orders: tuple[int, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A derivative at `where` of each column, and there the influence of a point on its own value."""
+        column = int(np.flatnonzero((self.powers == orders).all(axis=1))[0])
+        u, own = np.empty((len(where), values.shape[1]), complex), np.empty(len(where))
+        factorial = np.prod([np.prod(np.arange(1, order + 1)) for order in orders])
+        step = max(1, _CHUNK // (k * len(self.powers)))
+        for start in range(0, len(where), step):
+            part = slice(start, start + step)
+            distance, index = tree.query(where[part], k=k)
+            radius = 1.05 * distance[:, -1]
+            local = (tree.data[index] - where[part, None]) / radius[:, None, None]
+            ratio = distance / radius[:, None]
+            weight = (1 - ratio) ** 4 * (4 * ratio + 1)  # Wendland's, C²
+            P = _monomials(local, self.powers)
+            normal = np.swapaxes(P * weight[:, :, None], 1, 2) @ P
+            # On lattices few neighbours need not decide a polynomial: such k predict badly, but must not be singular.
+            ridge = _RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(self.powers))
+            rows = np.linalg.inv(normal + ridge)[:, [column, 0]] @ np.swapaxes(P, 1, 2) * weight[:, None]
+            u[part] = (rows[:, :1] @ values[index])[:, 0] * (factorial / radius ** sum(orders))[:, None]
+            own[part] = rows[:, 1, 0]  # the nearest is the point itself
+        return u, own
+
+
+def moving_least_squares(data: WaveData, degree: int = 3) -> LeastSquaresField:
+    """Moving least squares through the measured points of the mask, the radius by leaving one point out.
+
+    Around every place a polynomial of this degree is fitted to its k nearest points with Wendland's weight
+    w(s) = (1 - s)⁴(4s + 1), s = distance over 1.05 times that of the farthest of them; u and its derivatives are those of the
+    polynomial there (diffuse derivatives). k is the one with the smallest Σ|(u - û)/(1 - h)|², h the influence of a point on
+    its own value, which is the error of predicting each point from the others. The noise found is √(Σ|u - û|²/Σ(1 - h)).
+
+    Lancaster & Salkauskas 1981, doi:10.1090/S0025-5718-1981-0616367-1.
+
+    Raises `InputError` if less than twice as many points are measured as a polynomial has coefficients.
+
+    >>> points = np.random.default_rng(0).uniform(0, 0.1, (200, 2))
+    >>> u = 1e-3 * np.stack([points[:, 0] ** 3, points[:, 1]], axis=1)[None]
+    >>> field = moving_least_squares(WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49))
+    >>> field.laplacian(np.array([[0.05, 0.05]]))[0, 0].real.round(8).tolist()
+    [0.0003, 0.0]
+    """
+    return LeastSquaresField(data, degree)
+
+
+def _powers(d: int, degree: int) -> np.ndarray:
+    """Exponents of the monomials up to the degree, (m, d), the constant first."""
+    each = np.indices((degree + 1,) * d).reshape(d, -1).T
+    each = each[each.sum(axis=1) <= degree]
+    return each[np.argsort(each.sum(axis=1), kind="stable")]
+
+
+def _monomials(x: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Of x (…, d), (…, m)."""
+    steps = [np.stack([x[..., i] ** power for power in range(powers.max() + 1)], axis=-1) for i in range(x.shape[-1])]
+    return np.prod([step[..., powers[:, i]] for i, step in enumerate(steps)], axis=0)
+
+
+def _orders(d: int, *axes: int) -> tuple[int, ...]:
+    return tuple(axes.count(i) for i in range(d))
+
+
+def _curl(gradient: np.ndarray) -> np.ndarray:
+    """Of ∂u_i/∂x_j, (…, d, d)."""
+
+    def turn(i: int, j: int) -> np.ndarray:
+        return gradient[..., j, i] - gradient[..., i, j]
+
+    return np.stack([turn(0, 1)] if gradient.shape[-1] == 2 else [turn(1, 2), turn(2, 0), turn(0, 1)], axis=-1)
