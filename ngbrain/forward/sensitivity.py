@@ -59,6 +59,9 @@ class WaveModel:
     def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction], points: Array) -> None:
         if BOUNDARY in fields:
             raise InputError("fields", repr(BOUNDARY), "another name: this is what drives the boundary")
+        for name, field in fields.items():
+            if field.space.is_complex:
+                raise InputError(f"fields.{name}", "complex", "a real field; storage and loss are one each")
         self.body, self.fields, self.points = body, dict(fields), np.asarray(points, float)
         displacement = body.fes.components[0] if body.mixed else body.fes
         self.dim = body.mesh.dim
@@ -96,6 +99,8 @@ class WaveModel:
         return Linearised(self, self._factorised(theta), np.asarray(waves, complex))
 
     def _factorised(self, theta: Array) -> Factorised:
+        if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
+            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
         for name, field in self.fields.items():
             field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
         return self.body.factorised()
@@ -163,14 +168,14 @@ class Linearised:
         model.solves.adjoint += len(adjoints)
         total = []
         for field in model.fields.values():
-            form = ngs.LinearForm(_complex(field.space))
-            test = form.space.TestFunction()
+            form, test = ngs.LinearForm(field.space), field.space.TestFunction()
             for k, (adjoint, _) in enumerate(adjoints):
-                form += body.terms(
-                    body.waves[k].omega, self._function(self.waves[k]), self._function(adjoint), _along(field, test)
-                )
+                u, back = self._function(self.waves[k]), self._function(adjoint)
+                work = body.terms(body.waves[k].omega, u, back, _real_along(field, test))
+                if work is not None:
+                    form += work
             form.Assemble()
-            total.append(-form.vec.FV().NumPy().real)
+            total.append(-form.vec.FV().NumPy())
         return np.concatenate([*total, self._of_boundary(adjoints)])
 
     @property
@@ -186,7 +191,9 @@ class Linearised:
         for field in self.model.fields.values():
             space = _complex(field.space)
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
-            form += body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            work = body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            if work is not None:
+                form += work
             form.Assemble()
             columns.append(sparse(form.mat))
         return sp.csr_array(sp.hstack(columns))
@@ -213,6 +220,11 @@ class Linearised:
 def _complex(space: ngs.FESpace) -> ngs.FESpace:
     """The space over the complex numbers, where forms with complex waves live."""
     return type(space)(space.mesh, order=space.globalorder, complex=True)
+
+
+def _real_along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
+    along = _along(field, direction)
+    return lambda work: change.real if (change := along(work)).is_complex else change
 
 
 def _along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.materials.base import Addable, Deformation, OfWholeStretch, Value, checked, positive
 from ngbrain.materials.fibre import Fibre, structural
 
@@ -125,7 +126,11 @@ class TransverselyIsotropic(OfSmallStrain):
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
         """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
-        M, squared = self._structural(), strain * strain
+        M = self._structural()
+        if M.dims[0] != strain.dims[0]:
+            found, wanted = f"a direction of {M.dims[0]} components", f"{strain.dims[0]} of them, as the strain has"
+            raise InputError("TransverselyIsotropic.fibre", found, wanted)
+        squared = strain * strain
         third, along = ngs.Trace(strain) / 3, ngs.Trace(M * strain)
         sheared, stretched = ngs.Trace(M * squared) - along * along, along - third
         shape = ngs.Trace(squared) - 3 * third * third

@@ -1,0 +1,295 @@
+"""Derivatives of waves at points: Taylor rates of every field, J against Jᵀ, and bugs put in on purpose that are caught."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from ngsolve.comp import IntegrationRuleSpace
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
+from ngbrain.forward import sensitivity
+from ngbrain.forward.harmonic import Absorbing, Factorised, Harmonic, Wave
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
+from ngbrain.materials import Shearing, TransverselyIsotropic
+from ngbrain.mesh.grid import rectangles
+from waves import cube, square
+
+SIDE = 0.04
+WAVES = [Wave(60.0, {"top": (1e-3, 5e-4j)}), Wave(60.0, {"bottom": (0, 1e-3)}), Wave(90.0, {"top": (1e-3, 0)})]
+START = {"storage": 2000.0, "loss": 700.0, "mu": 2000.0, "zeta": 0.8, "phi": 0.5, "bulk": 9e3, "density": 1000.0}
+
+
+def field(mesh, name, space=None):
+    """A field that varies, around its usual value."""
+    made = ngs.GridFunction(space or ngs.H1(mesh, order=1))
+    made.Set(START[name] * (1 + 0.2 * ngs.sin(70 * ngs.x) * ngs.cos(50 * ngs.y)))
+    return made
+
+
+def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, **options):
+    """A WaveModel all of whose moduli are fields."""
+    mesh = mesh or square(3, SIDE)
+    names = {
+        "elastic": ["storage"],
+        "viscoelastic": ["storage", "loss"],
+        "fibres": ["mu", "zeta", "phi"],
+        "lossy fibres": ["storage", "loss", "zeta", "phi"],
+        "bulk": ["storage", "bulk"],
+        "density": ["storage", "density"],
+    }[kind]
+    fields = {name: field(mesh, name) for name in names}
+    shear = fields.get("mu") or fields["storage"] * (1 if kind == "elastic" else 1 + 0.3j)
+    if "loss" in fields:
+        shear = fields["storage"] + 1j * fields["loss"]
+    law = Shearing(shear)
+    if "zeta" in fields:
+        a = (ngs.cos(30 * ngs.x), ngs.sin(30 * ngs.x), 0.3)
+        three = mesh.dim == 3 or options.get("kinematics")
+        law = TransverselyIsotropic(shear, fields["zeta"], fields["phi"], ngs.CF(a if three else a[:2]))
+    body = Harmonic(
+        mesh,
+        law,
+        waves,
+        bulk=fields.get("bulk", 9e3 if "/" not in form else 2e5),
+        density=fields.get("density", 1000.0),
+        form=form,
+        held=options.pop("held", "bottom|top"),
+        **options,
+    )
+    inner = np.array([[0.21, 0.3, 0.4], [0.7, 0.22, 0.3], [0.4, 0.81, 0.6], [0.63, 0.57, 0.2]]) * SIDE
+    return WaveModel(body, fields, inner[:, : mesh.dim])
+
+
+def misfit(of, weight):
+    """½ Σ |d - d0|² with d0 far from the data, and its gradient."""
+
+    def value(theta):
+        return float(0.5 * np.sum(np.abs(of.at(theta).data - weight) ** 2))
+
+    def gradient(theta):
+        there = of.at(theta)
+        return there.gradient(there.data - weight)
+
+    return value, gradient
+
+
+def directions(of, rng):
+    """One for each block, of the block's size."""
+    theta = of.theta
+    for name, block in of.blocks.items():
+        direction = np.zeros(of.size)
+        direction[block] = rng.normal(size=block.stop - block.start) * np.abs(theta[block]).max()
+        yield name, direction
+
+
+def wanted(of, rng):
+    shape = (len(of.body.waves), len(of.points), of.dim)
+    return 1e-3 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
+
+
+MODELS = {
+    "elastic": lambda: model("elastic"),
+    "viscoelastic": lambda: model(),
+    "fibres": lambda: model("fibres"),
+    "lossy fibres": lambda: model("lossy fibres"),
+    "bulk": lambda: model("bulk"),
+    "density": lambda: model("density"),
+    "mixed": lambda: model(form="P3/P2"),
+    "mixed fibres": lambda: model("lossy fibres", "P2/P1"),
+    "mixed bulk": lambda: model("bulk", "P2/P1"),
+    "grid": lambda: model(form="Q1/L2(0)", quadrature=1, mesh=rectangles(*[np.linspace(0, SIDE, 5)] * 2)),
+    "revolution": lambda: model("lossy fibres", kinematics=Axisymmetric()),
+    "absorbing": lambda: model(absorbing=[Absorbing("left", 2000 + 700j, 1e4)]),
+    "space": lambda: model(
+        "lossy fibres", "P2/P1", cube(1, SIDE), [Wave(60.0, {"top": (1e-3, 0, 0)})], held="bottom|top"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_rates_of_every_field(name, rng):
+    of = MODELS[name]()
+    theta, (value, gradient) = of.theta, misfit(of, wanted(of, rng))
+    slope = gradient(theta)
+    for block, direction in directions(of, rng):
+        rates = taylor(value, slope, theta, direction, first=5e-4 if block != BOUNDARY else 1.0)
+        assert np.all((rates > 1.9) & (rates < 2.1)), (block, rates)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_products_are_transposes_and_the_gradient_is_one(name, rng):
+    of = MODELS[name]()
+    there, w = of.at(of.theta), wanted(of, rng)
+    pulled, driven = there.pull(w), there.gradient(w)
+    scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
+    assert np.abs((pulled - driven) / scale).max() < 1e-11
+    for _, direction in directions(of, rng):
+        forth = np.sum(np.conj(w) * there.push(direction)).real
+        back = pulled @ direction
+        size = np.linalg.norm(w) * np.linalg.norm(there.push(direction))
+        assert abs(forth - back) < 1e-11 * size
+
+
+def test_absorbing_edges_of_fields(rng):
+    mesh = square(3, SIDE)
+    storage = field(mesh, "storage")
+    law, edge = Shearing(storage * (1 + 0.3j)), Absorbing("left|right", storage * (1 + 0.3j), 1e4)
+    body = Harmonic(mesh, law, WAVES, bulk=9e3, form="P2", held="bottom|top", absorbing=[edge])
+    of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
+    value, gradient = misfit(of, wanted(of, rng))
+    name, direction = next(directions(of, rng))
+    rates = taylor(value, gradient(of.theta), of.theta, direction, first=2e-3)
+    assert name == "storage" and np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+@pytest.mark.parametrize("space", ["by element", "by region", "higher"])
+def test_fields_of_any_space(space, rng):
+    mesh = square(3, SIDE)
+    spaces = {
+        "by element": ngs.L2(mesh, order=0),
+        "by region": ngs.NumberSpace(mesh),
+        "higher": ngs.H1(mesh, order=3),
+    }
+    storage = ngs.GridFunction(spaces[space])
+    storage.vec[:] = 0
+    if space == "higher":
+        storage.Set(START["storage"])
+    else:
+        storage.vec[:] = START["storage"]
+    body = Harmonic(mesh, Shearing(storage * (1 + 0.3j)), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.02], [0.03, 0.011]]))
+    weight = wanted(of, rng)
+    value, gradient = misfit(of, weight)
+    _, direction = next(directions(of, rng))
+    rates = taylor(value, gradient(of.theta), of.theta, direction, first=2e-3)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+    there = of.at(of.theta)
+    assert there.pull(weight) == pytest.approx(there.gradient(weight), rel=1e-9, abs=1e-16)
+
+
+def test_solves_are_counted(rng):
+    of = model()
+    there, w = of.at(of.theta), wanted(of, rng)
+    assert (of.solves.factorisations, of.solves.forward) == (2, 3)
+    there.gradient(w)
+    assert of.solves.adjoint == 3
+    there.push(of.theta)
+    there.pull(w)
+    assert of.solves.incremental == 6
+
+
+# Each bug is one that was met somewhere; rates of a right gradient are above 1.9.
+
+
+def conjugated(patch):
+    back = Linearised._adjoints
+    patch.setattr(Linearised, "_adjoints", lambda self, w: back(self, np.conj(w)))
+
+
+def reversed_sign(patch):
+    gradient = Linearised.gradient
+    patch.setattr(Linearised, "gradient", lambda self, w: -gradient(self, w))
+
+
+def without_mass(patch):
+    """∂M/∂ρ forgotten."""
+    works = Harmonic.works
+    patch.setattr(Harmonic, "works", lambda self, omega, u, v: works(self, 0.0 if _waves(u) else omega, u, v))
+
+
+def coarser_gradient(patch):
+    gradient = Linearised.gradient
+
+    def wrong(self, w):
+        body = self.model.body
+        right, body.rules = body.rules, IntegrationRuleSpace(body.mesh, order=1).GetIntegrationRules()
+        found = gradient(self, w)
+        body.rules = right
+        return found
+
+    patch.setattr(Linearised, "gradient", wrong)
+
+
+def stale_factor(patch):
+    gradient = Linearised.gradient
+
+    def wrong(self, w):
+        fields = self.model.fields.values()
+        for field in fields:
+            field.vec.data *= 1.05
+        self.factors = Factorised(self.model.body)
+        for field in fields:
+            field.vec.data /= 1.05
+        return gradient(self, w)
+
+    patch.setattr(Linearised, "gradient", wrong)
+
+
+def boundary_twice(patch):
+    once = Linearised._of_boundary
+    patch.setattr(Linearised, "_of_boundary", lambda self, adjoints: np.concatenate([2 * once(self, adjoints)]))
+
+
+def boundary_forgotten(patch):
+    once = Linearised._of_boundary
+    patch.setattr(Linearised, "_of_boundary", lambda self, adjoints: 0 * once(self, adjoints))
+
+
+def _waves(u):
+    return isinstance(u, ngs.GridFunction)
+
+
+BUGS = {
+    conjugated: ("viscoelastic", "storage"),
+    reversed_sign: ("viscoelastic", "loss"),
+    without_mass: ("density", "density"),
+    coarser_gradient: ("viscoelastic", "storage"),
+    stale_factor: ("viscoelastic", "storage"),
+    boundary_twice: ("viscoelastic", BOUNDARY),
+    boundary_forgotten: ("viscoelastic", BOUNDARY),
+}
+
+
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.__name__)
+def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
+    kind, block = BUGS[bug]
+    of = MODELS[kind]()
+    theta, weight = of.theta, wanted(of, rng)
+    direction = dict(directions(of, rng))[block]
+    first = 5e-4 if block != BOUNDARY else 1.0
+    value, gradient = misfit(of, weight)
+    assert taylor(value, gradient(theta), theta, direction, first=first)[-1] > 1.9
+    bug(monkeypatch)
+    rates = taylor(value, gradient(theta), theta, direction, steps=8, first=first)
+    assert rates[-1] < 1.2, rates
+
+
+def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
+    of = model()
+    there, w = of.at(of.theta), wanted(of, rng)
+    _, direction = next(directions(of, rng))
+    monkeypatch.setattr(Linearised, "sensitivities", [sp.csr_array(s.conj()) for s in there.sensitivities], raising=False)
+    forth, back = np.sum(np.conj(w) * there.push(direction)).real, 0.0
+    monkeypatch.undo()
+    back = there.pull(w) @ direction
+    assert abs(forth - back) > 1e-3 * abs(back)
+
+
+def test_bad_input():
+    mesh = square(2, SIDE)
+    storage = field(mesh, "storage")
+    body = Harmonic(mesh, Shearing(storage), WAVES, bulk=9e3, form="P2", held="bottom|top")
+    with pytest.raises(InputError, match="boundary"):
+        WaveModel(body, {"boundary": storage}, np.array([[0.01, 0.01]]))
+    with pytest.raises(InputError, match="1 of 2 outside"):
+        WaveModel(body, {"storage": storage}, np.array([[0.01, 0.01], [0.05, 0.01]]))
+    with pytest.raises(InputError, match="real"):
+        WaveModel(body, {"storage": ngs.GridFunction(ngs.H1(mesh, complex=True))}, np.array([[0.01, 0.01]]))
+    of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.01]]))
+    with pytest.raises(InputError, match="theta"):
+        of.at(np.ones(3))
+    with pytest.raises(InputError, match="theta"):
+        of.at(np.full(of.size, np.nan))
+    assert sensitivity.BOUNDARY in of.blocks
