@@ -17,7 +17,7 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.inverse.optimality import Optimality
-from ngbrain.inverse.weights import Evidence, Level
+from ngbrain.inverse.weights import Evidence, Level, Policy
 
 Array = np.ndarray
 LONGEST = 1.0
@@ -82,7 +82,7 @@ class GaussNewton:
     def __init__(
         self,
         reduced: Reduced,
-        policy: Evidence | None = None,
+        policy: Policy | None = None,
         tell: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
@@ -115,7 +115,9 @@ class GaussNewton:
 
     def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> Found:
         """From fields down to a minimum of J, at weights that settle with it."""
-        history: list[Iteration] = []
+        return self._down(x, rounds, [])
+
+    def _down(self, x: Array, rounds: int, history: list[Iteration]) -> Found:
         point = self.reduced.at(x)
         settled = False
         for _ in range(rounds):

@@ -44,6 +44,13 @@ class Level:
         return self.misfit / self.expected
 
 
+class Policy(Protocol):
+    """What changes weights."""
+
+    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+        """New weights in `reduced`; the largest factor by which one changed."""
+
+
 @dataclass
 class Evidence:
     """Each block's weight from the data."""
