@@ -142,12 +142,12 @@ def _of_field(
     model, body = state.model, state.model.body
     space = model.fields[name].space
     trial, test = space.TnT()
-    squared, wave_number = 0.0, 0.0
+    squared, wave_number = ngs.CF(0.0), ngs.CF(0.0)
     for k, wave in enumerate(body.waves):
         u = ngs.GridFunction(body.fes)
         u.vec.FV().NumPy()[:] = state.waves[k]
-        stiffness = shear_stiffness(body, wave.omega)
-        squared = squared + driven(body, wave.omega, u, model.fields[name]) / stiffness**2 * density[k]
+        stiffness = _mean(body, shear_stiffness(body, wave.omega))
+        squared = squared + _mean(body, driven(body, wave.omega, u, model.fields[name])) / stiffness**2 * density[k]
         wave_number = wave_number + wave.omega**2 * body.density / stiffness / len(body.waves)
     weighted = _assembled(space, body, ngs.sqrt(squared) * trial * test) @ inner
     S = _assembled(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
@@ -181,7 +181,7 @@ def driven(body: Harmonic, omega: float, u: ngs.GridFunction, field: ngs.GridFun
     total = ngs.CF(0.0)
     for i, j in np.ndindex(n, n):
         change = energy.Diff(strain, _unit(n, (i, j), 1.0)).Diff(field, one)
-        total = total + change.real**2 + change.imag**2
+        total = total + change * ngs.Conj(change)
     return total
 
 
@@ -192,14 +192,14 @@ def _unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFuncti
 
 
 def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
-    """|g| (Pa): twice the energy of a unit shear, the mean over the planes that coordinates span."""
+    """g (Pa, complex): twice the energy of a unit shear, the mean over the planes that coordinates span."""
     law = _law(body, omega)
     n = 2 if body.mesh.dim == 2 and isinstance(body.kinematics, PlaneStrain) else 3
     planes = [(i, j) for i in range(n) for j in range(i)]
     total = ngs.CF(0.0)
     for i, j in planes:
         total = total + 2 / len(planes) * law.energy(_unit(n, (i, j), 0.5) + _unit(n, (j, i), 0.5))
-    return ngs.sqrt(total.real**2 + total.imag**2)
+    return total
 
 
 def _law(body: Harmonic, omega: float) -> OfSmallStrain:
@@ -217,6 +217,19 @@ def _density(model: WaveModel, weight: Array) -> list[ngs.GridFunction]:
         density.vec.FV().NumPy()[:] = sums / volume
         found.append(density)
     return found
+
+
+def _mean(body: Harmonic, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
+    """Size of the mean over each element: enough to precondition with, and an integrand is evaluated once at each point."""
+    space = ngs.L2(body.mesh, order=0, complex=True)
+    sums, sizes = (ngs.LinearForm(space) for _ in range(2))
+    sums += (integrand + 0j * ngs.x).Compile() * space.TestFunction() * ngs.dx(intrules=body.rules)
+    sizes += (1 + 0j) * space.TestFunction() * ngs.dx(intrules=body.rules)
+    sums.Assemble()
+    sizes.Assemble()
+    mean = ngs.GridFunction(ngs.L2(body.mesh, order=0))
+    mean.vec.FV().NumPy()[:] = np.abs(sums.vec.FV().NumPy() / sizes.vec.FV().NumPy())
+    return mean
 
 
 def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFunction) -> sp.csr_array:
