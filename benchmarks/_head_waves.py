@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
@@ -114,10 +113,22 @@ def simulated(subject: Head, size: float, form: str) -> dict[str, Array]:
         x = voxels(subject, mesh)
         observe = evaluation(ngs.H1(mesh, order=made.form.order), x)
         width = observe.shape[1]
-        u = [np.column_stack([observe @ v.vec.FV().NumPy()[i * width : (i + 1) * width] for i in range(3)]) for v in made.solve()]
+        u = [
+            np.column_stack([observe @ v.vec.FV().NumPy()[i * width : (i + 1) * width] for i in range(3)])
+            for v in made.solve()
+        ]
         return {"points": x, "displacement": np.array(u), "unknowns": np.array(made.fes.ndof)}
 
-    made_from = [subject.labels.volume.digest(), size, form, VOXEL, list(map(str, MODULI.values())), BULK, CENTRE.tolist(), RADIUS]
+    made_from = [
+        subject.labels.volume.digest(),
+        size,
+        form,
+        VOXEL,
+        list(map(str, MODULI.values())),
+        BULK,
+        CENTRE.tolist(),
+        RADIUS,
+    ]
     return kept("head-waves", made_from, (harmonic, points, inverse_labels), make)
 
 
@@ -125,10 +136,9 @@ def voxels(subject: Head, mesh: ngs.Mesh) -> Array:
     """Middles (n, 3) m of the voxels of `VOXEL` in the parenchyma and in the mesh."""
     corners = np.array([v.point for v in mesh.vertices])
     low, high = np.floor(corners.min(axis=0) / VOXEL).astype(int), np.ceil(corners.max(axis=0) / VOXEL).astype(int)
-    index = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)), indexing="ij"), axis=-1)
+    index = np.stack(
+        np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)), indexing="ij"), axis=-1
+    )
     x = VOXEL * index.reshape(-1, 3)
     x = x[subject.parenchyma(x)]
     return np.asarray(x[inside(mesh, x)])
-
-
-Label = Callable[[Array], Array]

@@ -2,7 +2,7 @@
 
 The brain of MNI152 at 50 Hz, its skull nodding and moved sideways; G* by tissue, an inclusion twice as stiff as white matter.
 The waves are simulated with elements of another order and size than the inversion's, taken at the voxels of 2 mm and given
-2 % noise, those at the skull too, whose displacement is an unknown of the inversion. Methods: Gauss-Newton with a field for
+2 % noise, those at the skull too, whose rigid motion is an unknown of the inversion. Methods: Gauss-Newton with a field for
 each label (labels known, the inclusion's too), with one field for all, and with no model (algebraic and local-frequency
 inversion). Error: of the tissue medians, relative; beside it the inclusion's contrast (median of its core, a voxel off its
 border, over that of the 5 mm around it) over the true one.
@@ -23,8 +23,9 @@ from dataclasses import dataclass
 
 import ngsolve as ngs
 import numpy as np
+import scipy.sparse as sp
 from _command import main
-from _head_waves import CENTRE, MODULI, RADIUS, VOXEL, DENSITY, FREQUENCY, Head, body, head, simulated
+from _head_waves import CENTRE, DENSITY, FREQUENCY, MODULI, RADIUS, VOXEL, Head, body, head, simulated
 from scipy.spatial import KDTree
 
 from ngbrain.adjoint.reduced import Reduced
@@ -72,31 +73,47 @@ class Experiment:
         u = u + deviation * (random.normal(size=u.shape) + 1j * random.normal(size=u.shape))
         return cls(subject, found["points"], u, deviation, subject.label_at(found["points"]))
 
+    def thinned(self, stride: int) -> Experiment:
+        """With one point of `stride`."""
+        u = self.displacement[:, ::stride]
+        return Experiment(self.subject, self.points[::stride], u, self.sigma, self.label[::stride])
+
     def inside(self, mesh: ngs.Mesh) -> Experiment:
         """What lies in a mesh."""
         kept = inside(mesh, self.points)
         return Experiment(self.subject, self.points[kept], self.displacement[:, kept], self.sigma, self.label[kept])
 
 
+def rigid(model: WaveModel) -> sp.csr_array:
+    """Basis of the skull's motions as in θ: for each load, real and imaginary, three translations and rotations (1/m)."""
+    made, x = model.body, (ngs.x, ngs.y, ngs.z)
+    turns = [(0, -x[2], x[1]), (x[2], 0, -x[0]), (-x[1], x[0], 0)]
+    field, columns = ngs.GridFunction(made.fes), []
+    for motion in [(1, 0, 0), (0, 1, 0), (0, 0, 1), *turns]:
+        field.Set(ngs.CF(motion), definedon=made.mesh.Boundaries("skull"), dual=True)
+        columns.append(field.vec.FV().NumPy()[model.driving].real.copy())
+    return sp.csr_array(sp.block_diag([np.column_stack(columns)] * (2 * len(made.waves))))
+
+
 def at_skull(experiment: Experiment, model: WaveModel) -> Array:
-    """Displacements of the held unknowns to begin with, as in θ: local linear fits of the data, at corners of elements."""
-    mesh, made = model.body.mesh, model.body
-    corners = np.array([v.point for v in mesh.vertices])
-    width = made.fes.ndof // 3
-    near = KDTree(experiment.points)
-    held = [i for i in range(mesh.nv) if made.held[i]]
-    _, found = near.query(corners[held], 40)
-    parts = []
-    for u in experiment.displacement:
-        g = np.zeros(made.fes.ndof, complex)
-        for i, some in zip(held, found, strict=True):
-            A = np.column_stack([np.ones(len(some)), experiment.points[some] - corners[i]])
-            g[i + width * np.arange(3)] = np.linalg.lstsq(A.astype(complex), u[some], rcond=None)[0][0]
-        parts += [g[model.driving].real, g[model.driving].imag]
-    return np.concatenate(parts)
+    """The skull's motion to begin with: the rigid motion nearest to the data within 4 mm of the skull."""
+    mesh = model.body.mesh
+    corners = np.array([v.point for v in mesh.vertices])[[model.body.held[i] for i in range(mesh.nv)]]
+    near = KDTree(corners).query(experiment.points)[0] < 4e-3
+    x, one = experiment.points[near], np.ones(near.sum())
+    zero = 0 * one
+    columns = [
+        (one, zero, zero), (zero, one, zero), (zero, zero, one),
+        (zero, -x[:, 2], x[:, 1]), (x[:, 2], zero, -x[:, 0]), (-x[:, 1], x[:, 0], zero),
+    ]  # fmt: skip
+    A = np.stack([np.concatenate(motion) for motion in columns], axis=1).astype(complex)
+    found = [np.linalg.lstsq(A, u[near].T.ravel(), rcond=None)[0] for u in experiment.displacement]
+    return np.concatenate([part for c in found for part in (c.real, c.imag)])
 
 
-def inverted(experiment: Experiment, size: float, form: str, labelled: bool, rounds: int, checkpoint: str | None) -> dict:
+def inverted(
+    experiment: Experiment, size: float, form: str, labelled: bool, rounds: int, checkpoint: str | None
+) -> dict:
     """Gauss-Newton with elements of `size` (m); G* at the experiment's points."""
     begun = time.process_time(), time.monotonic()
     mesh, degree = experiment.subject.mesh(size), int(form[1])
@@ -115,8 +132,8 @@ def inverted(experiment: Experiment, size: float, form: str, labelled: bool, rou
     unknowns: dict[str, Unknown] = {
         name: Unknown(START.real if name.startswith("storage") else START.imag) for name in fields
     }
-    scale = float(experiment.sigma.mean())
-    unknowns[BOUNDARY] = Unknown(at_skull(experiment, model), Scaled(scale))
+    scale = np.tile(float(experiment.sigma.mean()) * np.array([1, 1, 1, 20, 20, 20]), 2 * len(made.waves))
+    unknowns[BOUNDARY] = Unknown(at_skull(experiment, model), Scaled(scale), rigid(model))
     search = Fields(model.theta, model.blocks, unknowns)
     regular = {name: smooth(space, search.start[search.blocks[name]]) for name in fields}
     reduced = Reduced(model, misfit, search, regular, dict.fromkeys(fields, 0.1 * misfit.count))
@@ -177,22 +194,68 @@ def direct(experiment: Experiment) -> dict[str, Array]:
 
 
 def measure(quick: bool) -> list[dict]:
-    """All records."""
-    simulation, meshes = ((10e-3, "P3"), (14e-3, "P3")) if quick else ((14e-3, "P4"), (10e-3, "P3"))
+    """All records; `quick` takes an eighth of the voxels and coarse elements."""
+    simulation, meshes = ((10e-3, "P3"), (18e-3, "P3")) if quick else ((14e-3, "P4"), (10e-3, "P3"))
     experiment = Experiment.made(*simulation)
-    if quick:
-        experiment = Experiment(
-            experiment.subject, experiment.points[::4], experiment.displacement[:, ::4], experiment.sigma, experiment.label[::4]
-        )
     records = []
+    for name, modulus in ({} if quick else direct(experiment)).items():
+        records.append({"method": name, "order": 0, "ndof": 0, "converged": True, **judged(experiment, modulus)})
+    experiment = experiment.thinned(8 if quick else 1)
     for name, labelled in (("ngbrain:gauss-newton labels", True), ("ngbrain:gauss-newton one field", False)):
-        found = inverted(experiment, *meshes, labelled, 8, None)
+        found = inverted(experiment, *meshes, labelled, 6 if quick else 8, None)
         modulus, own = found.pop("modulus"), found.pop("experiment")
-        records.append({"method": name, "order": int(meshes[1][1]), "n_points": len(own.points), **found, **judged(own, modulus)})
+        maps = {"slice": slices(own, modulus)}
+        records.append(
+            {
+                "method": name,
+                "order": int(meshes[1][1]),
+                "n_points": len(own.points),
+                **found,
+                **judged(own, modulus),
+                **maps,
+            }
+        )
     return records
+
+
+def slices(experiment: Experiment, modulus: Array) -> dict[str, list]:
+    """Points within a voxel of the plane of the inclusion's middle: x, y (mm), true and found storage modulus (kPa)."""
+    flat = np.abs(experiment.points[:, 2] - CENTRE[2]) < VOXEL
+    columns = (
+        1e3 * experiment.points[flat, 0],
+        1e3 * experiment.points[flat, 1],
+        1e-3 * experiment.truth[flat].real,
+        1e-3 * modulus[flat].real,
+    )
+    return {name: values.round(3).tolist() for name, values in zip(("x", "y", "truth", "found"), columns, strict=True)}
+
+
+def chart(records: list[dict], path: str) -> None:
+    """Truth, estimate and error of each inversion in the plane of the inclusion's middle."""
+    plt = require("matplotlib.pyplot", "report")
+    shown = [r for r in records if "slice" in r]
+    figure, rows = plt.subplots(len(shown), 3, figsize=(11, 4 * len(shown)), layout="constrained", squeeze=False)
+    for r, row in zip(shown, rows, strict=True):
+        x, y, truth, found = (np.array(r["slice"][name]) for name in ("x", "y", "truth", "found"))
+        kinds = (
+            (truth, "truth", 1.5, 5.5, "viridis"),
+            (found, r["method"], 1.5, 5.5, "viridis"),
+            (found - truth, "error", -1, 1, "RdBu_r"),
+        )
+        for (values, title, low, high, colours), axes in zip(kinds, row, strict=True):
+            dots = axes.scatter(x, y, c=values, s=9, marker="s", vmin=low, vmax=high, cmap=colours)
+            axes.set(title=f"{title}, kPa", xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+            figure.colorbar(dots, ax=axes)
+    figure.savefig(path, dpi=110)
 
 
 def line(r: dict) -> str:
     """A record to read."""
-    medians = ", ".join(f"{name.replace('_', ' ')} {100 * r[name]:+.1f}" for name in r if name.endswith(("storage", "loss")))
+    medians = ", ".join(
+        f"{name.replace('_', ' ')} {100 * r[name]:+.1f}" for name in r if name.endswith(("storage", "loss"))
+    )
     return f"{r['method']:<32} {medians} %  contrast {r['contrast']:.2f} of {r['true_contrast']:.2f}  {r.get('cpu_s', 0):.0f} s"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)

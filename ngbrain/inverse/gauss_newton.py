@@ -17,7 +17,7 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.inverse.optimality import Optimality
-from ngbrain.inverse.weights import Evidence, Level, Policy
+from ngbrain.inverse.weights import Determined, Evidence, Level, Policy
 
 Array = np.ndarray
 LONGEST = 1.0
@@ -101,9 +101,7 @@ class GaussNewton:
         for _ in range(rounds):
             theta = self.reduced.unknowns.theta(x)
             state = self.model.around(theta, waves)
-            balance = np.array(
-                [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
-            )
+            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
             conditions, dx, du = self._step(x, state, balance)
             step = self._bounded(dx)
             x, waves = self._moved(x, step * dx, waves + step * du)
@@ -135,7 +133,7 @@ class GaussNewton:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
         return self._found(point.x, point.state.waves, point.state.data, history, settled)  # type: ignore[attr-defined]
 
-    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Optimality, Array, Array]:
+    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Determined, Array, Array]:
         reduced, width = self.reduced, self._width
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]
@@ -177,7 +175,7 @@ class GaussNewton:
         phase: str,
         x: Array,
         data: Array,
-        conditions: Optimality,
+        conditions: Determined,
         dx: Array,
         step: float,
         history: list[Iteration],

@@ -20,7 +20,7 @@ from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.sensitivity import Linearised
 from ngbrain.inverse.gauss_newton import ROUNDS, Found, GaussNewton, Iteration
 from ngbrain.inverse.normal import FORCING, MOST, Normal
-from ngbrain.inverse.weights import Evidence, Policy
+from ngbrain.inverse.weights import Determined, Evidence, Policy
 
 Array = np.ndarray
 
@@ -71,9 +71,8 @@ class Iterative(GaussNewton):
         return self._down(x, rounds - len(history), history)
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
-        normal = Normal(Point(self.reduced, x, state), self.forcing, self.most)
+        normal = Normal(Point(self.reduced, x, state), self.iterations, self.forcing, self.most)
         dx = normal.solve(-normal.gradient())
-        self.iterations += normal.iterations
         return normal, dx, np.zeros_like(state.waves)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
@@ -83,10 +82,16 @@ class Iterative(GaussNewton):
         return super()._bounded(dx[: self._width])
 
     def _account(
-        self, phase: str, x: Array, data: Array, conditions, dx: Array, step: float, history: list[Iteration]  # type: ignore[no-untyped-def]
+        self,
+        phase: str,
+        x: Array,
+        data: Array,
+        conditions: Determined,
+        dx: Array,
+        step: float,
+        history: list[Iteration],
     ) -> tuple[float, bool]:
-        answer = super()._account(phase, x, data, conditions, dx, step, history)
-        self.iterations += conditions.iterations[1:]
+        answer = super()._account(phase, x, data, conditions, dx[: self._width], step, history)
         if self.checkpoint is not None:
             self._save(self.checkpoint, x, history)
         return answer

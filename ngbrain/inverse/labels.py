@@ -51,9 +51,7 @@ def shares(
     return found
 
 
-def by_label(
-    shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]
-) -> CoefficientFunction:
+def by_label(shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
     """Σ s_l G_l; `InputError` unless every label has a field."""
     if missing := set(shares) - set(fields):
         raise InputError("fields", f"without {', '.join(sorted(missing))}", "a field for each label")

@@ -39,16 +39,19 @@ MOST = 40
 class Normal:
     """The normal equations around a point.
 
+    counted         list that the iterations of each solve are added to
     forcing, most   where conjugate gradients stop
     """
 
-    def __init__(self, point: Point, forcing: float = FORCING, most: int = MOST) -> None:
+    def __init__(
+        self, point: Point, counted: list[int] | None = None, forcing: float = FORCING, most: int = MOST
+    ) -> None:
         self.point, self.forcing, self.most = point, forcing, most
+        self.iterations: list[int] = [] if counted is None else counted
+        self._found: dict[str, float] = {}
         self._regular = point.reduced.regular_matrix(point.x)
         self._jacobian = point.reduced.unknowns.jacobian(point.x)
         self.precondition = by_blocks(preconditioners(point), point.reduced)
-        self.iterations: list[int] = []
-        """Of each solve."""
 
     def product(self, direction: Array) -> Array:
         """H times a direction."""
@@ -84,10 +87,9 @@ class Normal:
         return {name: counts[name] for name in regular}
 
     def _counts(self, random: np.random.Generator) -> dict[str, float]:
-        if not hasattr(self, "_found"):
+        if not self._found:
             probe = random.choice([-1.0, 1.0], size=len(self.point.x))
             held = self._regular @ self.solve(probe)
-            self._found = {}
             for name, block in self.point.reduced.unknowns.blocks.items():
                 size = block.stop - block.start
                 self._found[name] = float(np.clip(size - probe[block] @ held[block], 0.0, size))

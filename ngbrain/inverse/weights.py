@@ -47,7 +47,9 @@ class Level:
 class Policy(Protocol):
     """What changes weights."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the largest factor by which one changed."""
 
 
@@ -55,7 +57,9 @@ class Policy(Protocol):
 class Evidence:
     """Each block's weight from the data."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the largest factor by which one changed."""
         blocks = reduced.unknowns.blocks
         regular = {name: reduced.weights[name] * r.matrix(x[blocks[name]]) for name, r in reduced.regularisers.items()}
@@ -67,7 +71,6 @@ class Evidence:
             reduced.weights[name] *= factor_of_change
             largest = max(largest, factor_of_change, 1 / factor_of_change)
         return largest
-
 
     def noise(self, level: Level) -> float:
         """Variance of the data over the stated one: taken as stated."""
@@ -92,7 +95,9 @@ class Discrepancy:
 
     slack: float = 0.02
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """New weights in `reduced`; the factor by which they changed."""
         if abs(level.ratio - 1) <= self.slack:
             return 1.0
@@ -107,7 +112,9 @@ class Discrepancy:
 class Given:
     """Weights as they are."""
 
-    def update(self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator) -> float:
+    def update(
+        self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
+    ) -> float:
         """1."""
         return 1.0
 
