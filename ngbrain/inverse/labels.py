@@ -32,7 +32,7 @@ def shares(
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
     >>> found = shares(mesh, 2, lambda points: (points[:, 0] > 0.5).astype(int), ["left", "right"])
-    >>> [round(s.vec.FV().NumPy().mean(), 3) for s in found.values()]
+    >>> [round(float(s.vec.FV().NumPy().mean()), 3) for s in found.values()]
     [0.5, 0.5]
     """
     space = IntegrationRuleSpace(mesh, order=degree)

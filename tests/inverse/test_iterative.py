@@ -155,7 +155,7 @@ def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     resumed = Iterative(second, most=5, checkpoint=tmp_path / "part.npz").resume(3)
     assert np.array_equal(resumed.x, straight.x)
     assert resumed.weights == straight.weights
-    assert len(resumed.history) == 3
+    assert [done.expected for done in resumed.history] == [done.expected for done in straight.history]  # its probes
     assert [path.name for path in tmp_path.iterdir()] == ["part.npz"]
 
 
