@@ -10,6 +10,9 @@ border, over that of the 5 mm around it) over the true one.
 Left out: fluid in the sulci (counts as grey matter), the pressure in the ventricles (their walls are free), the tissue's bulk
 modulus (2e5 Pa, known, in data and inversion alike), fibres.
 
+Not settled yet: on elements of 18 mm the misfit is 32 times its expected level after three steps, with the inclusion wrong
+(storage 71 % low); the full size has not been run.
+
     python benchmarks/elastography_head.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/elastography_head.py --chart FILE.png < records.json
 """
