@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import ngsolve as ngs
 import numpy as np
@@ -123,6 +124,11 @@ class WaveModel:
         whole = sp.block_diag([self._scalar] * self.dim, format="csr")
         whole.resize((whole.shape[0], self.body.fes.ndof))
         return sp.csr_array(whole)
+
+    @cached_property
+    def elements(self) -> Array:
+        """In which element each point lies (n,)."""
+        return np.array(self.body.mesh(*self.points.T)["nr"])
 
     def spread(self, values: Array) -> Array:
         """The transpose of `observed`."""

@@ -18,7 +18,7 @@ from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.inverse.found import Found, Iteration, Ledger
 from ngbrain.inverse.optimality import Optimality
 from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.weights import Level, Policy
+from ngbrain.inverse.weights import Determined, Level, Policy
 
 Array = np.ndarray
 LONGEST = 1.0
@@ -81,7 +81,9 @@ class GaussNewton:
 
     def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """From fields down to a minimum of J, at weights that settle with it."""
-        history: list[Iteration] = []
+        return self._down(x, rounds, [])
+
+    def _down(self, x: Array, rounds: int, history: list[Iteration]) -> FoundWaves:
         point = self.reduced.at(x)
         settled = False
         for _ in range(rounds):
@@ -90,7 +92,9 @@ class GaussNewton:
             if lower is None:
                 break
             point = lower
-            settled = self._ledger.enter("fields", point.x, point.state.data, conditions, step * dx, step, history)
+            moved = step * dx[: self._width]
+            settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
+            self._keep(point.x, history)
             point = Point(self.reduced, point.x, point.state)  # at the new weights
             if settled:
                 break
@@ -98,12 +102,15 @@ class GaussNewton:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
         return self._found(point.x, self._state(point).waves, point.state.data, history, settled)
 
+    def _keep(self, x: Array, history: list[Iteration]) -> None:
+        """Where one that is long writes down how far it is."""
+
     @staticmethod
     def _state(point: Point) -> Linearised:
         assert isinstance(point.state, Linearised)
         return point.state
 
-    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Optimality, Array, Array]:
+    def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Determined, Array, Array]:
         reduced, width = self.reduced, self._width
         jacobian = reduced.unknowns.jacobian(x)[: self.model.blocks[BOUNDARY].start, :width]
         regular = reduced.regular_matrix(x)[:width, :width]

@@ -79,11 +79,27 @@ class Evidence(Policy):
         self.determined = factor.determined_of(blocks, regular, random)
         for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
-            wanted = max(number, 1.0) / max(energy, 1e-12)
+            wanted = self.noise(level) * max(number, 1.0) / max(energy, 1e-12)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / LARGEST, LARGEST))
             reduced.weights[name] *= factor_of_change
             largest = max(largest, factor_of_change, 1 / factor_of_change)
         return largest
+
+    def noise(self, level: Level) -> float:
+        """Variance of the data over the stated one: taken as stated."""
+        return 1.0
+
+
+@dataclass
+class EvidenceOfNoise(Evidence):
+    """The same where the model is off by more than the stated noise: what the misfit shows beyond it counts as noise.
+
+    Without it a weight falls until the fields fit errors of the discretisation.
+    """
+
+    def noise(self, level: Level) -> float:
+        """2Φ over its expected level, at least 1."""
+        return max(1.0, level.ratio)
 
 
 @dataclass
