@@ -74,7 +74,7 @@ def record(name: str, noise: float, nodes: int | None) -> Record:
 def chart(records: list[Record], path: str) -> None:
     """Errors by case."""
     cases = list(dict.fromkeys(record["case"] for record in records))
-    fig, ax = figure()
+    _, fig, ax = figure(8, 5)
     for noise, colour, label in ((0.0, "#009E73", "without noise"), (0.01, "#0072B2", "1 % noise")):
         for i, case in enumerate(cases):
             for record in (r for r in records if r["case"] == case and r["noise"] == noise):
@@ -98,7 +98,7 @@ def chart(records: list[Record], path: str) -> None:
     ax.set_ylabel("relative error of each field, %")
     ax.set_title("MatNLI's cases: one call, no settings")
     ax.grid(True, axis="y", alpha=0.3)
-    ax.legend()
+    fig.legend(loc="outside lower center", ncols=3)
     fig.savefig(path, dpi=130, bbox_inches="tight")
 
 

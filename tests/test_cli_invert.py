@@ -7,9 +7,10 @@ import pytest
 from planewaves import RHO, grid, shear_waves
 
 from ngbrain.cli import main
-from ngbrain.errors import ConvergenceError, MissingExtra
+from ngbrain.errors import MissingExtra, SolverError
 from ngbrain.io.waves import WaveData, write_waves
 from ngbrain.progress import ProgressLine
+from ngbrain.report.parameters import percent
 
 SHEAR = 2500 + 500j
 ROUGH = ("--regulariser", "smooth", "--starts", "waves", "-q")
@@ -61,8 +62,9 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
     assert set(result["by_label"]["storage"]) == {"1", "2"}
     assert 0.8 < result["checks"]["misfit_over_expected"] < 1.3 and result["checks"]["strain_snr"] > 3
     assert "resonance_distance" not in result["checks"]  # there is loss
-    assert 1 <= result["model"]["determined"]["storage"] < 90
-    side = (36 * 32 / result["model"]["determined"]["storage"]) ** 0.5
+    determined = result["model"]["determined"]["storage"]
+    assert 0 <= determined < 10  # the truth is the same everywhere
+    side = (36 * 32 / max(determined, 1)) ** 0.5
     assert result["model"]["resolution_mm"]["storage"] == pytest.approx(side)
     arrays = np.load(tmp_path / "out" / "maps.npz")
     assert arrays["points"].shape == (90, 2) and arrays["predicted"].shape == (2, 90, 2)
@@ -82,7 +84,7 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
         "report: ",
     )
     assert all(word in out for word in words), out
-    error = f"{100 * result['answers']['storage']['relative_l2_error']:.2f} %"
+    error = percent(result["answers"]["storage"]["relative_l2_error"])
     assert error in out and error in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -147,7 +149,7 @@ def test_what_is_not_installed_is_said_first(tmp_path, capsys, monkeypatch, wave
 
 def test_a_solver_that_gives_up_leaves_its_rounds(tmp_path, capsys, monkeypatch, waves):
     def descend(*_):
-        raise ConvergenceError("no way down")
+        raise SolverError("no way down")
 
     monkeypatch.setattr("ngbrain.inverse.gauss_newton.GaussNewton.descend", descend)
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *ROUGH)

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import InputError, NgbrainError, SolverError, nearest
+from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.crime import committed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
@@ -28,6 +29,7 @@ from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
 from ngbrain.inverse.regularise import smooth, total_variation
 from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -205,7 +207,7 @@ def invert(
     tried = {name: search.from_waves(name) for name in (REGULARISERS if regulariser == "auto" else (regulariser,))}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
-    both = search.descend(problem, start.x)
+    both = search.descend(problem, start)
     for _ in range(LEVELS):
         found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
         if abs(np.log(found / total)) < CLOSE or (not note and found < total * BEYOND):
@@ -217,7 +219,7 @@ def invert(
         total = found
         search = _Search(experiment, total, tell, search)
         problem, start = search.from_waves(kind, before)
-        both = search.descend(problem, start.x)
+        both = search.descend(problem, start)
     rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
     if uniform:
@@ -242,14 +244,17 @@ def invert(
     }
     ratio = best.level.ratio
     if not 0.8 < ratio < 1.25 and total > FLOOR:
-        notes.append(
-            f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: noise or model error is not that"
-        )
+        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: it is not that")
     for name, number in determined.items():
         if number < FEW:
             notes.append(
                 f"the data determine only {number:.1f} numbers of {name}: no detail of its map is to be believed"
             )
+    crime = committed(data, experiment.body)
+    if crime:
+        notes.append(
+            "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
+        )
     notes += _unseen(experiment)
     return Inversion(
         data=data,
@@ -270,7 +275,7 @@ def invert(
             "n_elements": mesh.ne,
             "n_unknowns": experiment.body.fes.ndof,
             "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
-            "made_in_these_elements": elements.nodal and data.element is not None,
+            "inverse_crime": crime,
             **_mismatch(experiment),
         },
         checks={name: value for name, value in checks.items() if value is not None},
@@ -286,8 +291,7 @@ class _Search:
     ) -> None:
         self.experiment, self._tell = experiment, tell
         self.history: list[Iteration] = before.history if before else []
-        rms = experiment.data.rms
-        self.sigma = np.maximum(noise * rms, 1e-12 * rms.max()) / np.sqrt(2)
+        self.sigma = noise_of(experiment.data, noise)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = LeastSquares(experiment.measured, self.sigma)
 
@@ -313,8 +317,13 @@ class _Search:
             start[:fields] = x[:fields]
         return problem, self._newton(problem).from_waves(start, self.experiment.waves)
 
-    def descend(self, problem: Reduced, x: Array) -> Found:
-        return self._newton(problem).descend(x)
+    def descend(self, problem: Reduced, start: Found) -> Found:
+        """Down in J from a start, or the start itself where nothing is lower."""
+        try:
+            return self._newton(problem).descend(start.x)
+        except ConvergenceError:
+            point = problem.at(start.x)
+            return replace(start, value=point.value, level=Level(2 * point.misfit, start.level.expected))
 
     def uniform(self, kind: str, weights: dict[str, float]) -> Found | None:
         """From uniform fields, at its own weights as they settle; its J is that of the given weights."""

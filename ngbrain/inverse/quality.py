@@ -13,10 +13,16 @@ from ngbrain.image.wavefield import gradient_noise, strain_snr
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData
 
+STILL = 0.01
+
 
 def noise_of(data: WaveData, relative: float) -> np.ndarray:
-    """Standard deviation (loads, 1, dim) m of real and of imaginary parts, for noise relative to each component's rms."""
-    return relative * data.rms / np.sqrt(2)
+    """Standard deviation (loads, 1, dim) m of real and of imaginary parts, for noise relative to each component's rms.
+
+    Of a component that hardly moves it is taken as a hundredth of the largest one's: none is known without error.
+    """
+    least = STILL * data.rms.max(axis=2, keepdims=True)
+    return relative * np.maximum(data.rms, least) / np.sqrt(2)
 
 
 def median_strain_snr(data: WaveData, relative: float) -> float | None:

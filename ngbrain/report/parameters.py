@@ -73,7 +73,7 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was assumed and what came of it: pairs of words."""
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
-    own = "those that the data were made in" if model["made_in_these_elements"] else "our own"
+    own = "those that the data were made in" if model["inverse_crime"] else "our own"
     fields = ", ".join(
         f"{PARAMETERS[name].symbol} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
         for name, length in model["resolution_mm"].items()

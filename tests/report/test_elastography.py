@@ -39,7 +39,7 @@ def result_of(data, **changes):
         "answers": answers, "misfit_over_expected": [9.0, 1.0], "weights": [{"storage": 1.0, "loss": 2.0}] * 2,
     }  # fmt: skip
     model = {
-        "form": "P3", "n_elements": 9, "n_unknowns": 99, "n_parameters": 8, "made_in_these_elements": False,
+        "form": "P3", "n_elements": 9, "n_unknowns": 99, "n_parameters": 8, "inverse_crime": False,
         "regulariser": "smooth", "weights": {"storage": 1.0, "loss": 2.0}, "determined": {"storage": 4.0, "loss": 2.0},
         "resolution_mm": {"storage": 5.0, "loss": 7.0},
     }  # fmt: skip
