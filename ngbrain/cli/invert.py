@@ -114,10 +114,10 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
 
 def summary(result: dict[str, Any]) -> str:
     """The result as text: parameters, starts, what was assumed and found, notes."""
-    lines = [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>9}"]
+    lines = [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"]
     for row in parameters.parameters(result):
         median, iqr, error = (text for text, _ in row.cells)
-        lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>9}")
+        lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")
     symbols = [parameters.PARAMETERS[name].symbol for name in result["answers"]]
     heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "CPU s"]
     lines += ["", f"{'start':<34}" + "".join(f"{head:>11}" for head in heads)]

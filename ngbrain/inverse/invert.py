@@ -7,7 +7,6 @@ polish     down in J from there; and from uniform fields, for comparison. The lo
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -16,7 +15,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError, nearest
+from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers, by_label, derived
 from ngbrain.inverse.crime import committed
@@ -26,9 +25,8 @@ from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
+from ngbrain.inverse.quality import median_strain_snr, noise_level, noise_of, resolution, resonance_distance
 from ngbrain.inverse.regularise import smooth, total_variation
-from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
 
@@ -49,8 +47,10 @@ BEYOND = 1.3
 given is raised when the misfit says this many times more, and never lowered."""
 FEW = 5
 """Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
-SHORT = 10
+SHORT = 12
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
+EASY = 1e-4
+"""Noise that is assumed at least from there: with less, linear theory sees little of the way."""
 
 
 @dataclass
@@ -199,7 +199,7 @@ def invert(
     notes: list[str] = []
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
-    level, note = _noise(data, noise)
+    level, note = noise_level(data, noise)
     notes += [note] if note else []
     total = max(float(np.hypot(level, model_error)), FLOOR)
     experiment = Experiment(data, elements)
@@ -223,7 +223,7 @@ def invert(
     rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
     if uniform:
-        far = search.uniform(kind, both.weights)
+        far = search.uniform(kind, problem)
         if far is not None:
             rows.append(search.row("uniform", problem, far))
             if far.value < both.value * (1 - 1e-6):
@@ -289,7 +289,7 @@ class _Search:
     def __init__(
         self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None], before: _Search | None = None
     ) -> None:
-        self.experiment, self._tell = experiment, tell
+        self.experiment, self.noise, self._tell = experiment, noise, tell
         self.history: list[Iteration] = before.history if before else []
         self.sigma = noise_of(experiment.data, noise)
         self.unknowns = experiment.unknowns(self.sigma)
@@ -325,17 +325,20 @@ class _Search:
             point = problem.at(start.x)
             return replace(start, value=point.value, level=Level(2 * point.misfit, start.level.expected))
 
-    def uniform(self, kind: str, weights: dict[str, float]) -> Found | None:
-        """From uniform fields, at its own weights as they settle; its J is that of the given weights."""
-        problem = self.problem(kind)
+    def uniform(self, kind: str, judge: Reduced) -> Found | None:
+        """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
+        easy = self if self.noise >= EASY else _Search(self.experiment, EASY, self._tell, self)
+        problem = easy.problem(kind)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
-            found = self._newton(problem).descend(self.unknowns.start, SHORT)
+            found = easy._newton(problem).descend(easy.unknowns.start, SHORT)
         except SolverError:
             return None
-        problem.weights = dict(weights)
-        found.value = 0.5 * found.level.misfit + problem.regular(found.x)
-        return found
+        held = easy.unknowns.theta(found.x)[self.experiment.model.blocks[BOUNDARY]]
+        x = found.x.copy()
+        x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
+        point = judge.at(x)
+        return replace(found, x=x, value=point.value, level=Level(2 * point.misfit, found.level.expected))
 
     def row(self, name: str, problem: Reduced, found: Found) -> Row:
         last = found.history[-1]
@@ -360,26 +363,6 @@ class _Search:
             self._tell(iteration)
 
         return GaussNewton(problem, tell=tell)
-
-
-def _noise(data: WaveData, given: float | None) -> tuple[float, str]:
-    """Relative noise: as given, as the data say, or as a smooth fit finds it; and a note where it is found."""
-    if given is not None:
-        return given, ""
-    if data.noise is not None:
-        return data.noise, ""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = smoothed(data).noise
-    except NgbrainError:
-        return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
-    measured = np.isfinite(found) & (data.rms[:, 0] > 0)
-    noise = float(np.median(found[measured] / data.rms[:, 0][measured]))
-    return (
-        noise,
-        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",
-    )
 
 
 def _unseen(experiment: Experiment) -> list[str]:

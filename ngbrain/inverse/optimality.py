@@ -27,6 +27,8 @@ Array = np.ndarray
 SHIFT = 1e-8
 """Added to the diagonal, negative for the equations: then any order of elimination is stable without pivots (Vanderbei 1995,
 10.1137/0805005), and refinement takes it off again."""
+TIED = 1e-6
+"""Weight, in squared deviations of the data, of changes on the boundary: an edge between points is held by little else."""
 REFINEMENTS = 6
 ROUGH = 1e-6
 
@@ -53,6 +55,7 @@ class Optimality:
         observe = state.model.observation
         self.observe = observe[:, self.active]
         self._root = [np.sqrt(part.T.ravel()) for part in weight]
+        tied = sp.diags_array(np.where(self.free[self.active], 0.0, TIED))
         hessians: list[sp.csr_array] = [regular]
         rows: list[list[sp.csr_array | None]] = []
         self._columns, self._rows = [], []
@@ -65,7 +68,7 @@ class Optimality:
             row = 1 / np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=1)).ravel())
             matrix = sp.diags_array(row) @ matrix
             change = sp.diags_array(row) @ (state.sensitivities[k] @ jacobian)[self.free]
-            square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column))
+            square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column) + tied)
             hessians += [square, square]
             before, after = [None] * (2 * k), [None] * (2 * (self.loads - 1 - k))
             rows.append([change.real, *before, matrix.real, -matrix.imag, *after])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 
 import numpy as np
@@ -65,3 +66,23 @@ def resolution(size: float, dim: int, determined: Mapping[str, float]) -> dict[s
     {'storage': 0.01}
     """
     return {name: float((size / max(number, 1.0)) ** (1 / dim)) for name, number in determined.items()}
+
+
+def noise_level(data: WaveData, given: float | None) -> tuple[float, str]:
+    """Relative noise: as given, as the data say, or as a smooth fit finds it; and a note where it had to be found."""
+    if given is not None:
+        return given, ""
+    if data.noise is not None:
+        return data.noise, ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = smoothed(data).noise
+    except NgbrainError:
+        return 0.01, "noise is taken as 1 %: it was not given, and no smooth field could be laid through the data"
+    measured = np.isfinite(found) & (data.rms[:, 0] > 0)
+    noise = float(np.median(found[measured] / data.rms[:, 0][measured]))
+    return (
+        noise,
+        f"noise was not given: a smooth field through the data leaves {100 * noise:.3g} %, then the misfit tells",
+    )

@@ -10,6 +10,7 @@ from ngbrain.errors import InputError
 from ngbrain.inverse.discretise import as_made, bulk_ratio, in_elements
 from ngbrain.inverse.experiment import Experiment, quantities, uniform_shear
 from ngbrain.inverse.invert import invert
+from ngbrain.inverse.phantoms import Phantom
 
 BODIES = [
     (symmetry, rheology, volume)
@@ -79,9 +80,9 @@ def test_a_hole_in_the_data():
 
 
 def test_scattered_points():
-    data = waves(n=25)
+    data = waves(n=21)
     rng = np.random.default_rng(6)
-    some = np.sort(rng.choice(len(data.points), 450, replace=False))
+    some = np.sort(rng.choice(len(data.points), 320, replace=False))
     scattered = replace(
         data,
         points=data.points[some],
@@ -94,7 +95,7 @@ def test_scattered_points():
     known = np.isfinite(found.maps["storage"])
     truth = scattered.truth["shear"].real
     assert known.mean() > 0.95
-    assert np.linalg.norm((found.maps["storage"] - truth)[known]) < 0.04 * np.linalg.norm(truth[known])
+    assert np.linalg.norm((found.maps["storage"] - truth)[known]) < 0.05 * np.linalg.norm(truth[known])
 
 
 def test_displacements_alone_and_no_wave_say_no_scale():
@@ -163,3 +164,12 @@ def test_never_measured_component():
     half[:, :, 0] = np.nan
     with pytest.raises(InputError, match="never measured"):
         invert(replace(data, displacement=half), uniform=False)
+
+
+def test_uniform_fields_arrive_too_where_there_is_no_noise():
+    measured = Phantom.named("CV-G", 21).measured()
+    found = invert(measured.data(), noise=0.0, regulariser="smooth")
+    errors = {row.name: measured.errors(row.maps) for row in found.rows}
+    assert errors["uniform"]["storage"] < 1e-3 and errors["uniform"]["loss"] < 1e-2
+    assert errors["both"]["storage"] < 1e-5
+    assert found.model["inverse_crime"] and any("computed in the elements" in note for note in found.notes)
