@@ -19,6 +19,8 @@ from ngbrain.inverse.smoothing import SmoothField, smoothed
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.grid import Grid
 
+STIFF = 10e3
+"""Shear modulus (Pa) where the waves say none, as quasi-static ones."""
 _OCTAVE = 2.0
 _STEEPNESS = 1 / (2 * np.log(2))  # C of the filters: with centres an octave apart the ratio of two answers is k itself
 
@@ -46,6 +48,15 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
     """
     field = field or smoothed(data)
     return _solved(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
+
+
+def uniform_shear(data: WaveData) -> float:
+    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave."""
+    if not np.any(data.frequency > 0):
+        return STIFF
+    found = np.abs(helmholtz(data)[data.mask])
+    found = found[np.isfinite(found) & (found > 0)]
+    return float(np.median(found)) if len(found) else STIFF
 
 
 def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> np.ndarray:

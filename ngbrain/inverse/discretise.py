@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from ngbrain.errors import InputError
+from ngbrain.inverse.direct import uniform_shear
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import rectangles
 
@@ -78,12 +79,11 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
 
 
 def bulk_ratio(data: WaveData) -> float:
-    """K/G as far as the data say: by Poisson's ratio, or a bulk modulus over brain-like or true moduli."""
-    if data.poisson is not None:
-        return 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson))
-    truths = data.truth_views
-    stiff = next((np.median(truths[name][data.mask]) for name in ("mu", "storage") if name in truths), 2e3)
-    return float(abs(data.bulk) / stiff)  # type: ignore[arg-type]
+    """K/G as far as the data say: by Poisson's ratio, or a bulk modulus over the one shear modulus that fits the waves."""
+    if data.bulk is None:
+        nu = float(data.poisson or 0)
+        return 2 * (1 + nu) / (3 * (1 - 2 * nu))
+    return abs(data.bulk) / uniform_shear(data)
 
 
 def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:

@@ -16,7 +16,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
-from ngbrain.inverse.direct import helmholtz
+from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
 from ngbrain.inverse.smoothing import SmoothField, moving_least_squares, smoothed
@@ -24,8 +24,6 @@ from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
 
 Array = np.ndarray
-STIFF = 10e3
-"""Shear modulus (Pa) to start from where the waves say none, as quasi-static ones."""
 LOSSY = 0.1
 FIBROUS = 0.5
 """Loss tangent, and ζ and φ, to start from."""
@@ -61,15 +59,6 @@ def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ..
     return tuple(moduli)
 
 
-def uniform_shear(data: WaveData) -> float:
-    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave."""
-    if not np.any(data.frequency > 0):
-        return STIFF
-    found = np.abs(helmholtz(data)[data.mask])
-    found = found[np.isfinite(found) & (found > 0)]
-    return float(np.median(found)) if len(found) else STIFF
-
-
 class Experiment:
     """The inversion's problem for some data in some elements.
 
@@ -78,7 +67,7 @@ class Experiment:
     sought     the quantities, by default those of the material
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
-    `unknowns(sigma)` are all quantities and, with σ, the displacements of the boundary.
+    `unknowns(sigma)` are all quantities and the displacements of the boundary.
     """
 
     def __init__(self, data: WaveData, elements: Discretisation, sought: tuple[Quantity, ...] | None = None) -> None:
@@ -105,15 +94,13 @@ class Experiment:
         self.measured = data.displacement[:, self.inside]
         self.waves = self._in_elements()
 
-    def unknowns(self, sigma: Array | None) -> Fields:
-        """All quantities from their start; the boundary's displacements too, in units of σ (m), unless that is None."""
+    def unknowns(self, sigma: Array) -> Fields:
+        """All quantities from their start, and the boundary's displacements in units of σ (m)."""
         theta = self.model.theta
         held = self.waves[:, self.model.driving]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
         unknowns = {quantity.name: Unknown(*self._start(quantity)) for quantity in self.sought}
-        if sigma is not None:
-            scale = float(np.median(sigma))
-            unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(scale))
+        unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
         return Fields(theta, self.model.blocks, unknowns)
 
     def maps(self, unknowns: Fields, x: Array) -> dict[str, Array]:
@@ -132,7 +119,8 @@ class Experiment:
         truths = self.data.truth_views
         if not all(quantity.name in truths for quantity in self.sought):
             return None
-        theta = self.unknowns(np.ones(1)).theta(self.unknowns(np.ones(1)).start)
+        unknowns = self.unknowns(np.ones(1))
+        theta = unknowns.theta(unknowns.start)
         at = evaluation(self.space, self.model.points)
         normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
         for quantity in self.sought:
