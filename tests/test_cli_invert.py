@@ -66,7 +66,8 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
     assert 0 <= determined < 10  # the truth is the same everywhere
     side = (36 * 32 / max(determined, 1)) ** 0.5
     assert result["model"]["resolution_mm"]["storage"] == pytest.approx(side)
-    arrays = np.load(tmp_path / "out" / "maps.npz")
+    with np.load(tmp_path / "out" / "maps.npz") as file:
+        arrays = dict(file)
     assert arrays["points"].shape == (90, 2) and arrays["predicted"].shape == (2, 90, 2)
     found = arrays["storage"] + 1j * arrays["loss"]
     np.testing.assert_allclose(arrays["magnitude"], np.abs(found))
