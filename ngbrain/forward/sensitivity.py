@@ -21,7 +21,8 @@ import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Change, Factorised, Harmonic, sparse
+from ngbrain.forward.factors import Factorised, sparse
+from ngbrain.forward.harmonic import Change, Harmonic
 from ngbrain.forward.points import evaluation
 
 Array = np.ndarray

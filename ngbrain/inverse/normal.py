@@ -22,7 +22,8 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import SolverError
-from ngbrain.forward.harmonic import Harmonic, sparse
+from ngbrain.forward.factors import sparse
+from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.kinematics import PlaneStrain
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials.linear import OfSmallStrain

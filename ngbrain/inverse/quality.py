@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ngbrain.errors import NgbrainError
-from ngbrain.forward.harmonic import Factorised
+from ngbrain.forward.factors import Factorised
 from ngbrain.image.wavefield import gradient_noise, strain_snr
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData

@@ -15,7 +15,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import sparse
+from ngbrain.forward.factors import sparse
 
 Array = np.ndarray
 HELD = 1e-2

@@ -6,7 +6,7 @@ import pytest
 from waves import cube, square, strip
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward import harmonic
+from ngbrain.forward import factors
 from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
@@ -54,22 +54,22 @@ def test_refused(name):
 def test_a_second_factor_where_the_first_is_of_no_use(monkeypatch):
     """The factor without pivots is made useless here; the one with pivots gives the same wave."""
     wanted = body(form="P2/P1").solve()[0].vec.FV().NumPy().copy()
-    inverse = harmonic._inverse
+    inverse = factors._inverse
 
     def spoilt(form, kind):
         if kind == "sparsecholesky":
             return 3 * inverse(form, kind)
         return inverse(form, kind)
 
-    monkeypatch.setattr(harmonic, "_inverse", spoilt)
-    factors = (of := body(form="P2/P1")).factorised()
-    assert factors.driven(0, of.prescribed[0]) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
-    assert factors.number == 2 and len(factors.refactored) == 1
+    monkeypatch.setattr(factors, "_inverse", spoilt)
+    found = (of := body(form="P2/P1")).factorised()
+    assert found.driven(0, of.prescribed[0]) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+    assert found.number == 2 and len(found.refactored) == 1
 
 
 def test_no_factor_at_all_is_an_error(monkeypatch):
-    inverse = harmonic._inverse
-    monkeypatch.setattr(harmonic, "_inverse", lambda form, kind: 3 * inverse(form, kind))
+    inverse = factors._inverse
+    monkeypatch.setattr(factors, "_inverse", lambda form, kind: 3 * inverse(form, kind))
     with pytest.raises(SolverError, match="50 Hz"):
         body().solve()
 
@@ -80,10 +80,10 @@ def test_no_factor_at_all_is_an_error(monkeypatch):
 def test_factors_of_stiff_volume(modulus, form, ratio):
     """What a factor leaves is round-off of the largest entries, at any bulk modulus."""
     of = body(Shearing(modulus), bulk=ratio * 2000, form=form, held="bottom|top", mesh=square(6))
-    factors = of.factorised()
-    x = factors.driven(0, of.prescribed[0])
-    left = np.where(of.held, 0, factors.apply(0, x))
-    assert np.linalg.norm(left) < 1e-9 * np.linalg.norm(factors.apply(0, of.prescribed[0]))
+    found = of.factorised()
+    x = found.driven(0, of.prescribed[0])
+    left = np.where(of.held, 0, found.apply(0, x))
+    assert np.linalg.norm(left) < 1e-9 * np.linalg.norm(found.apply(0, of.prescribed[0]))
 
 
 @pytest.mark.parametrize("form", ["P5", "P5/P4"])

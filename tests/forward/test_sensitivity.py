@@ -10,7 +10,8 @@ from waves import cube, square
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward import sensitivity
-from ngbrain.forward.harmonic import Absorbing, Factorised, Harmonic, Wave
+from ngbrain.forward.factors import Factorised
+from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
