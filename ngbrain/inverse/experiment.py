@@ -121,12 +121,11 @@ class Experiment:
             return None
         unknowns = self.unknowns(np.ones(1))
         theta = unknowns.theta(unknowns.start)
-        at = evaluation(self.space, self.model.points)
-        normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
+        fitted = self._fit()
         for quantity in self.sought:
             truth = np.real(truths[quantity.name][self.inside])
-            field = truth if self.elements.nodal else np.log(truth - quantity.floor)
-            theta[self.model.blocks[quantity.name]] = field if self.elements.nodal else normal.solve(at.T @ field)
+            field = truth if self.elements.nodal else fitted(np.log(truth - quantity.floor))
+            theta[self.model.blocks[quantity.name]] = field
         return self.model.at(theta).data
 
     def _value(self, quantity: Quantity) -> CoefficientFunction:
@@ -161,6 +160,8 @@ class Experiment:
         assert fibre is not None  # WaveData has seen to it
         if np.ptp(fibre, axis=0).max() < 1e-12:
             return ngs.CF(tuple(float(a) for a in fibre[0]))
+        if self.data.dim == 2:
+            return self._turning(fibre[self.inside])
         # Directions have no sign: components are those of the nearest point's tensor, by its own direction.
         space = ngs.VectorL2(self.elements.mesh, order=0)
         field = ngs.GridFunction(space)
@@ -173,6 +174,24 @@ class Experiment:
         nearest = KDTree(self.data.points[self.inside]).query(centres)[1]
         field.vec.FV().NumPy()[:] = fibre[self.inside][nearest].T.ravel()
         return field / ngs.Norm(field)
+
+    def _turning(self, fibre: Array) -> CoefficientFunction:
+        """Fibres of the plane, by least squares of twice their angle, which knows no sign: constant ones would count as noise."""
+        twice = 2 * np.arctan2(fibre[:, 1], fibre[:, 0])
+        fitted = self._fit()
+        parts = []
+        for values in (np.cos(twice), np.sin(twice)):
+            part = ngs.GridFunction(self.space)
+            part.vec.FV().NumPy()[:] = fitted(values)
+            parts.append(part)
+        angle = 0.5 * ngs.atan2(parts[1], parts[0])
+        return ngs.CF((ngs.cos(angle), ngs.sin(angle)))
+
+    def _fit(self) -> Callable[[Array], Array]:
+        """Values at the points inside → unknowns of a field, by least squares."""
+        at = evaluation(self.space, self.data.points[self.inside])
+        normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
+        return lambda values: normal.solve(at.T @ values)
 
     def _in_elements(self) -> Array:
         """Measured waves in the elements' unknowns: as they are at the grid's nodes, else through a smooth field."""
