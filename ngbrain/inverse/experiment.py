@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ngs
 import numpy as np
@@ -29,6 +29,7 @@ FIBROUS = 0.5
 """Loss tangent, and ζ and φ, to start from."""
 GUESSED = 1e-2
 """Weight of a smooth field against data: it says what waves are between the points."""
+MODULI = ("youngs", "storage", "loss", "mu")
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -72,19 +73,21 @@ class Experiment:
 
     def __init__(self, data: WaveData, elements: Discretisation, sought: tuple[Quantity, ...] | None = None) -> None:
         self.data, self.elements = data, elements
-        self.sought = quantities(data) if sought is None else sought
+        self.sought = quantities(data) if sought is None else _of_material(data, sought)
         self.inside = elements.inside & data.mask
         self.space = ngs.H1(elements.mesh, order=elements.fields)
         self._fields = {quantity.name: ngs.GridFunction(self.space) for quantity in self.sought}
         self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
         """Each quantity as a CoefficientFunction of the fields."""
+        self.squeeze = ngs.Parameter(1.0)
+        """Factor of the bulk modulus."""
         waves = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
         self.body = Harmonic(
             elements.mesh,
             law,
             waves,
-            bulk=bulk,
+            bulk=self.squeeze * bulk,
             density=data.density,
             form=elements.form,
             held=".*",
@@ -93,6 +96,15 @@ class Experiment:
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
         self.waves = self._in_elements()
+
+    def uniform(self, unknowns: Fields, level: float) -> Array:
+        """x of uniform fields, moduli `level` times where they start."""
+        x = unknowns.start.copy()
+        for quantity in self.sought:
+            if quantity.name in MODULI:
+                start, transform = self._start(replace(quantity, start=level * quantity.start))
+                x[unknowns.blocks[quantity.name]] = transform.inverse(start)
+        return x
 
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
@@ -218,6 +230,16 @@ class Experiment:
                 b = seen.T @ values[known] + share * (there.T @ guess[k, :, i])
                 waves[k, i * space.ndof : (i + 1) * space.ndof] = normal.solve(b.real) + 1j * normal.solve(b.imag)
         return waves
+
+
+def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    names, known = [quantity.name for quantity in sought], [quantity.name for quantity in quantities(data, 1.0)]
+    if "bulk" in names:
+        wanted = f"{', '.join(known)}: the bulk modulus is given, as waves of shear tell next to nothing of it"
+        raise InputError("sought", "bulk", wanted)
+    if names != known:
+        raise InputError("sought", ", ".join(names), ", ".join(known))
+    return sought
 
 
 def _smooth(data: WaveData) -> SmoothField:
