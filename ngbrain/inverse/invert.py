@@ -229,7 +229,7 @@ def invert(
         both = search.descend(problem, start)
     rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
-    if uniform:
+    if uniform and levels:
         ends = {level: search.uniform(kinds[kind], problem, level) for level in levels}
         arrived = {level: end for level, end in ends.items() if end is not None}
         if arrived:
@@ -237,7 +237,9 @@ def invert(
             far = arrived[least]
             if len(levels) > 1:
                 values = ", ".join(f"{end.value:.5g} from {level:g}" for level, end in arrived.items())
-                notes.append(f"uniform fields ended at an objective of {values} times the start; the least is shown")
+                notes.append(
+                    f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
+                )
             rows.append(search.row("uniform", problem, far))
             if far.value < both.value * (1 - 1e-6):
                 best, chosen = far, "uniform"

@@ -70,6 +70,23 @@ def test_starts_are_compared_at_the_same_weights():
     assert rows["uniform"].value >= rows["both"].value * (1 - 1e-6) or found.chosen == "uniform"
 
 
+def test_several_levels_of_uniform_fields():
+    """Without loss half the suggested modulus is stuck a cycle off, the modulus itself arrives: the least J is shown."""
+    measured = Phantom.named("CE-G", 17).measured(0.01)
+    ends = {levels: invert(measured.data(), regulariser="smooth", levels=levels) for levels in ((0.5,), (0.5, 1.0))}
+    rows = {levels: {row.name: row for row in found.rows} for levels, found in ends.items()}
+    assert measured.errors(rows[0.5,]["uniform"].maps)["youngs"] > 0.2 and ends[0.5,].chosen == "both"
+    assert measured.errors(rows[0.5, 1.0]["uniform"].maps)["youngs"] < 0.02
+    assert rows[0.5, 1.0]["uniform"].value < 1e-3 * rows[0.5,]["uniform"].value
+    assert any("from 0.5" in note and "from 1 times" in note for note in ends[0.5, 1.0].notes)
+    assert not any("from 0.5" in note for note in ends[0.5,].notes)
+
+
+def test_no_level_is_no_uniform_start():
+    found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
+    assert [row.name for row in found.rows] == ["waves", "both"]
+
+
 def test_a_hole_in_the_data():
     data = waves(n=15)
     centre = np.linalg.norm(data.points - data.points.mean(axis=0), axis=1)
@@ -158,6 +175,7 @@ def test_edges_are_told_from_smooth_fields(name, nodes, kind):
         ({"regulariser": "smoth"}, "smooth"),
         ({"noise": -0.1}, "at least 0"),
         ({"model_error": float("nan")}, "at least 0"),
+        ({"levels": (1.0, -2.0)}, "levels"),
     ],
 )
 def test_bad_options(options, wanted):
