@@ -19,7 +19,7 @@ from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
-from ngbrain.inverse.smoothing import SmoothField, moving_least_squares, smoothed
+from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
 
@@ -30,6 +30,8 @@ FIBROUS = 0.5
 GUESSED = 1e-2
 """Weight of a smooth field against data: it says what waves are between the points."""
 MODULI = ("youngs", "storage", "loss", "mu")
+BETWEEN = 0.5
+"""Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -244,8 +246,8 @@ def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity
 
 def _smooth(data: WaveData) -> SmoothField:
     try:
-        return smoothed(data)
-    except InputError:  # a grid of too few points for splines
+        return fit_splines(data, BETWEEN)
+    except InputError:  # scattered points, or a grid of too few for splines
         return moving_least_squares(data)
 
 
