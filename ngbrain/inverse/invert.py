@@ -215,8 +215,9 @@ def invert(
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
     both = search.descend(problem, start)
+    stated = FLOOR if note else total
     for _ in range(LEVELS):
-        found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
+        found = max(total * float(np.sqrt(both.level.ratio)), stated)
         if abs(np.log(found / total)) < CLOSE or (not note and found < total * BEYOND):
             break
         if not note:
