@@ -56,9 +56,7 @@ def waves(
         displacement.append(np.column_stack([at @ values[: at.shape[1]], at @ values[at.shape[1] : 2 * at.shape[1]]]))
     there = bump(*points.T)
     shear = (5e3 + 2.5e3 * there) * lossy
-    truth = (
-        {"shear": shear} if symmetry == "isotropic" else {"mu": shear.real, "zeta": 0.5 + there, "phi": 0.3 + 0 * there}
-    )
+    truth = {"shear": shear} if symmetry == "isotropic" else {"mu": shear, "zeta": 0.5 + there, "phi": 0.3 + 0 * there}
     angle = fibre_angle(points[:, 0])
     return WaveData(
         points,

@@ -105,6 +105,22 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     assert set(result["files"]) <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
+@pytest.mark.parametrize(("starts", "levels"), [("waves", ()), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))])
+def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, starts, levels):
+    chosen = {}
+
+    def caught(data, elements, **options):
+        chosen.update(options)
+        raise SolverError("seen enough")
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
+    choices = ("--regulariser", "matern", "--weight", "l-curve", "--starts", starts, "--model-error", "0.01", "-q")
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *choices)
+    assert status == 3 and "seen enough" in lines[0]
+    told = {"regulariser": "matern", "weight": "l-curve", "levels": levels, "model_error": 0.01, "noise": None}
+    assert {name: chosen[name] for name in told} == told
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -13,7 +13,9 @@ from ngbrain.errors import InputError, SolverError, require
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.files import finite, write_inversion
 from ngbrain.inverse.found import Iteration
-from ngbrain.inverse.invert import REGULARISERS, invert
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
@@ -23,6 +25,8 @@ from ngbrain.report import parameters
 from ngbrain.threads import threads
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
+STARTS = {"waves": (), "many": (0.5, 0.7, 1.0, 1.4, 2.0)}
+"""Levels of uniform fields to start from, see `invert`."""
 SEED = 0
 """Of the probes that estimate how much the data determine."""
 
@@ -43,10 +47,19 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         help="the data's own elements, or ours (the data's, if it has some)",
     )
     parser.add_argument(
-        "--regulariser", choices=("auto", *REGULARISERS), default="auto", help="auto: the better by cross-validation"
+        "--regulariser", choices=("auto", *PRIORS), default="auto", help="auto: smooth or edges, by cross-validation"
     )
     parser.add_argument(
-        "--starts", choices=("all", "waves"), default="all", help="measured waves, or uniform fields too (all)"
+        "--weight",
+        choices=tuple(WEIGHTINGS),
+        default="evidence",
+        help="how the regulariser's weight is found (evidence)",
+    )
+    parser.add_argument(
+        "--starts",
+        choices=("all", *STARTS),
+        default="all",
+        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many)",
     )
     parser.set_defaults(verb=run)
     return parser
@@ -73,7 +86,8 @@ def run(arguments: argparse.Namespace) -> None:
                 noise=arguments.noise,
                 model_error=arguments.model_error,
                 regulariser=arguments.regulariser,
-                uniform=arguments.starts == "all",
+                weight=arguments.weight,
+                levels=STARTS.get(arguments.starts, (1.0,)),
                 tell=tell,
             )
         except SolverError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ngs
 import numpy as np
@@ -19,7 +19,7 @@ from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
-from ngbrain.inverse.smoothing import SmoothField, moving_least_squares, smoothed
+from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
 
@@ -29,6 +29,9 @@ FIBROUS = 0.5
 """Loss tangent, and ζ and φ, to start from."""
 GUESSED = 1e-2
 """Weight of a smooth field against data: it says what waves are between the points."""
+MODULI = ("youngs", "storage", "loss", "mu")
+BETWEEN = 0.5
+"""Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -72,19 +75,21 @@ class Experiment:
 
     def __init__(self, data: WaveData, elements: Discretisation, sought: tuple[Quantity, ...] | None = None) -> None:
         self.data, self.elements = data, elements
-        self.sought = quantities(data) if sought is None else sought
+        self.sought = quantities(data) if sought is None else _of_material(data, sought)
         self.inside = elements.inside & data.mask
         self.space = ngs.H1(elements.mesh, order=elements.fields)
         self._fields = {quantity.name: ngs.GridFunction(self.space) for quantity in self.sought}
         self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
         """Each quantity as a CoefficientFunction of the fields."""
+        self.squeeze = ngs.Parameter(1.0)
+        """Factor of the bulk modulus."""
         waves = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
         self.body = Harmonic(
             elements.mesh,
             law,
             waves,
-            bulk=bulk,
+            bulk=self.squeeze * bulk,
             density=data.density,
             form=elements.form,
             held=".*",
@@ -93,6 +98,15 @@ class Experiment:
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
         self.waves = self._in_elements()
+
+    def uniform(self, unknowns: Fields, level: float) -> Array:
+        """x of uniform fields, moduli `level` times where they start."""
+        x = unknowns.start.copy()
+        for quantity in self.sought:
+            if quantity.name in MODULI:
+                start, transform = self._start(replace(quantity, start=level * quantity.start))
+                x[unknowns.blocks[quantity.name]] = transform.inverse(start)
+        return x
 
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
@@ -121,12 +135,11 @@ class Experiment:
             return None
         unknowns = self.unknowns(np.ones(1))
         theta = unknowns.theta(unknowns.start)
-        at = evaluation(self.space, self.model.points)
-        normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
+        fitted = self._fit()
         for quantity in self.sought:
             truth = np.real(truths[quantity.name][self.inside])
-            field = truth if self.elements.nodal else np.log(truth - quantity.floor)
-            theta[self.model.blocks[quantity.name]] = field if self.elements.nodal else normal.solve(at.T @ field)
+            field = truth if self.elements.nodal else fitted(np.log(truth - quantity.floor))
+            theta[self.model.blocks[quantity.name]] = field
         return self.model.at(theta).data
 
     def _value(self, quantity: Quantity) -> CoefficientFunction:
@@ -161,6 +174,8 @@ class Experiment:
         assert fibre is not None  # WaveData has seen to it
         if np.ptp(fibre, axis=0).max() < 1e-12:
             return ngs.CF(tuple(float(a) for a in fibre[0]))
+        if self.data.dim == 2:
+            return self._turning(fibre[self.inside])
         # Directions have no sign: components are those of the nearest point's tensor, by its own direction.
         space = ngs.VectorL2(self.elements.mesh, order=0)
         field = ngs.GridFunction(space)
@@ -173,6 +188,24 @@ class Experiment:
         nearest = KDTree(self.data.points[self.inside]).query(centres)[1]
         field.vec.FV().NumPy()[:] = fibre[self.inside][nearest].T.ravel()
         return field / ngs.Norm(field)
+
+    def _turning(self, fibre: Array) -> CoefficientFunction:
+        """Fibres of the plane, by least squares of twice their angle, which knows no sign: constant ones would count as noise."""
+        twice = 2 * np.arctan2(fibre[:, 1], fibre[:, 0])
+        fitted = self._fit()
+        parts = []
+        for values in (np.cos(twice), np.sin(twice)):
+            part = ngs.GridFunction(self.space)
+            part.vec.FV().NumPy()[:] = fitted(values)
+            parts.append(part)
+        angle = 0.5 * ngs.atan2(parts[1], parts[0])
+        return ngs.CF((ngs.cos(angle), ngs.sin(angle)))
+
+    def _fit(self) -> Callable[[Array], Array]:
+        """Values at the points inside → unknowns of a field, by least squares."""
+        at = evaluation(self.space, self.data.points[self.inside])
+        normal = scipy.sparse.linalg.splu(sp.csc_array(at.T @ at + HELD * sp.eye_array(self.space.ndof)))
+        return lambda values: normal.solve(at.T @ values)
 
     def _in_elements(self) -> Array:
         """Measured waves in the elements' unknowns: as they are at the grid's nodes, else through a smooth field."""
@@ -201,10 +234,20 @@ class Experiment:
         return waves
 
 
+def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    names, known = [quantity.name for quantity in sought], [quantity.name for quantity in quantities(data, 1.0)]
+    if "bulk" in names:
+        wanted = f"{', '.join(known)}: the bulk modulus is given, as waves of shear tell next to nothing of it"
+        raise InputError("sought", "bulk", wanted)
+    if names != known:
+        raise InputError("sought", ", ".join(names), ", ".join(known))
+    return sought
+
+
 def _smooth(data: WaveData) -> SmoothField:
     try:
-        return smoothed(data)
-    except InputError:  # a grid of too few points for splines
+        return fit_splines(data, BETWEEN)
+    except InputError:  # scattered points, or a grid of too few for splines
         return moving_least_squares(data)
 
 

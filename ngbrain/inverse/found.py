@@ -18,6 +18,7 @@ SETTLED = 1e-3
 """Change of all fields (rms) at which the iteration ends, if the weights moved by less than `STEADY`."""
 STEADY = 1.3
 FAST = 0.5
+"""Length of a step, as a share of the full one, down to which fields are still on their way: weights wait for them."""
 
 
 @dataclass

@@ -24,7 +24,9 @@ Array = np.ndarray
 LONGEST = 1.0
 """Change of any unknown field in one step: by a factor of e where its logarithm is looked for."""
 SHORTEST = 1e-4
+"""Share of a step at which halving it ends: what is not lower so near is a minimum, as far as round-off lets one see."""
 ROUNDS = 12
+"""Of `from_waves` at most; `descend` may take four times as many."""
 
 
 @dataclass

@@ -1,13 +1,14 @@
 """The inversion of wave data from one call: noise, elements, starts, regularisers and weights are chosen and told.
 
 start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
-regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score
-polish     down in J from there; and from uniform fields, for comparison. The lower J at equal weights is kept
+regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`priors`)
+weight     settles as the fields do, or is the corner of an L-curve (`weighting`)
+polish     down in J from there; and from uniform fields of one level or several. The lower J at equal weights is kept
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -15,29 +16,28 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
+from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers, by_label, derived
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
-from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import median_strain_snr, noise_level, noise_of, resolution, resonance_distance
-from ngbrain.inverse.regularise import smooth, total_variation
+from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
+from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
-REGULARISERS = ("smooth", "edges")
+REGULARISERS = tuple(PRIORS)
 FIRST = 1e3
 """Weight to begin with; it settles where the data say."""
 FAR = 1e4
 """The same from uniform fields: larger, as a far start has to see the whole first."""
-EDGE = 0.1
-"""Length of an edge, see `total_variation`, as a share of the body."""
 FLOOR = 1e-5
 """Noise, relative to the waves' rms, below which data count as exact."""
 LEVELS = 8
@@ -45,8 +45,9 @@ CLOSE = 0.15
 BEYOND = 1.3
 """How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
 given is raised when the misfit says this many times more, and never lowered."""
-FEW = 5
-"""Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
+ASTRAY = 100.0
+"""Times its expected level that the misfit of a start's fields is, beyond which its level of noise is corrected before any way
+down: nearly exact data are seen from afar first, as those of ten times the noise are, then closer and closer."""
 SHORT = 12
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 EASY = 1e-4
@@ -113,14 +114,15 @@ class Inversion:
         """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
 
         points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
-        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone.
+        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
+        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
         """
         modulus = derived(self._shear())
         follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
         measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
         residual = (measured - self.predicted) / noise_of(self.data, self.noise)
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
-        return {"points": self.data.points, **self.maps, **follows, **waves}
+        return {"points": self.data.points, **self.maps, **moduli_of_fibres(self.maps), **follows, **waves}
 
     def _shear(self) -> Array:
         if "storage" in self.maps:
@@ -168,8 +170,10 @@ def invert(
     *,
     noise: float | None = None,
     model_error: float = 0.0,
-    regulariser: str = "auto",
+    regulariser: str | Prior = "auto",
+    weight: str = "evidence",
     uniform: bool = True,
+    levels: Sequence[float] = (1.0,),
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of plane wave data.
@@ -177,10 +181,12 @@ def invert(
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
     noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit, such as another discretisation
-    regulariser  smooth, edges, or auto: the better by cross-validation
+    regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation
+    weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
     uniform      whether to try uniform fields as a start too
+    levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept
 
-    Raises `InputError` for a regulariser that is none, negative noise, data that cannot be inverted.
+    Raises `InputError` for a regulariser or weight that is none, negative noise, data that cannot be inverted.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -191,11 +197,12 @@ def invert(
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
-    if regulariser not in ("auto", *REGULARISERS):
-        raise InputError("regulariser", repr(regulariser), nearest(regulariser, ("auto", *REGULARISERS)))
+    kinds, settling = priors(regulariser), weighting(weight)
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
+    if not all(0 < each < np.inf for each in levels):
+        raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
     notes: list[str] = []
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
@@ -203,13 +210,14 @@ def invert(
     notes += [note] if note else []
     total = max(float(np.hypot(level, model_error)), FLOOR)
     experiment = Experiment(data, elements)
-    search = _Search(experiment, total, tell)
-    tried = {name: search.from_waves(name) for name in (REGULARISERS if regulariser == "auto" else (regulariser,))}
+    search = _Search(experiment, total, settling, tell)
+    tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
     both = search.descend(problem, start)
+    stated = FLOOR if note else total
     for _ in range(LEVELS):
-        found = max(total * float(np.sqrt(both.level.ratio)), FLOOR)
+        found = max(total * float(np.sqrt(both.level.ratio)), stated)
         if abs(np.log(found / total)) < CLOSE or (not note and found < total * BEYOND):
             break
         if not note:
@@ -217,14 +225,22 @@ def invert(
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if found < total else None  # what was fitted too closely is no start
         total = found
-        search = _Search(experiment, total, tell, search)
-        problem, start = search.from_waves(kind, before)
+        search = _Search(experiment, total, settling, tell, search)
+        problem, start = search.from_waves(kinds[kind], before)
         both = search.descend(problem, start)
     rows = [search.row("waves", problem, start)]
     best, chosen = both, "both"
-    if uniform:
-        far = search.uniform(kind, problem)
-        if far is not None:
+    if uniform and levels:
+        ends = {level: search.uniform(kinds[kind], problem, level) for level in levels}
+        arrived = {level: end for level, end in ends.items() if end is not None}
+        if arrived:
+            least = min(arrived, key=lambda level: arrived[level].value)
+            far = arrived[least]
+            if len(levels) > 1:
+                values = ", ".join(f"{end.value:.5g} from {level:g}" for level, end in arrived.items())
+                notes.append(
+                    f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
+                )
             rows.append(search.row("uniform", problem, far))
             if far.value < both.value * (1 - 1e-6):
                 best, chosen = far, "uniform"
@@ -245,20 +261,20 @@ def invert(
     ratio = best.level.ratio
     if not 0.8 < ratio < 1.25 and total > FLOOR:
         notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: it is not that")
-    for name, number in determined.items():
-        if number < FEW:
-            notes.append(
-                f"the data determine only {number:.1f} numbers of {name}: no detail of its map is to be believed"
-            )
+    maps = search.maps(problem, best)
+    of_plane, combined = of_fibres(data, maps)
+    notes += of_few(determined) + of_plane
     crime = committed(data, experiment.body)
     if crime:
         notes.append(
             "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
         )
-    notes += _unseen(experiment)
+    effect = bulk_effect(experiment, problem.unknowns.theta(best.x), total)
+    notes += [*of_scale(data), of_bulk(effect)]
+    checks["bulk_change_over_noise"] = effect
     return Inversion(
         data=data,
-        maps=search.maps(problem, best),
+        maps=maps,
         predicted=predicted,
         rows=rows,
         chosen=chosen,
@@ -276,6 +292,8 @@ def invert(
             "n_unknowns": experiment.body.fes.ndof,
             "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
             "inverse_crime": crime,
+            "weight": weight,
+            **({"errors_of_moduli": combined} if combined else {}),
             **_mismatch(experiment),
         },
         checks={name: value for name, value in checks.items() if value is not None},
@@ -287,51 +305,54 @@ class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
     def __init__(
-        self, experiment: Experiment, noise: float, tell: Callable[[Iteration], None], before: _Search | None = None
+        self,
+        experiment: Experiment,
+        noise: float,
+        settling: Settling,
+        tell: Callable[[Iteration], None],
+        before: _Search | None = None,
     ) -> None:
-        self.experiment, self.noise, self._tell = experiment, noise, tell
+        self.experiment, self.noise, self.settling = experiment, noise, settling
         self.history: list[Iteration] = before.history if before else []
+        self._told = tell
         self.sigma = noise_of(experiment.data, noise)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = LeastSquares(experiment.measured, self.sigma)
 
-    def problem(self, kind: str) -> Reduced:
+    def problem(self, prior: Prior) -> Reduced:
         """With a regulariser, at the first weight."""
-        experiment, unknowns, regularisers = self.experiment, self.unknowns, {}
-        points = experiment.model.points
-        extent = float(np.max(np.ptp(points, axis=0)))
-        for quantity in experiment.sought:
-            reference = unknowns.start[unknowns.blocks[quantity.name]]
-            regularisers[quantity.name] = (
-                smooth(experiment.space, reference)
-                if kind == "smooth"
-                else total_variation(experiment.space, reference, EDGE * extent)
-            )
-        return Reduced(experiment.model, self.misfit, unknowns, regularisers, dict.fromkeys(regularisers, FIRST))
+        space, regularisers = self.experiment.space, {}
+        for quantity in self.experiment.sought:
+            regularisers[quantity.name] = prior(space, self.unknowns.start[self.unknowns.blocks[quantity.name]])
+        weights = dict.fromkeys(regularisers, FIRST)
+        return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)
 
-    def from_waves(self, kind: str, x: Array | None = None) -> tuple[Reduced, Found]:
+    def from_waves(self, prior: Prior, x: Array | None = None) -> tuple[Reduced, Found]:
         """From measured waves, and the fields of other unknowns x if there are any."""
-        problem, start = self.problem(kind), self.unknowns.start.copy()
+        problem, start = self.problem(prior), self.unknowns.start.copy()
         if x is not None:
             fields = self.unknowns.blocks[BOUNDARY].start
             start[:fields] = x[:fields]
-        return problem, self._newton(problem).from_waves(start, self.experiment.waves)
+        return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
 
     def descend(self, problem: Reduced, start: Found) -> Found:
-        """Down in J from a start, or the start itself where nothing is lower."""
-        try:
-            return self._newton(problem).descend(start.x)
-        except ConvergenceError:
-            point = problem.at(start.x)
-            return replace(start, value=point.value, level=Level(2 * point.misfit, start.level.expected))
+        """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
+        point = problem.at(start.x)
+        level = Level(2 * point.misfit, start.level.expected)
+        if level.ratio < ASTRAY:
+            try:
+                return self.settling.descend(problem, start.x, self._tell)
+            except ConvergenceError:
+                pass
+        return replace(start, value=point.value, level=level, converged=start.converged and level.ratio < ASTRAY)
 
-    def uniform(self, kind: str, judge: Reduced) -> Found | None:
+    def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
-        easy = self if self.noise >= EASY else _Search(self.experiment, EASY, self._tell, self)
-        problem = easy.problem(kind)
+        easy = self if self.noise >= EASY else _Search(self.experiment, EASY, self.settling, self._told, self)
+        problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
-            found = easy._newton(problem).descend(easy.unknowns.start, SHORT)
+            found = Settling().descend(problem, self.experiment.uniform(easy.unknowns, level), self._tell, SHORT)
         except SolverError:
             return None
         held = easy.unknowns.theta(found.x)[self.experiment.model.blocks[BOUNDARY]]
@@ -357,19 +378,9 @@ class _Search:
         unknowns: Fields = problem.unknowns  # type: ignore[assignment]
         return self.experiment.maps(unknowns, found.x)
 
-    def _newton(self, problem: Reduced) -> GaussNewton:
-        def tell(iteration: Iteration) -> None:
-            self.history.append(iteration)
-            self._tell(iteration)
-
-        return GaussNewton(problem, tell=tell)
-
-
-def _unseen(experiment: Experiment) -> list[str]:
-    """Directions that the data cannot see, whatever their noise."""
-    if np.any(experiment.data.frequency > 0) or experiment.data.bulk is not None:
-        return []
-    return ["all loads are quasi-static and only displacements are known: moduli are right up to one common factor"]
+    def _tell(self, iteration: Iteration) -> None:
+        self.history.append(iteration)
+        self._told(iteration)
 
 
 def _mismatch(experiment: Experiment) -> dict[str, float]:

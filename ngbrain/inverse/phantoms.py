@@ -73,19 +73,27 @@ class Phantom:
     """A square and how it is driven.
 
     nodes      along an edge
-    frequency  Hz
-    poisson    None for the transversely isotropic one, whose bulk modulus is 0.5 MPa and whose fibres are at 30°
+    frequency  Hz; of several, each drive at each of them
+    poisson    None for the transversely isotropic one, whose fibres are at 30°
     truth      x, y (m) → name → field: youngs, or storage and loss, or mu (Pa), zeta, phi
     start      name → the uniform value that inversions of this case start from
-    drives     for each load, edge → displacement (m), None for a component that slides
+    drives     edge → displacement (m), None for a component that slides; each a load
+    bulk       Pa, of the transversely isotropic one
     """
 
     nodes: int
-    frequency: float
+    frequency: float | tuple[float, ...]
     poisson: float | None
     truth: Callable[[Array, Array], dict[str, Array]]
     start: Mapping[str, float]
     drives: tuple[Drive, ...] = ({"top": (DRIVE, 0)},)
+    bulk: float = TI_BULK
+
+    @property
+    def loads(self) -> list[tuple[float, Drive]]:
+        """Frequency and drive of each."""
+        several = self.frequency if isinstance(self.frequency, tuple) else (self.frequency,)
+        return [(frequency, drive) for frequency in several for drive in self.drives]
 
     @staticmethod
     def named(name: str, nodes: int | None = None) -> Phantom:
@@ -121,12 +129,12 @@ class _Square:
 
     def driven(self, values: Mapping[str, Array]) -> Array:
         """Waves (loads, n, 2) of the drives: each holds other components of other edges, so the matrix is that of no edge held."""
-        model, n = self.model(values, 1), len(self.points)
-        matrix = model.body.factorised().matrix(0)
+        factors, n = self.model(values).body.factorised(), len(self.points)
         edges = dict(zip(("left", "bottom"), np.isclose(self.points, 0).T, strict=True))
         edges |= dict(zip(("right", "top"), np.isclose(self.points, SIDE).T, strict=True))
         found = []
-        for drive in self.phantom.drives:
+        for load, (_, drive) in enumerate(self.phantom.loads):
+            matrix = factors.matrix(load)
             g = np.full(matrix.shape[0], np.nan)
             for edge, way in drive.items():
                 for i, value in enumerate(way):
@@ -139,17 +147,17 @@ class _Square:
             found.append(u[: 2 * n].reshape(2, n).T)
         return np.array(found)
 
-    def model(self, values: Mapping[str, Array | float], loads: int) -> WaveModel:
+    def model(self, values: Mapping[str, Array | float]) -> WaveModel:
         """All edges held, at values to be given."""
         fields = {name: ngs.GridFunction(self.space) for name in values}
         for name, value in values.items():
             fields[name].vec.FV().NumPy()[:] = value
-        nu, waves = self.phantom.poisson, [Wave(self.phantom.frequency)] * loads
+        nu, waves = self.phantom.poisson, [Wave(frequency) for frequency, _ in self.phantom.loads]
         if nu is None:
             angle = np.deg2rad(TI_ANGLE)
             fibre = np.cos(angle), np.sin(angle)
             law = TransverselyIsotropic(fields["mu"], fields["zeta"], fields["phi"], fibre)
-            body = Harmonic(self.mesh, law, waves, bulk=TI_BULK, form="Q1", quadrature=1)
+            body = Harmonic(self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1)
         else:
             shear = fields["youngs"] / (2 * (1 + nu)) if "youngs" in fields else fields["storage"] + 1j * fields["loss"]
             form = "Q1/L2(0)" if nu > NEARLY else "Q1"
@@ -204,7 +212,7 @@ class Measured:
         """
         phantom, grid = self.phantom, _Square(self.phantom)
         begin = dict(start or phantom.start)
-        model = grid.model(begin, len(self.displacement))
+        model = grid.model(begin)
         theta, where = model.theta, model.blocks[BOUNDARY]
         sigma = np.broadcast_to(self.sigma, self.displacement.shape)
         theta[where] = self._held(model, self.displacement)
@@ -222,12 +230,12 @@ class Measured:
         return WaveData(
             self.points,
             self.displacement,
-            np.full(len(self.displacement), phantom.frequency),
+            np.array([frequency for frequency, _ in phantom.loads]),
             1000.0,
             "isotropic" if phantom.poisson else "transversely_isotropic",
             "viscoelastic" if "loss" in truth else "elastic",
             poisson=phantom.poisson,
-            bulk=None if phantom.poisson else TI_BULK,
+            bulk=None if phantom.poisson else phantom.bulk,
             fibre=None if phantom.poisson else np.array([np.cos(np.deg2rad(TI_ANGLE)), np.sin(np.deg2rad(TI_ANGLE))]),
             element="q4p0" if phantom.poisson and phantom.poisson > NEARLY else "q4",
             noise=self.noise,
@@ -245,7 +253,7 @@ class Measured:
         (1, ['loss', 'storage'])
         """
         phantom = self.phantom
-        model = _Square(phantom).model(phantom.start, len(self.displacement))
+        model = _Square(phantom).model(phantom.start)
         theta, where = model.theta, model.blocks[BOUNDARY]
         theta[where] = self._held(model, self.displacement)
         unit = np.concatenate([np.full(len(self.points), UNITS.get(name, 1e6)) for name in phantom.start])

@@ -15,6 +15,7 @@ from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData
 
 STILL = 0.01
+"""Part of the largest component's rms below which a component counts as still, see `noise_of`."""
 
 
 def noise_of(data: WaveData, relative: float) -> np.ndarray:

@@ -82,7 +82,8 @@ class Evidence(Policy):
             wanted = self.noise(level) * max(number, 1.0) / max(energy, 1e-12)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / LARGEST, LARGEST))
             reduced.weights[name] *= factor_of_change
-            largest = max(largest, factor_of_change, 1 / factor_of_change)
+            if number >= 1 or factor_of_change < 1:  # else the field is uniform, and no weight makes it more so
+                largest = max(largest, factor_of_change, 1 / factor_of_change)
         return largest
 
     def noise(self, level: Level) -> float:
@@ -144,12 +145,13 @@ class Given(Policy):
 
 
 def corner(misfits: Array, energies: Array) -> int:
-    """Which point of an L-curve bends most: ln 2Φ against ln of the regulariser's energy, in order of falling weights.
+    """Which point of an L-curve bends most towards the origin: ln 2Φ against ln of the regulariser's energy, in order of falling
+    weights. Never one of its ends.
 
     >>> corner(np.array([1e4, 1e2, 1.1, 1.0, 0.99]), np.array([1.0, 1.5, 2.0, 30.0, 900.0]))
     2
     """
     x, y = np.log(np.asarray(misfits, float)), np.log(np.asarray(energies, float))
     x1, y1, x2, y2 = np.gradient(x), np.gradient(y), np.gradient(np.gradient(x)), np.gradient(np.gradient(y))
-    bend = np.abs(x1 * y2 - y1 * x2) / np.maximum((x1**2 + y1**2) ** 1.5, 1e-30)
+    bend = (y1 * x2 - x1 * y2) / np.maximum((x1**2 + y1**2) ** 1.5, 1e-30)
     return int(1 + np.argmax(bend[1:-1]))

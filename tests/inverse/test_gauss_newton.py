@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, SolverError
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.regularise import total_variation
@@ -96,6 +96,37 @@ def test_no_step_goes_up():
         x = found.x
         values.append(found.value)
     assert np.all(np.diff(values) <= 1e-8 * values[0])
+
+
+def test_a_step_that_overshoots_is_halved():
+    """Two halves of which one is twice too soft: hardly a full step goes down, and each of six rounds finds one that does."""
+    inversion = Phantom.named("CE-B", 9).measured(0.01).inversion(weight=10.0)
+    search, x, told = GaussNewton(inversion.reduced, Given()), inversion.start, []
+    values = [inversion.reduced.value(x)]
+    for _ in range(6):
+        found = search.descend(x, rounds=1)
+        x = found.x
+        values.append(found.value)
+        told += found.history
+    assert np.all(np.diff(values) < 0)
+    assert max(entry.step for entry in told) < 0.05
+
+
+def test_where_waves_have_no_solution_a_step_is_halved():
+    inversion = small()
+    start, at, refused = inversion.start, inversion.reduced.at, []
+    fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
+
+    def narrow(x):
+        if np.abs(x - start)[fields].max() > 0.05:
+            refused.append(x)
+            raise SolverError("singular")
+        return at(x)
+
+    inversion.reduced.at = narrow
+    found = GaussNewton(inversion.reduced, Given()).descend(start, rounds=1)
+    assert refused and 0.025 <= np.abs(found.x - start)[fields].max() <= 0.05
+    assert found.history[0].step == pytest.approx(0.5 ** len(refused), rel=1e-9)
 
 
 def test_both_starts_end_alike():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import bump, waves
+from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.direct import uniform_shear
@@ -40,14 +40,14 @@ def test_all_eight_bodies(body, noise, wanted):
 
 @pytest.mark.parametrize("body", [BODIES[0], BODIES[3], BODIES[4]], ids=lambda body: "-".join(body))
 def test_bodies_with_noise(body):
-    data = waves(*body, n=17)
+    data = waves(*body, n=13)
     found = invert(data.with_noise(0.02, seed=1), uniform=False, regulariser="smooth")
     assert shear_error(data, found.maps) < 0.06
     assert all(np.all(values > -1) for values in found.maps.values())
 
 
 def test_noise_is_found_when_it_is_not_given():
-    data = replace(waves(n=17).with_noise(0.02, seed=2), noise=None)
+    data = replace(Phantom.named("CV-G", 17).measured(0.02, seed=2).data(), noise=None)
     found = invert(data, uniform=False, regulariser="smooth")
     assert found.noise == pytest.approx(0.02, rel=0.15)
     assert found.noise_found == pytest.approx(0.02, rel=0.15)
@@ -55,7 +55,8 @@ def test_noise_is_found_when_it_is_not_given():
 
 
 def test_too_little_noise_is_told():
-    found = invert(waves(n=17).with_noise(0.03, seed=3), noise=0.01, uniform=False, regulariser="smooth")
+    data = Phantom.named("CV-G", 13).measured(0.03, seed=3).data()
+    found = invert(data, noise=0.01, uniform=False, regulariser="smooth")
     assert any("misfit" in note for note in found.notes)
     assert found.noise_found == pytest.approx(0.03, rel=0.2)
 
@@ -69,10 +70,27 @@ def test_starts_are_compared_at_the_same_weights():
     assert rows["uniform"].value >= rows["both"].value * (1 - 1e-6) or found.chosen == "uniform"
 
 
+def test_several_levels_of_uniform_fields():
+    """Without loss half the suggested modulus is stuck a cycle off, the modulus itself arrives: the least J is shown."""
+    measured = Phantom.named("CE-G", 17).measured(0.01)
+    ends = {levels: invert(measured.data(), regulariser="smooth", levels=levels) for levels in ((0.5,), (0.5, 1.0))}
+    rows = {levels: {row.name: row for row in found.rows} for levels, found in ends.items()}
+    assert measured.errors(rows[0.5,]["uniform"].maps)["youngs"] > 0.2 and ends[0.5,].chosen == "both"
+    assert measured.errors(rows[0.5, 1.0]["uniform"].maps)["youngs"] < 0.02
+    assert rows[0.5, 1.0]["uniform"].value < 1e-3 * rows[0.5,]["uniform"].value
+    assert any("from 0.5" in note and "from 1 times" in note for note in ends[0.5, 1.0].notes)
+    assert not any("from 0.5" in note for note in ends[0.5,].notes)
+
+
+def test_no_level_is_no_uniform_start():
+    found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
+    assert [row.name for row in found.rows] == ["waves", "both"]
+
+
 def test_a_hole_in_the_data():
-    data = waves()
+    data = waves(n=15)
     centre = np.linalg.norm(data.points - data.points.mean(axis=0), axis=1)
-    hole = np.abs(centre - 0.025) > 0.004
+    hole = np.abs(centre - 0.025) > 0.003
     found = invert(replace(data.with_noise(0.01, 5), mask=hole, dirichlet=None), uniform=False, regulariser="smooth")
     known = np.isfinite(found.maps["storage"])
     assert not known[~hole].any() and known[hole].mean() > 0.9
@@ -81,9 +99,9 @@ def test_a_hole_in_the_data():
 
 
 def test_scattered_points():
-    data = waves(n=21)
+    data = waves(n=17)
     rng = np.random.default_rng(6)
-    some = np.sort(rng.choice(len(data.points), 320, replace=False))
+    some = np.sort(rng.choice(len(data.points), 220, replace=False))
     scattered = replace(
         data,
         points=data.points[some],
@@ -100,7 +118,7 @@ def test_scattered_points():
 
 
 def test_displacements_alone_and_no_wave_say_no_scale():
-    data = waves(n=17)
+    data = waves(n=9)
     sheared = np.stack([1e-3 * data.points[:, 1], 0 * data.points[:, 0]], axis=1)[None]
     still = replace(data, displacement=sheared, frequency=np.zeros(1), bulk=None, poisson=0.3)
     found = invert(still.with_noise(0.01, 9), uniform=False, regulariser="smooth")
@@ -130,16 +148,33 @@ def test_waves_in_elements_are_those_measured():
     assert np.linalg.norm(there - data.displacement) < 0.01 * np.linalg.norm(data.displacement)
 
 
+def test_exact_waves_keep_their_digits_between_points_too():
+    """A smooth field with 37² coefficients for 41² points is off by its own size between them: here by 2 % of the waves."""
+    data = waves(rheology="elastic", volume="nearly incompressible", n=41)
+    experiment = Experiment(data, in_elements(data))
+    there = np.array([experiment.model.observed(u) for u in experiment.waves])
+    assert np.linalg.norm(there - data.displacement) < 1e-4 * np.linalg.norm(data.displacement)
+
+
 def test_true_fields_predict_the_data():
     experiment = Experiment(waves(), in_elements(waves()))
     off = experiment.of_truth() - experiment.measured
     assert np.linalg.norm(off) < 0.01 * np.linalg.norm(experiment.measured)
 
 
-def test_edges_are_told_from_smooth_fields():
-    data = waves(n=17).with_noise(0.01, seed=8)
-    assert bump(0.04, 0.04) == 1.0
-    assert invert(data, uniform=False).regulariser in ("smooth", "edges")
+def test_fibres_that_turn_are_no_noise():
+    """By a direction for each element, off by up to 3°, waves of the true properties would be off by 1.3 %."""
+    data = waves("transversely_isotropic", "elastic")
+    flipped = replace(data, fibre=np.where(np.arange(len(data.points))[:, None] % 2, -1, 1) * data.fibre)
+    for each in (data, flipped):
+        experiment = Experiment(each, in_elements(each))
+        off = experiment.of_truth() - experiment.measured
+        assert np.linalg.norm(off) < 0.002 * np.linalg.norm(experiment.measured)
+
+
+@pytest.mark.parametrize(("name", "nodes", "kind"), [("CE-B", 17, "edges"), ("CE-G", 25, "smooth")])
+def test_edges_are_told_from_smooth_fields(name, nodes, kind):
+    assert invert(Phantom.named(name, nodes).measured(0.01).data(), uniform=False).regulariser == kind
 
 
 @pytest.mark.parametrize(
@@ -148,6 +183,7 @@ def test_edges_are_told_from_smooth_fields():
         ({"regulariser": "smoth"}, "smooth"),
         ({"noise": -0.1}, "at least 0"),
         ({"model_error": float("nan")}, "at least 0"),
+        ({"levels": (1.0, -2.0)}, "levels"),
     ],
 )
 def test_bad_options(options, wanted):

@@ -1,5 +1,6 @@
 """Phantoms: the published waves to the printed digits, noise of the stated size, the published inversion."""
 
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -26,6 +27,16 @@ def test_published_waves(name):
 
 def test_published_waves_along_fibres():
     assert Phantom.named("TI").measured().rms[1].ravel() * 1e3 == pytest.approx((5.4739, 1.6210), abs=5.001e-5)
+
+
+def test_several_frequencies_are_those_of_one_each():
+    body = Phantom.named("TI", 7)
+    several = replace(body, frequency=(30.0, 50.0)).measured()
+    each = [replace(body, frequency=f).measured().displacement for f in (30.0, 50.0)]
+    assert several.displacement == pytest.approx(np.concatenate(each), rel=1e-12)
+    assert several.data().frequency.tolist() == [30.0, 30.0, 50.0, 50.0]
+    inversion = several.inversion(start=several.truth)
+    assert np.abs(inversion.reduced.at(inversion.start).state.data - several.displacement).max() < 1e-9
 
 
 def test_noise_is_as_large_as_stated():

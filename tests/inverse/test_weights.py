@@ -60,8 +60,25 @@ def test_no_weight_changes_faster_than_allowed(rng):
         assert weight >= 1e3 / LARGEST * (1 - 1e-12) and turned <= LARGEST * (1 + 1e-12)
 
 
+def test_a_field_of_which_nothing_is_determined_is_settled_while_its_weight_rises(rng):
+    problem = Diagonal(rng)
+    problem.s = 1e-6 * problem.s
+    before = problem.reduced.weights["x"]
+    weight, _, turned = problem.run(Evidence(), 3)
+    assert weight > 100 * before and turned == 1.0
+    problem = Diagonal(rng)
+    assert problem.run(Evidence(), 1)[2] > 1.3  # what is determined is not
+
+
 def test_given_weights_stay(rng):
     assert Diagonal(rng).run(Given(), 3)[0] == 1e3
+
+
+def test_a_bend_the_other_way_is_no_corner():
+    """Misfits that fall slowly, then fast, then not at all: the curve bends away first, then towards the origin."""
+    misfits = np.exp(np.array([9.0, 9.0, 9.0, 9.0, 7.0, 5.0, 3.0, 1.0, 0.0, -1.0, -2.0]))
+    energies = np.exp(np.array([0.0, 2.0, 4.0, 6.0, 6.0, 6.0, 6.0, 6.0, 7.7, 9.4, 11.1]))
+    assert corner(misfits, energies) in (7, 8)
 
 
 def test_corner_of_a_curve_with_two_straight_arms():

@@ -12,6 +12,7 @@ from ngbrain.inverse.crime import committed
 from ngbrain.inverse.curvature import Curvature, Metric
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.unseen import moduli_of_fibres
 from ngbrain.inverse.weights import Given
 
 FAR = MODULUS * np.exp(np.random.default_rng(1).uniform(np.log(0.3), np.log(3), 6))
@@ -169,3 +170,21 @@ def test_inverse_crime_is_told():
     moved = replace(coarse.data(), points=1.01 * coarse.points)
     assert not committed(moved, coarse.inversion().model.body)
     assert not committed(replace(coarse.data(), element=None), coarse.inversion().model.body)
+
+
+FIBROUS = ({"top": (1e-3, 0)}, {"left": (0, 1e-3)}, {"right": (1e-3, 0)}, {"bottom": (1e-3, 0)})
+
+
+@pytest.mark.parametrize(("bulk", "told"), [(5e5, False), (2e4, True)])
+def test_three_numbers_of_fibres_are_two_where_volumes_stay(bulk, told):
+    """Four loads: φ of a body whose K is 50 times μ stays where it starts, and μ(1+φ), μ(1+ζ) are found all the same."""
+    body = replace(Phantom.named("TI", 13), bulk=bulk, drives=FIBROUS)
+    measured = body.measured(0.01)
+    inversion = measured.inversion()
+    found = GaussNewton(inversion.reduced).from_waves(inversion.start, inversion.waves)
+    assert (found.history[-1].determined["phi"] > 10) == told
+    assert found.history[-1].determined["mu"] > 30
+    truth, ours = (moduli_of_fibres(each) for each in (measured.truth, inversion.fields(found.x)))
+    assert max(np.linalg.norm(ours[name] - truth[name]) / np.linalg.norm(truth[name]) for name in truth) < 0.06
+    errors = inversion.errors(found.x)
+    assert (errors["phi"] < 0.13) == told and (errors["mu"] < 0.035) == told

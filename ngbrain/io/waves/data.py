@@ -226,11 +226,15 @@ class WaveData:
         """The truth under the names of the answers: youngs, or storage and loss (Pa), or mu, zeta, phi.
 
         Isotropic: G from `shear`, or from `youngs` E by `poisson` ν, G = E/2(1+ν), or by `bulk` K, G = 3KE/(9K-E);
-        elastic: E back from it; viscoelastic: storage = Re G, loss = Im G.
+        elastic: E back from it; viscoelastic: storage = Re G, loss = Im G, of mu with fibres.
         """
         views = {name: self.truth[name] for name in ("mu", "zeta", "phi") if name in self.truth}
         shear, youngs = self.truth.get("shear"), self.truth.get("youngs")
-        if self.symmetry != "isotropic" or (shear is None and youngs is None):
+        if self.symmetry != "isotropic" and self.rheology == "viscoelastic":
+            shear, youngs = self.truth.get("mu", shear), None
+        elif self.symmetry != "isotropic":
+            return views
+        if shear is None and youngs is None:
             return views
         if self.rheology == "elastic":
             return {**views, "youngs": np.real(self.youngs_of(shear) if youngs is None else youngs)}
