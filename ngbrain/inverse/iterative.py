@@ -22,6 +22,7 @@ from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Policy
+from ngbrain.solvers.directions import Directions
 
 Array = np.ndarray
 
@@ -52,6 +53,7 @@ class Iterative(GaussNewton):
         super().__init__(reduced, policy or Evidence(), tell, seed)
         self.forcing, self.most = forcing, most
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
+        self.directions = Directions()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
 
@@ -63,15 +65,15 @@ class Iterative(GaussNewton):
         if self.checkpoint is None or not self.checkpoint.exists():
             raise InputError("checkpoint", str(self.checkpoint), "a file that an inversion has written")
         with np.load(self.checkpoint) as saved:
-            x, notes = saved["x"], json.loads(str(saved["notes"]))
+            x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
         if x.shape != self.reduced.unknowns.start.shape or set(notes["weights"]) != set(self.reduced.weights):
             raise InputError("checkpoint", f"of {len(x)} unknowns", f"{len(self.reduced.unknowns.start)} unknowns")
-        self.reduced.weights = notes["weights"]
+        self.reduced.weights, self.directions.arrays = notes["weights"], directions
         history = [Iteration(**entry) for entry in notes["history"]]
         return self._down(x, rounds - len(history), history)
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
-        normal = Normal(Point(self.reduced, x, state), self.iterations, self.forcing, self.most)
+        normal = Normal(Point(self.reduced, x, state), self.iterations, self.forcing, self.most, self.directions)
         dx = normal.solve(-normal.gradient())
         return normal, dx, np.zeros_like(state.waves)
 
@@ -92,7 +94,7 @@ class Iterative(GaussNewton):
         }
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
         with part.open("wb") as file:
-            np.savez(file, x=x, notes=json.dumps(notes))
+            np.savez(file, x=x, notes=json.dumps(notes), directions=self.directions.arrays)
         os.replace(part, path)
 
 

@@ -27,13 +27,16 @@ from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.kinematics import PlaneStrain
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.solvers.directions import Directions
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
 Apply = Callable[[Array], Array]
 FORCING = 0.1
 """Residual of a step, in the norm of the preconditioner, as a part of its start."""
-MOST = 40
+PROBED = 0.03
+"""The same of a probe: what it leaves of the boundary's share, which is large, is not to pass for a field's."""
+MOST = 80
 """Iterations of a step at most: a truncated step still goes down."""
 
 
@@ -42,12 +45,19 @@ class Normal:
 
     counted         list that the iterations of each solve are added to
     forcing, most   where conjugate gradients stop
+    directions      of solves around points near by, which make these shorter; it learns from these too
     """
 
     def __init__(
-        self, point: Point, counted: list[int] | None = None, forcing: float = FORCING, most: int = MOST
+        self,
+        point: Point,
+        counted: list[int] | None = None,
+        forcing: float = FORCING,
+        most: int = MOST,
+        directions: Directions | None = None,
     ) -> None:
         self.point, self.forcing, self.most = point, forcing, most
+        self.directions = Directions() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
         self._found: dict[str, float] = {}
         self._regular = point.reduced.regular_matrix(point.x)
@@ -67,10 +77,16 @@ class Normal:
         slope = state.pull(reduced.misfit.slope(state.data))
         return self._jacobian.T @ slope + reduced.regular_slope(self.point.x)
 
-    def solve(self, b: Array) -> Array:
+    def solve(self, b: Array, forcing: float | None = None) -> Array:
         """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
+        forcing = self.forcing if forcing is None else forcing
+        precondition = self.directions.corrected(self.precondition, lambda s: self._regular @ s)
+
+        def learn(s: Array, image: Array) -> None:
+            self.directions.add(s, image - self._regular @ s)
+
         try:
-            x, iterations, _ = truncated_cg(self.product, self.precondition, b, self.forcing, self.most)
+            x, iterations, _ = truncated_cg(self.product, precondition, b, forcing, self.most, learn)
         except FloatingPointError as error:
             raise SolverError(f"the normal equations cannot be solved: {error}") from error
         self.iterations.append(iterations)
@@ -83,17 +99,23 @@ class Normal:
     def determined_of(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
-        """For each block how many of its numbers the data determine: n - tr(R_b H⁻¹), all estimated by one probe."""
+        """For each block how many of its numbers the data determine, tr (H⁻¹ Jᵀ W J) of the block, all by one probe.
+
+        The probe is what pure noise ξ of the data would do: y = Jᵀ √W ξ has the covariance Jᵀ W J, so y·H⁻¹y is right in the
+        mean, and right within its root when the number is large.
+        """
         counts = self._counts(random)
         return {name: counts[name] for name in regular}
 
     def _counts(self, random: np.random.Generator) -> dict[str, float]:
         if not self._found:
-            probe = random.choice([-1.0, 1.0], size=len(self.point.x))
-            held = self._regular @ self.solve(probe)
-            for name, block in self.point.reduced.unknowns.blocks.items():
-                size = block.stop - block.start
-                self._found[name] = float(np.clip(size - probe[block] @ held[block], 0.0, size))
+            reduced, state = self.point.reduced, self.point.state
+            root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
+            noise = root * (random.normal(size=root.shape) + 1j * random.normal(size=root.shape))
+            probe = self._jacobian.T @ state.pull(noise)
+            fitted = self.solve(probe, PROBED)
+            for name, block in reduced.unknowns.blocks.items():
+                self._found[name] = float(np.clip(probe[block] @ fitted[block], 0.0, block.stop - block.start))
         return self._found
 
 
@@ -164,8 +186,9 @@ def _of_boundary(model: WaveModel, weight: Array, inner: sp.csr_array, regular: 
     observe = model.observation[:, model.driving]
     parts = []
     for part in weight:
-        root = np.sqrt(part.T.ravel())
-        square = sp.csr_array(observe.T @ sp.diags_array(root**2) @ observe)
+        # Components move each other where volumes stay, so each counts with the mean of all, however well it is known itself.
+        mean = np.broadcast_to(part.mean(axis=1, keepdims=True), part.shape).T.ravel()
+        square = sp.csr_array(observe.T @ sp.diags_array(mean) @ observe)
         parts += [square, square]
     whole = inner.T @ sp.block_diag(parts, format="csr") @ inner + regular
     # What no datum is near to, one of its neighbours' weight holds.

@@ -1,4 +1,4 @@
-"""Structured meshes of quadrilaterals on the points of a grid: the discretisation that published wave data were made in."""
+"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, and hexahedra of cells."""
 
 from __future__ import annotations
 
@@ -36,4 +36,46 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
         edge = made.AddRegion(name, 1)
         for a, b in pairwise(line):
             made.Add(meshing.Element1D([a, b], index=edge))
+    return ngs.Mesh(made)
+
+
+_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+_SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+
+
+def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs.Mesh:
+    """Hexahedra in the chosen cells between planes x, y and z (m), region `tissue`, boundary `hull`.
+
+    cells  bool, one fewer along each axis than there are planes
+
+    Raises `InputError` unless all planes grow, two or more of each, and a cell of so many is chosen.
+
+    >>> cells = np.ones((3, 2, 2), bool); cells[0, 0, 0] = False
+    >>> mesh = boxes(cells, np.arange(4.0), np.arange(3.0), np.arange(3.0))
+    >>> mesh.ne, mesh.nv, round(ngs.Integrate(1, mesh), 9)
+    (11, 35, 11.0)
+    """
+    planes = [np.asarray(line, float) for line in (x, y, z)]
+    for name, lines in zip("xyz", planes, strict=True):
+        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0):
+            raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
+    shape = tuple(len(lines) for lines in planes)
+    cells = np.asarray(cells, bool)
+    if cells.shape != tuple(n - 1 for n in shape) or not cells.any():
+        raise InputError(
+            "boxes.cells", f"{int(cells.sum())} of {cells.shape}", f"some of {tuple(n - 1 for n in shape)}"
+        )
+    corners = np.argwhere(cells)[:, None] + _CORNERS
+    used, hexes = np.unique(np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), shape), return_inverse=True)
+    hexes = hexes.reshape(-1, 8)
+    made = meshing.Mesh(dim=3)
+    at = np.column_stack([lines[i] for lines, i in zip(planes, np.unravel_index(used, shape), strict=True)])
+    node = [made.Add(meshing.MeshPoint(meshing.Pnt(*point))) for point in at]
+    tissue, hull = made.AddRegion("tissue", 3), made.AddRegion("hull", 2)
+    for each in hexes:
+        made.Add(meshing.Element3D(tissue, [node[i] for i in each]))
+    sides = np.concatenate([hexes[:, side] for side in _SIDES])
+    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+    for side in sides[first[count == 1]]:
+        made.Add(meshing.Element2D(hull, [node[i] for i in side]))
     return ngs.Mesh(made)

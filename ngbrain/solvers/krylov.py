@@ -18,9 +18,17 @@ def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> t
     return x, k
 
 
-def truncated_cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> tuple[Array, int, float]:
+def truncated_cg(
+    apply: Apply,
+    precondition: Apply,
+    b: Array,
+    rtol: float,
+    most: int,
+    seen: Callable[[Array, Array], None] = lambda p, image: None,
+) -> tuple[Array, int, float]:
     """What `cg` has after `most` iterations or before, iterations, and √(r·Pr) as a part of its start.
 
+    `seen` is told every direction and A times it.
     Every iterate lowers ½ x·Ax - b·x: as a step of a minimisation it can be used as it is.
     """
     x, r = np.zeros_like(b), b.copy()
@@ -32,6 +40,7 @@ def truncated_cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most:
             break
         q = apply(p)
         alpha = now / _definite(p, q, "matrix")
+        seen(p, q)
         x += alpha * p
         r -= alpha * q
         z = precondition(r)
