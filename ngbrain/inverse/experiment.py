@@ -16,6 +16,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
+from ngbrain.inverse.composition import Composition, Whole
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
@@ -68,17 +69,24 @@ class Experiment:
     data       waves; points outside of the mask or the elements are left out
     elements   see `discretise`
     sought     the quantities, by default those of the material
+    composition  of which fields they are made, by default of one each
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
     `unknowns(sigma)` are all quantities and the displacements of the boundary.
     """
 
-    def __init__(self, data: WaveData, elements: Discretisation, sought: tuple[Quantity, ...] | None = None) -> None:
-        self.data, self.elements = data, elements
+    def __init__(
+        self,
+        data: WaveData,
+        elements: Discretisation,
+        sought: tuple[Quantity, ...] | None = None,
+        composition: Composition | None = None,
+    ) -> None:
+        self.data, self.elements, self.composition = data, elements, composition or Whole()
         self.sought = quantities(data) if sought is None else _of_material(data, sought)
         self.inside = elements.inside & data.mask
         self.space = ngs.H1(elements.mesh, order=elements.fields)
-        self._fields = {quantity.name: ngs.GridFunction(self.space) for quantity in self.sought}
+        self._fields = {name: ngs.GridFunction(self.space) for name in self._by_field}
         self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
         """Each quantity as a CoefficientFunction of the fields."""
         self.squeeze = ngs.Parameter(1.0)
@@ -102,18 +110,23 @@ class Experiment:
     def uniform(self, unknowns: Fields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""
         x = unknowns.start.copy()
-        for quantity in self.sought:
+        for name, quantity in self._by_field.items():
             if quantity.name in MODULI:
                 start, transform = self._start(replace(quantity, start=level * quantity.start))
-                x[unknowns.blocks[quantity.name]] = transform.inverse(start)
+                x[unknowns.blocks[name]] = transform.inverse(start)
         return x
+
+    @property
+    def _by_field(self) -> dict[str, Quantity]:
+        """Name of each field → the quantity that it is, or is a part of."""
+        return {name: quantity for quantity in self.sought for name in self.composition.fields(quantity.name)}
 
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
         theta = self.model.theta
         held = self.waves[:, self.model.driving]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
-        unknowns = {quantity.name: Unknown(*self._start(quantity)) for quantity in self.sought}
+        unknowns = {name: Unknown(*self._start(quantity)) for name, quantity in self._by_field.items()}
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
         return Fields(theta, self.model.blocks, unknowns)
 
@@ -123,9 +136,10 @@ class Experiment:
         at = evaluation(self.space, self.model.points)
         maps = {}
         for quantity in self.sought:
-            field = at @ theta[self.model.blocks[quantity.name]]
+            names = self.composition.fields(quantity.name)
+            found = self.composition.at_points({name: at @ theta[self.model.blocks[name]] for name in names})
             maps[quantity.name] = np.full(len(self.data.points), np.nan)
-            maps[quantity.name][self.inside] = field if self.elements.nodal else quantity.floor + np.exp(field)
+            maps[quantity.name][self.inside] = found if self.elements.nodal else quantity.floor + np.exp(found)
         return maps
 
     def of_truth(self) -> Array | None:
@@ -139,11 +153,13 @@ class Experiment:
         for quantity in self.sought:
             truth = np.real(truths[quantity.name][self.inside])
             field = truth if self.elements.nodal else fitted(np.log(truth - quantity.floor))
-            theta[self.model.blocks[quantity.name]] = field
+            for name in self.composition.fields(quantity.name):
+                theta[self.model.blocks[name]] = field
         return self.model.at(theta).data
 
     def _value(self, quantity: Quantity) -> CoefficientFunction:
-        field = self._fields[quantity.name]
+        names = self.composition.fields(quantity.name)
+        field = self.composition.function({name: self._fields[name] for name in names})
         # Nodal values are moduli on the grid of the data; elsewhere the field is the logarithm, positive everywhere.
         return field if self.elements.nodal else quantity.floor + ngs.exp(field)
 
