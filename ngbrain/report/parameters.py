@@ -79,9 +79,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         for name, length in model["resolution_mm"].items()
     )
     weights = ", ".join(f"{PARAMETERS[name].symbol} {number(weight)}" for name, weight in model["weights"].items())
+    by = model.get("weight", "evidence")
     pairs = [
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
-        ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights from the data: {weights}"),
+        ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
         ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
         ("Misfit over its expected level", number(checks["misfit_over_expected"])),
         ("Detail that the data determine, about", fields),
@@ -90,6 +91,9 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         pairs.append(("Octahedral strain over its noise, median", number(checks["strain_snr"])))
     if "resonance_distance" in checks:
         pairs.append(("Nearest resonance, from the frequency", percent(checks["resonance_distance"])))
+    if "bulk_change_over_noise" in checks:
+        moved = number(checks["bulk_change_over_noise"])
+        pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
     if "mismatch_at_truth" in model:
         pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
     done = ", ".join(f"{count} {name}" for name, count in solves.items())

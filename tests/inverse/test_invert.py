@@ -10,8 +10,9 @@ from ngbrain.errors import InputError
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import as_made, bulk_ratio, in_elements
 from ngbrain.inverse.experiment import Experiment, quantities
-from ngbrain.inverse.invert import invert
+from ngbrain.inverse.invert import OURS, invert
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.unseen import moduli_of_fibres
 
 BODIES = [
     (symmetry, rheology, volume)
@@ -21,21 +22,31 @@ BODIES = [
 ]
 
 
+def off(found, truth):
+    return np.linalg.norm(found - truth) / np.linalg.norm(truth)
+
+
 def shear_error(data, maps):
     """Of the elastic modulus that is looked for, relative L2."""
-    truths = dict(data.truth_views)
-    truths.setdefault("storage", truths.get("mu"))
     name = next(name for name in ("youngs", "storage", "mu") if name in maps)
-    return np.linalg.norm(maps[name] - truths[name]) / np.linalg.norm(truths[name])
+    return off(maps[name], data.truth_views[name])
+
+
+def told_error(data, maps):
+    """Of what waves tell: where fibres' volumes stay, of μ(1+φ) and μ(1+ζ), see `unseen`; else of the modulus."""
+    if data.symmetry == "isotropic" or bulk_ratio(data) < 100:
+        return shear_error(data, maps)
+    truth = moduli_of_fibres({name: np.real(values) for name, values in data.truth_views.items()})
+    return max(off(values, truth[name]) for name, values in moduli_of_fibres(maps).items())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("noise, wanted", [(0.0, 0.01), (0.02, 0.04)])
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: "-".join(body))
 def test_all_eight_bodies(body, noise, wanted):
-    data = waves(*body, n=41)
+    data = waves(*body, n=41 if body[0] == "isotropic" else 25)
     found = invert(data.with_noise(noise, seed=1), uniform=False, regulariser="smooth")
-    assert shear_error(data, found.maps) < wanted
+    assert told_error(data, found.maps) < wanted
 
 
 @pytest.mark.parametrize("body", [BODIES[0], BODIES[3], BODIES[4]], ids=lambda body: "-".join(body))
@@ -44,6 +55,14 @@ def test_bodies_with_noise(body):
     found = invert(data.with_noise(0.02, seed=1), uniform=False, regulariser="smooth")
     assert shear_error(data, found.maps) < 0.06
     assert all(np.all(values > -1) for values in found.maps.values())
+
+
+def test_exact_data_are_no_more_exact_than_our_elements():
+    """Else fields fit the error of the elements, at the edges first."""
+    data = waves(rheology="elastic", n=31)
+    found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
+    assert found.noise == OURS and shear_error(data, found.maps) < 0.01
+    assert not any("misfit" in note for note in found.notes)
 
 
 def test_noise_is_found_when_it_is_not_given():
