@@ -38,10 +38,16 @@ class Indicators:
     def of(cls, labels: LabelMap, smoothing: float = SMOOTHING, margin: float = 4e-3) -> Indicators:
         """Of labels, with a margin (m) of outside around them."""
         pad = int(np.ceil(margin / labels.volume.spacing.min()))
-        numbered = np.pad(labels.numbered(), pad)
+        numbered = np.pad(replace(labels, cut=None).numbered(), pad)
         sigma = smoothing / labels.volume.spacing
+        left = (
+            np.float32(1) if labels.cut is None else np.pad(1 - labels.cut.astype(np.float32), pad, constant_values=1)
+        )
         shares = np.stack(
-            [ndimage.gaussian_filter((numbered == k).astype(np.float32), sigma) for k in range(len(labels.regions) + 1)]
+            [
+                ndimage.gaussian_filter((numbered == k) * left + (k == 0) * (1 - left), sigma)
+                for k in range(len(labels.regions) + 1)
+            ]
         )
         affine = labels.volume.affine.copy()
         affine[:3, 3] = labels.volume.to_world(np.full((1, 3), -pad))[0]
