@@ -74,8 +74,8 @@ ROUTES: Mapping[str, Route] = {
         lambda labels, size: Made(hull.hull(labels, size)),
         5e-3,
         20e-3,
-        "sulci, and surfaces between tissues: inside the hull a point takes the tissue of the label there",
-        (hull, from_labels, levelset, relocation, surfaces),
+        "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
+        (hull, from_labels, levelset, relocation, surfaces, conforming, reconnection),
     ),
     "lattice": Route(
         lambda labels, size: _latticed(lattice.lattice(labels, size)),
