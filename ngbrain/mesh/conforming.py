@@ -23,6 +23,8 @@ OFF = 0.15
 """Part of the element size by which points that stay off the interface that they border may miss it; others go."""
 STRAY = 0.25
 """Difference of the shares that should be equal, up to which a vertex may be moved along an interface."""
+SETTLED = float(np.sin(np.radians(4)))
+"""Vertices of the last triangulation stay off interfaces where they would make angles of less than 4° or more than 176°."""
 MOVES = 8
 """Rounds of moves after each of them,"""
 LAST_MOVES = 20
@@ -80,7 +82,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):
         tets, region = _triangulated(points, indicators, wanted)
-        points, off = _settled(points, tets, region, indicators)
+        points, off = _settled(points, tets, region, indicators, FLATTEST if turn < PASSES - 1 else SETTLED)
         points = _improved(points, tets, region, indicators, MOVES, rng)
         if turn < PASSES - 1:
             points = points[off < OFF * size(points)]
@@ -175,16 +177,18 @@ def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.nda
     return meeting
 
 
-def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> tuple[Points, np.ndarray]:
+def _settled(
+    points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators, flattest: float
+) -> tuple[Points, np.ndarray]:
     """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
 
-    They have to where they would turn a tetrahedron inside out.
+    They have to where they would give a tetrahedron of a region a shape below `flattest` that it has not, or turn one inside out.
     """
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
     on = points.copy()
     on[border] = indicators.onto(points[border], meeting[border], 2)
-    floor = np.minimum(FLATTEST, shapes(points[tets]))
+    floor = np.minimum(np.where(region > 0, flattest, FLATTEST), shapes(points[tets]))
     new = on.copy()
     while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
         stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]

@@ -31,6 +31,8 @@ SWAPS = 4
 VENTRICLES = "ventricles"
 SPECK = 0.1
 """Millilitres of a piece of a ventricle or lesion below which it is left out."""
+LEFT = 0.5
+"""Part of a lesion that has to be left where it keeps away from ventricles and other lesions."""
 LESION = re.compile("(lesion|tumou?r|metastas[ie]s|cyst|h(a)?ematoma|cavity|resection).*", re.IGNORECASE)
 """Regions that are so called have a surface of their own."""
 
@@ -44,7 +46,7 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
 
     size   points (n, 3) m → element size (n,) m, on the surfaces and inside
 
-    Raises `InputError` where labels hold no head, and where no mesh is found.
+    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, and where no mesh is found.
 
     >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
     >>> from ngbrain.image.volume import Volume
@@ -142,9 +144,16 @@ def _inside(voxels: LabelMap, brain: LevelSet) -> dict[str, LevelSet]:
         for other in found.values():
             values = np.maximum(values, WALL - other(grid))
         values = values.reshape(outline.values.shape).astype(np.float32)
-        if (values < 0).any():
+        if (values < 0).sum() > LEFT * mask.sum():
             found[name] = replace(outline, values=values)
+        elif name != VENTRICLES:
+            wanted = f"{1e3 * WALL:g} mm between them, one label for both, or the route lattice or conforming"
+            raise InputError("labels", f"such that {name} is too thin, or too close to {_others(found)}", wanted)
     return found
+
+
+def _others(inner: dict[str, LevelSet]) -> str:
+    return " or ".join([*inner, "the surface"])
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
