@@ -23,8 +23,6 @@ OFF = 0.15
 """Part of the element size by which points that stay off the interface that they border may miss it; others go."""
 STRAY = 0.25
 """Difference of the shares that should be equal, up to which a vertex may be moved along an interface."""
-SETTLED = float(np.sin(np.radians(4)))
-"""Vertices of the last triangulation stay off interfaces where they would make angles of less than 4° or more than 176°."""
 MOVES = 8
 """Rounds of moves after each of them,"""
 LAST_MOVES = 20
@@ -42,7 +40,7 @@ BALANCING = 6
 GOAL = np.sin(np.radians(15))
 """Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
 SOUND = np.sin(np.radians(8))
-"""What matching volumes may make of good ones."""
+"""What matching volumes may make of good ones; flatter ones may leave their interfaces, by `OFF`, to get there."""
 
 _INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
 """Barycentric coordinates at which a tetrahedron asks for its region."""
@@ -82,7 +80,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):
         tets, region = _triangulated(points, indicators, wanted)
-        points, off = _settled(points, tets, region, indicators, FLATTEST if turn < PASSES - 1 else SETTLED)
+        points, off = _settled(points, tets, region, indicators)
         points = _improved(points, tets, region, indicators, MOVES, rng)
         if turn < PASSES - 1:
             points = points[off < OFF * size(points)]
@@ -92,8 +90,19 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
             break
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
+    points = _freed(points, tets, region, OFF * size(points), rng)
     points = matched(points, tets, region, wanted, size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
+
+
+def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray, rng: np.random.Generator) -> Points:
+    """Points of what is still flatter than `SOUND` moved by `far` (n,) at most, off their interfaces too."""
+
+    def place(vertices: np.ndarray, wanted: Points) -> Points:
+        step, most = wanted - points[vertices], far[vertices]
+        return points[vertices] + step * np.minimum(1, most / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+
+    return improved(points, tets, region > 0, place, SOUND, LAST_MOVES, rng)
 
 
 def named(points: Points, tets: np.ndarray, region: np.ndarray, regions: tuple[str, ...]) -> Elements:
@@ -177,18 +186,16 @@ def _meeting(tets: np.ndarray, region: np.ndarray, n: int, count: int) -> np.nda
     return meeting
 
 
-def _settled(
-    points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators, flattest: float
-) -> tuple[Points, np.ndarray]:
+def _settled(points: Points, tets: np.ndarray, region: np.ndarray, indicators: Indicators) -> tuple[Points, np.ndarray]:
     """Points with those between regions put where these meet, and how far (n,) from there those are that had to stay.
 
-    They have to where they would give a tetrahedron of a region a shape below `flattest` that it has not, or turn one inside out.
+    They have to where they would turn a tetrahedron inside out.
     """
     meeting = _meeting(tets, region, len(points), len(indicators.regions) + 1)
     border = meeting.sum(axis=1) > 1
     on = points.copy()
     on[border] = indicators.onto(points[border], meeting[border], 2)
-    floor = np.minimum(np.where(region > 0, flattest, FLATTEST), shapes(points[tets]))
+    floor = np.minimum(FLATTEST, shapes(points[tets]))
     new = on.copy()
     while len(stuck := np.unique(tets[shapes(new[tets]) < floor])):
         stuck = stuck[(new[stuck] != points[stuck]).any(axis=1)]

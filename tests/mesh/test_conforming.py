@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
-from ngbrain.mesh.conforming import conforming, named
+from ngbrain.mesh.conforming import _freed, conforming, named
 from ngbrain.mesh.indicators import MOST, Indicators
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.reconnection import Reconnection
@@ -244,6 +244,24 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
     edges = np.sort(faces[(pairs > 0).all(axis=1)][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
     free = ~np.isin(edges, hull).all(axis=1)
     assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
+
+
+def test_vertices_that_fell_together_on_an_interface_part_again():
+    mesh = conforming(nested(), same(4e-3))
+    grey_white = mesh.triangles[mesh.boundary == mesh.boundaries.index("grey_white")]
+    points, region = mesh.points.copy(), mesh.region + 1
+    points[grey_white[0, 0]] += 0.97 * (points[grey_white[0, 1]] - points[grey_white[0, 0]])
+    before = shapes(points[mesh.tets])
+    assert 0 < before.min() < np.sin(np.radians(3))
+    far = np.full(len(points), 0.6 * MM)
+    parted = _freed(points, mesh.tets, region, far, np.random.default_rng(0))
+    assert (
+        shapes(parted[mesh.tets]).min() > np.sin(np.radians(5))
+        and np.linalg.norm(parted - points, axis=1).max() < 0.601 * MM
+    )
+    good = shapes(points[mesh.tets]) > np.sin(np.radians(8))
+    away = np.setdiff1d(np.arange(len(points)), mesh.tets[~good])
+    assert np.array_equal(parted[away], points[away])
 
 
 def test_a_face_is_swapped_inside_a_region_only():
