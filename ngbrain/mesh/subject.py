@@ -24,6 +24,7 @@ from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.curving import Curving, bent
+from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.opening import Opening, opened
@@ -171,6 +172,7 @@ def write_subject(
         **told,
         **cut,
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
+        "needs": [str(need) for need in needs()],
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),
