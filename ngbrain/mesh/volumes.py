@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ngbrain.mesh.relocation import FLATTEST, shapes
@@ -74,3 +76,74 @@ def _attainable(wanted: np.ndarray, volumes: np.ndarray, slopes: np.ndarray, lim
         wanted[r] -= rest
         wanted[neighbour] += rest
     return wanted
+
+
+_POINTS = np.array(
+    [[1 - 2 * a, a, a][k:] + [1 - 2 * a, a, a][:k] for a in (0.445948490915965, 0.091576213509771) for k in range(3)]
+)
+_WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3) / 2
+"""Of fourth order on a triangle (Dunavant 1985, 10.1002/nme.1620210612), barycentric."""
+
+
+def _six() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The functions of a triangle's corners and of the middles of its edges 01, 02, 12, and their two slopes, at `_POINTS`."""
+    p, i, j = _POINTS, [0, 0, 1], [1, 2, 2]
+    along = np.array([[-1, 1, 0], [-1, 0, 1]])  # of the barycentric coordinates
+    slopes = [
+        np.concatenate([(4 * p - 1) * d, 4 * (p[:, i] * d[j] + p[:, j] * d[i])], axis=1) for d in along.astype(float)
+    ]
+    return np.concatenate([p * (2 * p - 1), 4 * p[:, i] * p[:, j]], axis=1), slopes[0], slopes[1]
+
+
+_VALUES, _ALONG, _ACROSS = _six()
+
+
+@dataclass(frozen=True, eq=False)
+class Curved:
+    """Interfaces of second order, and the volumes that they enclose: V = ⅓ ∮ x·n, ∂V/∂x_i = ∮ N_i n.
+
+    six     (k, 6) nodes of triangles: corners, then middles of the edges 01, 02, 12; outwards of the first region
+    pairs   (k, 2) the region on the inner side and that on the outer one, 0 for outside
+    count   of regions
+    """
+
+    six: np.ndarray
+    pairs: np.ndarray
+    count: int
+
+    def volumes(self, places: np.ndarray) -> np.ndarray:
+        """Of each region (count,) in m³, nodes being at `places` (n, 3) m."""
+        normals, at = self._normals(places), _VALUES @ places[self.six]
+        each = np.einsum("q,tqd,tqd->t", _WEIGHTS, at, normals) / 3
+        inner, outer = (np.bincount(side, each, self.count + 1) for side in self.pairs.T)
+        return np.asarray((inner - outer)[1:])
+
+    def slopes(self, places: np.ndarray) -> np.ndarray:
+        """Of the volumes with the places of the nodes (n, 3, count) m²."""
+        each = np.einsum("q,qi,tqd->tid", _WEIGHTS, _VALUES, self._normals(places))
+        found = np.zeros((len(places) * (self.count + 1), 3))
+        for side, sign in zip(self.pairs.T, (1, -1), strict=True):
+            at = (self.six * (self.count + 1) + side[:, None]).ravel()
+            for d in range(3):
+                found[:, d] += sign * np.bincount(at, each[:, :, d].ravel(), len(found))
+        return found.reshape(len(places), self.count + 1, 3)[:, 1:].transpose(0, 2, 1).copy()
+
+    def _normals(self, places: np.ndarray) -> np.ndarray:
+        x = places[self.six]
+        return np.cross(_ALONG @ x, _ACROSS @ x)
+
+    def matched(self, places: np.ndarray, wanted: np.ndarray, reach: np.ndarray) -> np.ndarray:
+        """Places (n, 3) moved along normals, all by about the same part of `reach` (n,) m, until volumes are those wanted.
+
+        Not where `reach` is 0, and never farther than it.
+        """
+        start = places
+        for _ in range(ROUNDS):
+            slopes = self.slopes(places)
+            weight = reach / np.maximum(np.linalg.norm(slopes, axis=(1, 2)), 1e-30)
+            matrix = np.einsum("v,vdr,vds->rs", weight, slopes, slopes)
+            factors = np.linalg.lstsq(matrix, wanted - self.volumes(places), rcond=1e-9)[0]
+            off = places + weight[:, None] * (slopes @ factors) - start
+            far = np.linalg.norm(off, axis=1)
+            places = start + off * np.minimum(1, reach / np.maximum(far, 1e-12))[:, None]
+        return places
