@@ -89,7 +89,7 @@ ROUTES: Mapping[str, Route] = {
         4e-3,
         20e-3,
         "folds and films thinner than elements",
-        (conforming, indicators, reconnection, relocation, samples, volumes),
+        (conforming, indicators, reconnection, relocation, samples, shares, volumes),
     ),
 }
 
