@@ -246,6 +246,28 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
     assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
 
 
+def test_a_graded_mesh_has_the_labels_volumes_where_it_is_fine():
+    x, y, z = grid(60)
+    r = np.sqrt(x**2 + y**2 + z**2)
+    numbers = np.select([r < 16 + 2 * np.cos(0.6 * x) * np.cos(0.6 * y), r < 24, r < 26], [3, 2, 1])  # folded
+    labels, site, radius = labelled(numbers), np.array([0, 0, 18 * MM]), 10 * MM
+
+    def size(points):
+        return np.clip(2e-3 + 0.4 * (np.linalg.norm(points - site, axis=1) - radius), 2e-3, 6e-3)
+
+    mesh = conforming(labels, size)
+    corners, volumes = mesh.points[mesh.tets], mesh.volumes()
+    where, radius = np.random.default_rng(0).dirichlet(np.ones(4), 100), radius + 1.25 * MM  # up to elements of 2.5 mm
+    share = np.mean([np.linalg.norm(np.einsum("k,nkd->nd", w, corners) - site, axis=1) < radius for w in where], axis=0)
+    at = labels.volume.to_world(np.argwhere(numbers > 0))
+    near = np.bincount(numbers[numbers > 0], np.linalg.norm(at - site, axis=1) < radius)[1:] * MM**3
+    found = np.bincount(mesh.region, volumes * share)
+    print(found / near - 1)
+    assert found[0] == pytest.approx(near[0], rel=0.06)  # fluid
+    assert found[1:] == pytest.approx(near[1:], rel=0.0125)
+    assert max(map(abs, volume_errors(mesh, labels).values())) < 0.01
+
+
 def test_vertices_that_fell_together_on_an_interface_part_again():
     mesh = conforming(nested(), same(4e-3))
     grey_white = mesh.triangles[mesh.boundary == mesh.boundaries.index("grey_white")]
