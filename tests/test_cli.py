@@ -276,6 +276,7 @@ def test_mesh_of_labels(tmp_path, capsys):
     assert np.array_equal(np.asarray(back.dataobj), labels.volume.data)
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("data:image/png;base64") == 3 and "ventricles" in page and "http" not in page
+    assert len(result["needs"]) == 3 and all(need.replace("&", "&amp;") in page for need in result["needs"])
 
 
 def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys):
