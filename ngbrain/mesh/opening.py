@@ -102,9 +102,10 @@ def cleft_in(
 def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: float) -> tuple[LabelMap, Made]:
     """What is left of labels when a head is opened, and its mesh by a route, from the cache if it was made before.
 
-    By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions are no regions of it then. By the other routes what is cut away is taken from
-    the labels' shares, and walls are put onto the planes where elements stay good: those of tissues' corners and of the
-    cleft's edges may miss them by part of an element, and the craniotomy ends with whole triangles.
+    By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions are no regions of it then. By the other
+    routes what is cut away is taken from the labels' shares, and walls are put onto the planes where elements stay good: those
+    of tissues' corners and of the cleft's edges may miss them by part of an element, and the craniotomy ends with whole
+    triangles.
 
     near   element size (m) at the walls; far that away from them
 
