@@ -141,8 +141,8 @@ def bent(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, Curving]:
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
     >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
     >>> mesh, done = bent(lattice(labels, lambda points: np.full(len(points), 4e-3)).elements, labels)
-    >>> mesh.deformation, bool(done.after.mean() < 0.7 * done.before.mean())
-    (None, True)
+    >>> mesh.deformation, float(round(1e6 * ngs.Integrate(ngs.CF(1), mesh) / labels.volumes_ml()["grey"], 4))
+    (None, 1.0)
     """
     indicators = Indicators.of(labels)
     wanted = 1e-6 * np.array(list(labels.volumes_ml().values()))
