@@ -276,6 +276,7 @@ def test_mesh_of_labels(tmp_path, capsys):
     assert np.array_equal(np.asarray(back.dataobj), labels.volume.data)
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("data:image/png;base64") == 3 and "ventricles" in page and "http" not in page
+    assert len(result["needs"]) == 3 and all(need.replace("&", "&amp;") in page for need in result["needs"])
 
 
 def test_a_report_of_labels_with_large_numbers_on_a_turned_grid(tmp_path, capsys):
@@ -313,9 +314,44 @@ def test_a_curved_lattice_of_labels(tmp_path, capsys):
     assert result["quality"]["min_jacobian"] == pytest.approx(min_jacobian(mesh))
 
 
+@pytest.mark.parametrize("route", ["hull", "lattice"])
+def test_a_cut_at_a_landmark(route, tmp_path, capsys):
+    labels = labels_file(tmp_path / "labels.nii.gz")
+    middle = labels.volume.data.shape[0] // 2
+    out, names = tmp_path / "head.vtkhdf", "1=grey,2=white,3=ventricles"
+    status, lines = run(
+        capsys, "mesh", tmp_path / "labels.nii.gz", "--labels", "--names", names, "--route", route, "--size", "5",
+        "--landmark", f"lesion=voxel:{middle},{middle},{middle + 12}", "--cut", "lesion", "--width", "8", "--opening", "5",
+        "--craniotomy", "20", "--approach", "0.2,0,1", "-o", out, "-q",
+    )  # fmt: skip
+    assert status == 0 and not lines
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["landmarks_mm"]["lesion"] == result["cut"]["target_mm"] == pytest.approx([0, 0, 12], abs=0.02)
+    assert result["cut"]["width_mm"] == 8 and 6 < result["cut"]["depth_mm"] < 10
+    mesh = load(out).mesh
+    assert {"wall_plus", "wall_minus", "end_plus", "end_minus", "floor", "craniotomy"} <= set(mesh.GetBoundaries())
+    area = ngs.Integrate(ngs.CF(1), mesh, definedon=mesh.Boundaries("floor"))
+    assert area == pytest.approx(40e-6, rel=1e-6 if route == "hull" else 0.25)
+    lost = sum(labels.volumes_ml().values()) - sum(r["label_volume_ml"] for r in result["regions"].values())
+    assert 1e3 * lost == pytest.approx(5 * 8 * result["cut"]["depth_mm"], rel=0.05)
+    back = np.asarray(nibabel.load(tmp_path / "head_labels.nii.gz").dataobj)
+    assert back[middle, middle, middle + 11] == 2 and not back[middle, middle, middle + 13 : middle + 20].any()
+    assert "A cleft" in (tmp_path / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--site", "nose"], ["--site is 'nose'", "voxel:I,J,K", "centre of label_1"]),
+        (["--site", "voxel:0,0,400"], ["--site is 'voxel:0,0,400'", "field of view of labels.nii.gz"]),
+        (["--site", "1,2"], ["--site is '1,2'", "three numbers"]),
+        (["--landmark", "here"], ["--landmark is 'here'", "NAME=voxel:I,J,K"]),
+        (["--width", "8"], ["--width", "--cut"]),
+        (["--cut", "0,0,12", "--site", "0,0,12"], ["--site is given with --cut"]),
+        (["--cut", "0,0,30"], ["--cut is '0,0,30'", "field of view"]),
+        (["--cut", "0,0,20.5"], ["cleft.target_mm is (0.0, 0.0, 20.5) mm", "inside the brain"]),
+        (["--cut", "0,0,12", "--near", "3"], ["mesh size is 3 mm near and 5 mm far", "at most 2 mm near"]),
+        (["--cut", "0,0,12", "--curve", "--route", "lattice"], ["--curve is given with --cut"]),
         (["--curve", "-o", "head.msh"], ["-o is 'head.msh'", ".vtkhdf"]),
         (["--curve"], ["--curve", "hull", "lattice or conforming"]),
         (["--names", "1=grey"], ["labels is without a name for [2, 3]"]),

@@ -9,14 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ngbrain.cli.invert import add_invert
+from ngbrain.cli.mesh import add_mesh
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
-from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.routes import ROUTES
-from ngbrain.mesh.subject import Subject, write_subject
 from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
@@ -61,24 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     retract = verbs.add_parser("retract", help="one scene")
     retract.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
     retract.set_defaults(verb=_retract)
-    mesh = verbs.add_parser("mesh", help="a volume mesh of a scan or of a map of labels")
-    mesh.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
-    mesh.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
-    mesh.add_argument(
-        "--names", type=_names, metavar="N=NAME,…", help="what labels are called, or freesurfer, spm, ngbrain"
-    )
-    mesh.add_argument(
-        "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
-    )
-    mesh.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
-    mesh.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
-    mesh.add_argument(
-        "--site", type=_point, metavar="X,Y,Z", help="a point (mm, as the file places it) to be finer around"
-    )
-    mesh.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site (2)")
-    mesh.add_argument("--radius", type=_length, metavar="MM", help="around it that is so fine (20; lattice 11)")
-    mesh.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
-    mesh.set_defaults(verb=_mesh)
+    mesh = add_mesh(verbs)
     invert = add_invert(verbs)
     for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted")):
         kind = "FILE" if verb is mesh else "DIR"
@@ -103,55 +82,6 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number of threads")
     return number
-
-
-def _length(text: str) -> float:
-    return 1e-3 * float(text)
-
-
-def _point(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (1e-3 * float(part) for part in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
-    return x, y, z
-
-
-def _names(text: str) -> str | dict[int, str]:
-    if "=" not in text:
-        return text
-    try:
-        return {int(number): name.strip() for number, name in (part.split("=") for part in text.split(","))}
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
-
-
-def _mesh(arguments: argparse.Namespace) -> None:
-    for package in ("matplotlib", "jinja2"):
-        require(package, "report")
-    if arguments.labels and arguments.structures:
-        raise InputError("--structures", "given with --labels", "a T1 scan to find them in, or --labels without it")
-    if arguments.labels:
-        subject = Subject.of_labels(arguments.image, arguments.names)
-    else:
-        subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
-    coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
-    radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
-    size = Graded(min(arguments.near, coarse) if arguments.site else coarse, coarse, arguments.site, radius)
-    result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve)
-    from ngbrain.report import anatomy
-
-    shown = 1e-3 * np.array(result["shown_mm"])
-    anatomy.build(arguments.output.with_name("report.html"), result, mesh, subject.labels, subject.t1, shown)
-    if not arguments.quiet:
-        for name, region in result["regions"].items():
-            print(f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml")
-        quality = result["quality"]
-        print(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
-        if snaps := result.get("snaps"):
-            print(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
-        if off := result.get("curved"):
-            print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
 
 
 def _demo(arguments: argparse.Namespace) -> None:

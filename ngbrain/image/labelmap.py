@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -18,6 +18,7 @@ class LabelMap:
 
     volume  integers; 0 is outside
     names   number → name of the region; every number but 0 in `volume` has one, and two numbers may share a name
+    cut     share of each voxel that is cut away, where a cut runs through voxels; None for no cut
 
     >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
     >>> two.regions, two.volumes_ml()
@@ -26,6 +27,7 @@ class LabelMap:
 
     volume: Volume
     names: Mapping[int, str]
+    cut: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.volume.data.dtype.kind not in "iu":
@@ -41,17 +43,19 @@ class LabelMap:
         return tuple(dict.fromkeys(name for number, name in sorted(self.names.items()) if number in present))
 
     def numbered(self) -> np.ndarray:
-        """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside."""
+        """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, and more than half cut away."""
         table = np.zeros(int(self.volume.data.max()) + 1, np.uint8)
         for number, name in self.names.items():
             if number < len(table) and name in self.regions:
                 table[number] = self.regions.index(name) + 1
         table[0] = 0
-        return table[self.volume.data]
+        numbers = table[self.volume.data]
+        return numbers if self.cut is None else np.where(self.cut > 0.5, np.uint8(0), numbers)
 
     def volumes_ml(self) -> dict[str, float]:
         """Millilitres of each region."""
-        counts = np.bincount(self.numbered().ravel(), minlength=len(self.regions) + 1)[1:]
+        left = None if self.cut is None else (1 - self.cut.astype(float)).ravel()
+        counts = np.bincount(replace(self, cut=None).numbered().ravel(), left, len(self.regions) + 1)[1:]
         return dict(zip(self.regions, (counts * self.volume.voxel_volume * 1e6).tolist(), strict=True))
 
     def upright(self, spacing: float = 1e-3) -> LabelMap:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
@@ -13,7 +15,7 @@ from ngbrain.mesh.indicators import SMOOTHING, Indicators, Points
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import FLATTEST, improved, shapes
 from ngbrain.mesh.samples import inside, on_interfaces
-from ngbrain.mesh.volumes import matched
+from ngbrain.mesh.volumes import Zones, matched
 
 MOST = 20e6
 """Tetrahedra of a mesh that is refused, as it would not fit into memory."""
@@ -37,10 +39,12 @@ THORNS = 3
 """Layers of a thorn that are taken off the surface."""
 BALANCING = 6
 """Rounds in which these are found."""
+GRADED, FINE = 2.0, 1.25
+"""Sizes that differ by that factor make a mesh graded, whose volumes are right within that part of its finest size, too."""
 GOAL = np.sin(np.radians(15))
 """Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
 SOUND = np.sin(np.radians(8))
-"""What matching volumes may make of good ones."""
+"""What matching volumes may make of good ones; flatter ones may leave their interfaces, by `OFF`, to get there."""
 
 _INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
 """Barycentric coordinates at which a tetrahedron asks for its region."""
@@ -54,7 +58,8 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     Yvinec & Boissonnat 2009, 10.1111/j.1467-8659.2009.01521.x). Vertices are put where the regions around them meet,
     and all is triangulated again, so that tetrahedra and interfaces settle. Last, moves of single vertices and swaps of
     edges and faces take turns on the worst tetrahedra (Freitag & Ollivier-Gooch 1997), and interfaces move by a small
-    part of the element size so that regions have the volumes of their voxels. What is thinner than elements is lost to
+    part of the element size so that regions have the volumes of their voxels, where a graded mesh is finest as in the rest.
+    What is thinner than elements is lost to
     what is around it.
 
     labels     regions on voxels
@@ -90,8 +95,34 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
             break
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
-    points = matched(points, tets, region, wanted, size(points), SOUND)
+    points = _freed(points, tets, region, OFF * size(points), rng)
+    points = matched(points, tets, region, _zones(labels, size, points, tets), size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
+
+
+def _zones(labels: LabelMap, size: Sizes, points: Points, tets: np.ndarray) -> Zones:
+    """All of the mesh, or where it is finest and the rest if it is `GRADED` times as coarse somewhere."""
+    numbers = replace(labels, cut=None).numbered()
+    at = np.argwhere(numbers > 0)
+    h, number = size(labels.volume.to_world(at)), numbers[tuple(at.T)]
+    left = np.ones(len(at)) if labels.cut is None else 1 - labels.cut[tuple(at.T)].astype(float)
+    total = 1e-6 * np.array(list(labels.volumes_ml().values()))
+    if h.max() < GRADED * h.min():
+        return Zones(np.ones((1, len(tets))), np.zeros(len(points), int), total[None])
+    fine = FINE * h.min()
+    near = labels.volume.voxel_volume * np.bincount(number, left * (h <= fine), len(total) + 1)[1:]
+    share = np.mean([size(np.einsum("k,nkd->nd", where, points[tets])) <= fine for where in _INSIDE], axis=0)
+    return Zones(np.stack([share, 1 - share]), np.where(size(points) <= fine, 0, 1), np.stack([near, total - near]))
+
+
+def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray, rng: np.random.Generator) -> Points:
+    """Points of what is still flatter than `SOUND` moved by `far` (n,) at most, off their interfaces too."""
+
+    def place(vertices: np.ndarray, wanted: Points) -> Points:
+        step, most = wanted - points[vertices], far[vertices]
+        return points[vertices] + step * np.minimum(1, most / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+
+    return improved(points, tets, region > 0, place, SOUND, LAST_MOVES, rng)
 
 
 def named(points: Points, tets: np.ndarray, region: np.ndarray, regions: tuple[str, ...]) -> Elements:

@@ -16,7 +16,7 @@ from ngbrain.mesh.crossings import faired
 from ngbrain.mesh.surfacemesh import SurfaceMesh
 
 WHITE = ("white", "corpus_callosum", "deep_grey", "brain_stem", "ventricles")
-"""Regions inside the white surface."""
+"""Regions inside the white surface, and their parts: `white_left`, `deep_grey_right`, …"""
 FLUID = "csf"
 """The one region that is outside the pial surface."""
 SPECK = 0.1e-6
@@ -71,7 +71,7 @@ def cortex(labels: LabelMap) -> Cortex:
     further out, where white matter or a ventricle reaches the fluid it is drawn back by a voxel.
 
     Raises:
-        InputError: labels without `white`, or such that there is nothing around the white matter.
+        InputError: labels without `white` or parts of it (`white_left`, …), or such that there is nothing around the white matter.
 
     >>> from ngbrain.image.volume import Volume
     >>> away = np.linalg.norm(np.indices((41, 41, 41)) - 20, axis=0)
@@ -127,15 +127,17 @@ _ROOM = 2  # voxels around the labels, for what grows
 
 def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict[str, int]]:
     """Masks from inside to outside, each with its 26 neighbours in the next one: then no cube holds two surfaces."""
-    if "white" not in labels.regions:
-        raise InputError("labels", f"of {', '.join(labels.regions) or 'nothing'}", "a region called white")
+    if not any(_part_of(name, "white") for name in labels.regions):
+        wanted = "a region called white, or white_left and white_right"
+        raise InputError("labels", f"of {', '.join(labels.regions) or 'nothing'}", wanted)
     data, names = np.pad(labels.volume.data, _ROOM), labels.regions
 
     def region(*which: str) -> np.ndarray:
         return np.isin(data, [names.index(name) + 1 for name in which if name in names])
 
     shaped = ball if spheres else largest
-    tissue, white, fluid = region(*set(names) - {FLUID}), region(*WHITE), region("ventricles")
+    inside = [name for name in names if any(_part_of(name, whole) for whole in WHITE)]
+    tissue, white, fluid = region(*set(names) - {FLUID}), region(*inside), region("ventricles")
     pial = shaped(tissue)
     cavities = _without_specks(fluid, labels.volume.voxel_volume)
     cavities &= ndimage.binary_erosion(pial, _CUBE, 2)
@@ -150,6 +152,10 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     if cavities.any():
         masks = {"ventricles": cavities, **masks}
     return masks, {name: int((mask != asked[name]).sum()) for name, mask in masks.items()}
+
+
+def _part_of(name: str, whole: str) -> bool:
+    return name == whole or name.startswith(f"{whole}_")
 
 
 def _without_specks(mask: np.ndarray, voxel: float) -> np.ndarray:

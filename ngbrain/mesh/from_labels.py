@@ -23,8 +23,8 @@ CLEARANCE = 1.5e-3
 """Tissue (m) that has to stay between the cleft and a ventricle."""
 
 
-def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Elements:
-    """Tetrahedra between the outlines, with the cleft cut out by exact planes.
+def head(brain: LevelSet, ventricles: LevelSet | None, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Elements:
+    """Tetrahedra between the outlines (None: no ventricles), with the cleft cut out by exact planes.
 
     Regions `brain` and `ventricles`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around
     the cleft), `ventricle_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines.
@@ -34,7 +34,8 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
     Raises `InputError` for a cleft that opens a ventricle or does not reach the surface, and where no mesh is found.
     """
     slot = Slot.of(cleft, brain, sizes.site)
-    _clear(slot, ventricles)
+    if ventricles is not None:
+        _clear(slot, ventricles)
 
     def size(points: Points) -> np.ndarray:
         a, b, height = cleft.coordinates(points).T
@@ -45,8 +46,10 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
     outer, triangles = triangulated(brain, size, fixed)
     outer = enclosing(brain, outer, triangles, slot.mouth)
-    inner, ventricle = triangulated(ventricles, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
-    inner = enclosing(ventricles, inner, ventricle)
+    inner, ventricle = np.zeros((0, 3)), np.zeros((0, 3), int)
+    if ventricles is not None:
+        inner, ventricle = triangulated(ventricles, lambda points: np.minimum(size(points), HORNS), inner)
+        inner = enclosing(ventricles, inner, ventricle)
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then the ventricles'.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
@@ -59,8 +62,9 @@ def head(brain: LevelSet, ventricles: LevelSet, cleft: Cleft, craniotomy: float,
     surfaces += [Surface(name, side, 0) for name, side in slot.sides.items()]
     if not _closed(np.concatenate([surface.triangles for surface in surfaces])):
         raise InputError("mesh sizes", "such that the surface does not close around the cleft", "smaller elements")
-    surfaces.append(Surface("ventricle_wall", ventricle + len(points) - len(inner), 1, 0))
-    return Elements.enclosed(points, surfaces, REGIONS, sizes.far)
+    if len(ventricle):
+        surfaces.append(Surface("ventricle_wall", ventricle + len(points) - len(inner), 1, 0))
+    return Elements.enclosed(points, surfaces, REGIONS[: 1 + bool(len(ventricle))], sizes.far)
 
 
 def _clear(slot: Slot, ventricles: LevelSet) -> None:

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.mesh.cleft import Cleft
 
 Sizes = Callable[[np.ndarray], np.ndarray]
 """Points (n, 3) m → element size (n,) m: what every route takes."""
+ACROSS = 2
+"""Elements across a cleft at least: larger ones bridge it."""
 
 
 @dataclass(frozen=True)
@@ -45,3 +48,28 @@ class Graded:
             return np.full(len(points), self.far)
         away = np.linalg.norm(np.asarray(points) - np.asarray(self.site), axis=1)
         return np.minimum(self.far, self.near + self.growth * np.maximum(away - self.radius, 0))
+
+
+@dataclass(frozen=True)
+class Along:
+    """Element size (m) `near` at the walls of a cleft, growing with the distance from them up to `far`.
+
+    Raises `InputError` unless 0 < near ≤ far and `ACROSS` elements fit between the walls.
+    """
+
+    cleft: Cleft
+    near: float
+    far: float
+    growth: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.near <= self.far or ACROSS * self.near > self.cleft.opening * (1 + 1e-9):
+            found = f"{1e3 * self.near:g} mm near and {1e3 * self.far:g} mm far"
+            wanted = (
+                f"at most {1e3 * self.cleft.opening / ACROSS:g} mm near, for a cleft of {1e3 * self.cleft.opening:g} mm"
+            )
+            raise InputError("mesh size", found, f"{wanted}, and not less far away")
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Sizes (n,) at points (n, 3)."""
+        return np.minimum(self.far, self.near + self.growth * self.cleft.distance_to_walls(points))

@@ -1,7 +1,8 @@
-"""The smallest model of a head: its surface and its ventricles as conforming surfaces, tissue as a field inside."""
+"""The smallest model of a head: its surface, ventricles and lesions as conforming surfaces, tissue as a field inside."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements, Surface
-from ngbrain.mesh.from_labels import HORNS, REGIONS, enclosing
+from ngbrain.mesh.from_labels import HORNS, enclosing
 from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.mesh.reconnection import Reconnection
@@ -27,19 +28,25 @@ GOAL, MOVES = float(np.sin(np.radians(16))), 40
 """Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
 SWAPS = 4
 """Rounds in which swaps and moves take turns at most: Netgen leaves flat elements with all corners on a wall."""
+VENTRICLES = "ventricles"
 SPECK = 0.1
-"""Millilitres of a piece of a ventricle below which it is left out."""
+"""Millilitres of a piece of a ventricle or lesion below which it is left out."""
+LEFT = 0.5
+"""Part of a lesion that has to be left where it keeps away from ventricles and other lesions."""
+LESION = re.compile("(lesion|tumou?r|metastas[ie]s|cyst|h(a)?ematoma|cavity|resection).*", re.IGNORECASE)
+"""Regions that are so called have a surface of their own."""
 
 
 def hull(labels: LabelMap, size: Sizes) -> Elements:
-    """Tetrahedra of the head as a whole, region `brain`, around those regions that are called `ventricles`, if any.
+    """Tetrahedra of the head as a whole, region `brain`, around those that are called `ventricles` or as in `LESION`, if any.
 
-    Boundaries `skull` (the surface) and `ventricle_wall`. The head is the largest piece of what has a label, its holes filled;
+    Boundaries `skull` (the surface), `ventricle_wall` and `<lesion>_wall`, at least `WALL` apart. The head is the
+    largest piece of what has a label, its holes filled;
     volumes of the smoothed outlines are those of the voxels. What tissue a point belongs to is asked of the labels.
 
     size   points (n, 3) m → element size (n,) m, on the surfaces and inside
 
-    Raises `InputError` where labels hold no head, and where no mesh is found.
+    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, and where no mesh is found.
 
     >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
     >>> from ngbrain.image.volume import Volume
@@ -48,18 +55,21 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
     >>> round(float(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum()), 2), mesh.regions, mesh.boundaries
     (1.0, ('brain',), ('skull',))
     """
-    brain, ventricles = outlines(labels)
+    voxels = labels.upright()
+    brain = _outline(voxels)
+    inner = _inside(voxels, brain)
     points, triangles = triangulated(brain, size, np.zeros((0, 3)))
     points = enclosing(brain, points, triangles)
-    surfaces = [Surface("skull", triangles, 0)]
-    if ventricles is not None:
-        inner, wall = triangulated(ventricles, lambda x: np.minimum(size(x), HORNS), np.zeros((0, 3)))
-        inner = enclosing(ventricles, inner, wall)
-        surfaces.append(Surface("ventricle_wall", wall + len(points), 1, 0))
-        points = np.concatenate([points, inner])
+    surfaces, walls = [Surface("skull", triangles, 0)], {"skull": brain}
+    for i, (name, outline) in enumerate(inner.items(), 1):
+        found, wall = triangulated(outline, lambda x: np.minimum(size(x), HORNS), np.zeros((0, 3)))
+        called = f"{name.removesuffix('s') if name == VENTRICLES else name}_wall"
+        surfaces.append(Surface(called, wall + len(points), i, 0))
+        points = np.concatenate([points, enclosing(outline, found, wall)])
+        walls[called] = outline
     corners = np.array([points.min(axis=0), points.max(axis=0)])
-    made = Elements.enclosed(points, surfaces, REGIONS[: len(surfaces)], float(size(corners).max()), size)
-    return _rounded(made, {"skull": brain} | ({"ventricle_wall": ventricles} if ventricles else {}))
+    made = Elements.enclosed(points, surfaces, ("brain", *inner), float(size(corners).max()), size)
+    return _rounded(made, walls)
 
 
 def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
@@ -78,10 +88,10 @@ def _rounded(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
 
 
 def _swapped(elements: Elements, tets: np.ndarray, region: np.ndarray) -> Elements:
-    """With other tetrahedra in regions from 1 on the same corners, and the wall that they have then."""
+    """With other tetrahedra in regions from 1 on the same corners, and the walls that they have then."""
     made = named(elements.points, tets, region - 1, elements.regions)
-    triangles, wall = made.triangles, made.boundary == 1
-    triangles[wall] = triangles[wall][:, [0, 2, 1]]  # outwards of the ventricles
+    triangles, walls = made.triangles, made.boundary > 0
+    triangles[walls] = triangles[walls][:, [0, 2, 1]]  # outwards of the ventricles and lesions
     return replace(made, triangles=triangles, boundaries=elements.boundaries)
 
 
@@ -108,23 +118,42 @@ def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
 def outlines(labels: LabelMap) -> tuple[LevelSet, LevelSet | None]:
     """Smooth signed distances of the head and of its ventricles, at least `WALL` inside the head; None for no ventricles."""
     voxels = labels.upright()
-    spacing = float(voxels.volume.spacing[0])
+    brain = _outline(voxels)
+    return brain, _inside(voxels, brain).get(VENTRICLES)
+
+
+def _outline(voxels: LabelMap) -> LevelSet:
     head = _largest(voxels.volume.data > 0)
     if head.sum() * voxels.volume.voxel_volume < 1e-6:
         raise InputError("labels", "less than a millilitre", "a head")
-    origin = voxels.volume.affine[:3, 3]
-    brain = LevelSet.of(head, origin, spacing, SMOOTHING, MARGIN)
-    fluid = np.zeros_like(head)
-    if "ventricles" in voxels.regions:
-        fluid = _without_specks(
-            voxels.volume.data == voxels.regions.index("ventricles") + 1, voxels.volume.voxel_volume
-        )
-    if not fluid.any():
-        return brain, None
-    ventricles = LevelSet.of(fluid, origin, spacing, SMOOTHING, MARGIN)
-    grid = ventricles.origin + spacing * np.indices(ventricles.values.shape).reshape(3, -1).T
-    apart = (brain(grid) + WALL).reshape(ventricles.values.shape)
-    return brain, replace(ventricles, values=np.maximum(ventricles.values, apart.astype(np.float32)))
+    return LevelSet.of(head, voxels.volume.affine[:3, 3], float(voxels.volume.spacing[0]), SMOOTHING, MARGIN)
+
+
+def _inside(voxels: LabelMap, brain: LevelSet) -> dict[str, LevelSet]:
+    """Of the ventricles and of each lesion, `WALL` away from the surface and from those before."""
+    origin, spacing = voxels.volume.affine[:3, 3], float(voxels.volume.spacing[0])
+    found: dict[str, LevelSet] = {}
+    lesions = [name for name in voxels.regions if LESION.fullmatch(name)]
+    for name in [VENTRICLES] * (VENTRICLES in voxels.regions) + lesions:
+        mask = _without_specks(voxels.volume.data == voxels.regions.index(name) + 1, voxels.volume.voxel_volume)
+        if not mask.any():
+            continue
+        outline = LevelSet.of(mask, origin, spacing, SMOOTHING, MARGIN)
+        grid = outline.origin + spacing * np.indices(outline.values.shape).reshape(3, -1).T
+        values = np.maximum(outline.values.ravel(), brain(grid) + WALL)
+        for other in found.values():
+            values = np.maximum(values, WALL - other(grid))
+        values = values.reshape(outline.values.shape).astype(np.float32)
+        if (values < 0).sum() > LEFT * mask.sum():
+            found[name] = replace(outline, values=values)
+        elif name != VENTRICLES:
+            wanted = f"{1e3 * WALL:g} mm between them, one label for both, or the route lattice or conforming"
+            raise InputError("labels", f"such that {name} is too thin, or too close to {_others(found)}", wanted)
+    return found
+
+
+def _others(inner: dict[str, LevelSet]) -> str:
+    return " or ".join([*inner, "the surface"])
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:

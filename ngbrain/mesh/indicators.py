@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.mesh.shares import Shares
 
 Points = np.ndarray
 SMOOTHING = 0.75e-3
@@ -38,14 +40,24 @@ class Indicators:
     def of(cls, labels: LabelMap, smoothing: float = SMOOTHING, margin: float = 4e-3) -> Indicators:
         """Of labels, with a margin (m) of outside around them."""
         pad = int(np.ceil(margin / labels.volume.spacing.min()))
-        numbered = np.pad(labels.numbered(), pad)
+        numbered = np.pad(replace(labels, cut=None).numbered(), pad)
         sigma = smoothing / labels.volume.spacing
+        left = (
+            np.float32(1) if labels.cut is None else np.pad(1 - labels.cut.astype(np.float32), pad, constant_values=1)
+        )
         shares = np.stack(
-            [ndimage.gaussian_filter((numbered == k).astype(np.float32), sigma) for k in range(len(labels.regions) + 1)]
+            [
+                ndimage.gaussian_filter((numbered == k) * left + (k == 0) * (1 - left), sigma)
+                for k in range(len(labels.regions) + 1)
+            ]
         )
         affine = labels.volume.affine.copy()
         affine[:3, 3] = labels.volume.to_world(np.full((1, 3), -pad))[0]
         return cls(shares, affine, labels.regions)
+
+    @cached_property
+    def _together(self) -> Shares:
+        return Shares.of(self.shares, self.affine)
 
     def filled(self, labels: LabelMap) -> Indicators:
         """With a constant added to each region's share, so that those of the largest share come closer to their voxels' volumes.
@@ -67,8 +79,7 @@ class Indicators:
 
     def __call__(self, points: Points) -> np.ndarray:
         """Shares (n, regions + 1) at points (n, 3) in m."""
-        at = np.linalg.solve(self.affine[:3, :3], (np.asarray(points) - self.affine[:3, 3]).T)
-        return np.stack([ndimage.map_coordinates(s, at, float, order=1, mode="nearest") for s in self.shares], axis=1)
+        return self._together(np.asarray(points))
 
     def region(self, points: Points) -> np.ndarray:
         """Number (n,) of the region of the largest share."""
@@ -89,9 +100,7 @@ class Indicators:
 
     def slopes(self, points: Points) -> np.ndarray:
         """∇s (n, regions + 1, 3) in 1/m, by differences over half a voxel to each side."""
-        steps = 0.5 * self.affine[:3, :3].T
-        differences = np.stack([self(points + e) - self(points - e) for e in steps], axis=2)
-        return np.asarray(differences @ np.linalg.inv(self.affine[:3, :3]))
+        return self._together.slopes(np.asarray(points))[1]
 
     def normals(self, points: Points, pairs: np.ndarray) -> np.ndarray:
         """Unit vectors (n, 3) from the first region of each pair (n, 2) to the second, where the two meet."""
@@ -117,7 +126,7 @@ class Indicators:
         last = meeting.shape[1] - 1 - meeting[:, ::-1].argmax(axis=1)
         longest, steepest = np.linalg.norm(self.affine[:3, :3], axis=0).min(), 0.1 / np.linalg.norm(self.affine[:3, 0])
         for _ in range(steps):
-            shares, slopes = self(points), self.slopes(points)
+            shares, slopes = self._together.slopes(points)
             phi = shares[rows, last] - shares[rows, first]
             gradient = slopes[rows, last] - slopes[rows, first]
             step = (phi / np.maximum((gradient**2).sum(axis=1), steepest**2))[:, None] * gradient

@@ -71,7 +71,8 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     (('outer_grey',), True)
     """
     low, high, finest = _extent(labels, size)
-    shares = Shares.of(Indicators.of(labels, smoothing).filled(labels))
+    indicators = Indicators.of(labels, smoothing).filled(labels)
+    shares = Shares.of(indicators.shares, indicators.affine)
     points, tets = body_centred(low, high, size, finest, lambda points: shares(points).argmax(axis=1) > 0)
     if not len(tets):
         raise InputError("size", "so large that no point of the lattice is inside", "smaller elements")

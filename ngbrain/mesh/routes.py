@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -36,7 +37,7 @@ from ngbrain.mesh import (
     volumes,
 )
 from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Graded, Sizes
+from ngbrain.mesh.grading import Along, Graded, Sizes
 from ngbrain.mesh.quality import Quality, volumes_ml
 
 _SNAPS = "snaps_"
@@ -73,8 +74,8 @@ ROUTES: Mapping[str, Route] = {
         lambda labels, size: Made(hull.hull(labels, size)),
         5e-3,
         20e-3,
-        "sulci, and surfaces between tissues: inside the hull a point takes the tissue of the label there",
-        (hull, from_labels, levelset, relocation, surfaces),
+        "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
+        (hull, from_labels, levelset, relocation, surfaces, conforming, reconnection),
     ),
     "lattice": Route(
         lambda labels, size: _latticed(lattice.lattice(labels, size)),
@@ -88,7 +89,7 @@ ROUTES: Mapping[str, Route] = {
         4e-3,
         20e-3,
         "folds and films thinner than elements",
-        (conforming, indicators, reconnection, relocation, samples, volumes),
+        (conforming, indicators, reconnection, relocation, samples, shares, volumes),
     ),
 }
 
@@ -97,12 +98,12 @@ def _latticed(done: lattice.Lattice) -> Made:
     return Made(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
 
 
-def meshed(labels: LabelMap, route: str = "hull", size: Graded | None = None) -> Elements:
+def meshed(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Elements:
     """The mesh that `meshed_by` makes."""
     return meshed_by(labels, route, size).elements
 
 
-def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | None = None) -> Made:
+def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Made:
     """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
 
     size   None: as fine everywhere as the route takes by itself
@@ -118,7 +119,8 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | None = None)
     way = ROUTES[route]
     size = size or Graded(way.size, way.size)
     names = {str(number): name for number, name in labels.names.items()}
-    made_from = [route, labels.volume.digest(), names, asdict(size), version("netgen-mesher")]
+    cut = None if labels.cut is None else volume.Volume(labels.cut, labels.volume.affine).digest()
+    made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (labelmap, volume, elements, grading, *way.modules)
 
     def make() -> dict[str, np.ndarray]:
@@ -128,6 +130,12 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | None = None)
     arrays = kept("tissues", made_from, modules, make)
     snaps = {name.removeprefix(_SNAPS): int(arrays.pop(name)) for name in list(arrays) if name.startswith(_SNAPS)}
     return Made(Elements.from_arrays(arrays), snaps)
+
+
+def told(size: Graded | Along) -> dict[str, Any]:
+    """A size field that is a dataclass, fit for JSON."""
+    found: dict[str, Any] = json.loads(json.dumps(asdict(size), default=np.ndarray.tolist))
+    return found
 
 
 def described(made: Elements, labels: LabelMap) -> dict[str, Any]:

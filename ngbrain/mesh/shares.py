@@ -6,24 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.mesh.indicators import Indicators
-
 Points = np.ndarray
 _CHUNK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """What `Indicators` has, laid out so that all shares around a point lie together, which is several times as fast.
+    """Shares on a grid (`Indicators`), laid out so that all shares around a point lie together, which is several times as fast.
 
     pairs    (nx · ny · nz - 1, 2, regions + 1) float32: of each voxel and the next one
     shape    (3,) of the grid
     matrix   (3, 3) and origin (3,), from m to indices
 
-    >>> from ngbrain.image.labelmap import LabelMap, Volume
-    >>> one = LabelMap(Volume(np.ones((4, 4, 4), int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
-    >>> Shares.of(Indicators.of(one, smoothing=0.0))(1e-3 * np.array([[1, 1, 1], [3.25, 1, 1]]))
-    array([[0. , 1. ], [0.25, 0.75]], dtype=float32)
+    >>> share = np.tile(np.array([0, 0.5, 1, 1], np.float32), (4, 4, 1))
+    >>> Shares.of(np.stack([share, 1 - share]), np.diag([1e-3, 1e-3, 1e-3, 1]))(1e-3 * np.array([[1, 1, 0], [1, 2, 1.5]]))
+    array([[0. , 1. ], [0.75, 0.25]], dtype=float32)
     """
 
     pairs: np.ndarray
@@ -32,14 +29,14 @@ class Shares:
     origin: np.ndarray
 
     @classmethod
-    def of(cls, indicators: Indicators) -> Shares:
-        """A copy of the indicators."""
-        regions, *shape = indicators.shares.shape
-        values = np.ascontiguousarray(np.moveaxis(indicators.shares, 0, -1)).ravel()
+    def of(cls, shares: np.ndarray, affine: np.ndarray) -> Shares:
+        """A copy of shares (regions + 1, nx, ny, nz), whose indices `affine` (4, 4) takes to m."""
+        regions, *shape = shares.shape
+        values = np.ascontiguousarray(np.moveaxis(shares, 0, -1)).ravel()
         pairs = np.lib.stride_tricks.as_strided(
             values, (len(values) // regions - 1, 2, regions), tuple(values.itemsize * n for n in (regions, regions, 1))
         )
-        return cls(pairs, np.array(shape), np.linalg.inv(indicators.affine[:3, :3]), indicators.affine[:3, 3])
+        return cls(pairs, np.array(shape), np.linalg.inv(affine[:3, :3]), affine[:3, 3])
 
     @property
     def count(self) -> int:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, nearest
 from ngbrain.image.labelfile import TISSUES, read_labels
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.landmarks import landmarks
@@ -22,9 +22,12 @@ from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume, read_scan
 from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
+from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.curving import Curving, bent
+from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.opening import Opening, opened
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
 
 
@@ -35,6 +38,7 @@ class Subject:
     labels   what is meshed; t1 the scan on the same voxels, or None
     affine, shape  of the file's own grid, to which maps go back
     source   the file
+    named    places (m) that the user has named
     """
 
     labels: LabelMap
@@ -42,6 +46,34 @@ class Subject:
     affine: np.ndarray
     shape: tuple[int, int, int]
     source: str
+    named: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def place(self, text: str, field: str = "place") -> tuple[float, float, float]:
+        """A point (m) in the file's field of view: "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
+
+        Raises `InputError`, naming `field`, for a text that is none of these and a point that the file does not show.
+
+        >>> ball = np.linalg.norm(np.indices((9, 9, 9)) - 4, axis=0) < 4
+        >>> labels = LabelMap(Volume(ball.astype(int), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey"})
+        >>> subject = Subject(labels, None, labels.volume.affine, (9, 9, 9), "labels.nii")
+        >>> [tuple(round(1e3 * c) for c in subject.place(text)) for text in ("1,2,3", "voxel:4,4,8", "centre of grey")]
+        [(1, 2, 3), (4, 4, 8), (4, 4, 4)]
+        """
+        where = text.removeprefix("voxel:")
+        try:
+            numbers = np.array([float(part) for part in where.split(",")])
+        except ValueError:
+            known = {name: tuple(point.tolist()) for name, point in landmarks(self.labels).items()} | self.named
+            if text in known:
+                return known[text]
+            raise InputError(field, repr(text), "X,Y,Z in mm, voxel:I,J,K, or " + nearest(text, known)) from None
+        if numbers.shape != (3,):
+            raise InputError(field, repr(text), "three numbers with commas")
+        point = self.affine[:3] @ [*numbers, 1.0] if where != text else 1e-3 * numbers
+        voxel = np.linalg.solve(self.affine, [*point, 1.0])[:3]
+        if not ((voxel >= -0.5) & (voxel <= np.array(self.shape) - 0.5)).all():
+            raise InputError(field, repr(text), f"a place in the field of view of {self.source}")
+        return float(point[0]), float(point[1]), float(point[2])
 
     @classmethod
     def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
@@ -76,6 +108,7 @@ def write_subject(
     route: str = "hull",
     size: Graded | None = None,
     curve: bool = False,
+    opening: Opening | None = None,
 ) -> tuple[dict[str, Any], Elements]:
     """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
 
@@ -84,9 +117,11 @@ def write_subject(
     path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
     curve  bring the interfaces, with second order, closer to where the labels' regions meet (`ngbrain.mesh.curving`): the mesh
            in the .vtkhdf file is curved, and so are its 10-node tetrahedra in ParaView
+    opening  cut it open first (`ngbrain.mesh.opening`), with elements of `size.near` at the walls
 
     Returns the result and the mesh, with straight edges. Raises `InputError` for another suffix, for a curved mesh that is not
-    .vtkhdf or by the route `hull`, which has no tissues' interfaces, and what `meshed_by` and `curved` raise.
+    .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `meshed_by`, `opened` and
+    `curved` raise.
     """
     path, started = Path(path), time.monotonic()
     if curve and not path.name.endswith(".vtkhdf"):
@@ -95,10 +130,18 @@ def write_subject(
         raise InputError(
             "--curve", "given with the route hull", "lattice or conforming, whose tissues meet in interfaces"
         )
+    if curve and opening:
+        raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
     stem = _stem(path)  # before the work, not after it
     path.parent.mkdir(parents=True, exist_ok=True)
     clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
-    done = meshed_by(clean, route, size)
+    size = size or Graded(ROUTES[route].size, ROUTES[route].size)
+    cut = {}
+    if opening:
+        cut = {"cut": _cut(opening.cleft(clean), opening)}
+        clean, done = opened(clean, opening, route, size.near, size.far)
+    else:
+        done = meshed_by(clean, route, size)
     made = done.elements
     told = described(made, clean)
     if curve:
@@ -114,9 +157,10 @@ def write_subject(
     else:
         write_mesh(path, made)
     labels = path.with_name(f"{stem}_labels.nii.gz")
-    write_nifti(labels, on_grid(clean.volume, subject.affine, subject.shape))
-    points = landmarks(clean)
-    shown = np.array(size.site) if size and size.site else points["centre"]
+    write_nifti(labels, on_grid(_numbered(clean), subject.affine, subject.shape))
+    points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
+    site = opening.target if opening else size.site
+    shown = points["centre"] if site is None else np.array(site)
     result = {
         "verb": "mesh",
         "source": subject.source,
@@ -126,7 +170,9 @@ def write_subject(
         "relabelled_voxels": tidying.moved,
         "topology": {name: asdict(topology) for name, topology in tidying.after.items()},
         **told,
+        **cut,
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
+        "needs": [str(need) for need in needs()],
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),
@@ -147,6 +193,16 @@ def _summary(curving: Curving) -> dict[str, float]:
     for name, off in (("before", curving.before), ("after", curving.after)):
         found |= {f"mean_mm_{name}": 1e3 * float(off.mean()), f"p95_mm_{name}": 1e3 * float(np.percentile(off, 95))}
     return found
+
+
+def _cut(cleft: Cleft, opening: Opening) -> dict[str, Any]:
+    lengths = {"depth": cleft.depth, "opening": cleft.opening, "width": cleft.width, "craniotomy": opening.craniotomy}
+    return {
+        "target_mm": (1e3 * cleft.target).round(2).tolist(),
+        "approach": cleft.out.round(4).tolist(),
+        "across": cleft.across.round(4).tolist(),
+        **{f"{name}_mm": round(1e3 * length, 3) for name, length in lengths.items()},
+    }
 
 
 def _numbered(labels: LabelMap) -> Volume:

@@ -12,7 +12,6 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.errors import InputError
 from ngbrain.image import Scan, Volume, mni152, read_scan
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
 from ngbrain.image.tissues import tissues
@@ -31,7 +30,7 @@ from ngbrain.mesh import (
     smallest_angles,
     surfaces,
 )
-from ngbrain.mesh.cleft import frame
+from ngbrain.mesh.opening import cleft_in
 from ngbrain.scene import Body, Openable, Scene
 
 MARGIN = 8e-3
@@ -123,20 +122,7 @@ class Scanned:
     ) -> Cleft:
         """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
         target = np.asarray(target, float)
-        where = "(" + ", ".join(f"{1e3 * c:.1f}" for c in target) + ") mm"
-        if self.brain(target)[0] >= 0:
-            raise InputError("cleft.target_mm", where, "a point inside the brain")
-        if self.ventricles(target)[0] <= 0:
-            raise InputError("cleft.target_mm", where, "a point in tissue, not in a ventricle")
-        out, across = frame(self._way_out(target) if approach is None else approach, across)
-        depth = float(self.brain.along(target[None], out, 0.3)[0])
-        if np.isnan(depth):
-            raise InputError("cleft.approach", out.tolist(), "a direction that leads out of the brain")
-        return Cleft(target, out, across, depth, opening, width)
-
-    def _way_out(self, target: np.ndarray) -> np.ndarray:
-        points = self.brain.outline().mean(axis=1)
-        return np.asarray(points[np.linalg.norm(points - target, axis=1).argmin()] - target)
+        return cleft_in(self.brain, self.ventricles, target, opening, width, approach, across)
 
     def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """From the cache, or made by `from_labels.head`."""

@@ -10,7 +10,7 @@ from scipy.spatial import Delaunay
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
-from ngbrain.mesh.conforming import conforming, named
+from ngbrain.mesh.conforming import _freed, conforming, named
 from ngbrain.mesh.indicators import MOST, Indicators
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.reconnection import Reconnection
@@ -246,6 +246,46 @@ def test_swaps_keep_the_space_and_make_the_worst_better():
     assert (np.unique(edges[free], axis=0, return_counts=True)[1] % 2 == 0).all()  # the interface has no rim inside
 
 
+def volumes_near(mesh, labels, site, radius):
+    """Volumes of regions within a radius of a site: of the mesh, and of the voxels."""
+    corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 100)
+    share = np.mean([np.linalg.norm(np.einsum("k,nkd->nd", w, corners) - site, axis=1) < radius for w in where], axis=0)
+    numbers, count = labels.numbered(), len(labels.regions)
+    at = labels.volume.to_world(np.argwhere(numbers > 0))
+    wanted = np.bincount(numbers[numbers > 0], np.linalg.norm(at - site, axis=1) < radius, count + 1)[1:]
+    return np.bincount(mesh.region, mesh.volumes() * share, count), wanted * labels.volume.voxel_volume
+
+
+def test_a_graded_mesh_has_the_labels_volumes_where_it_is_fine():
+    x, y, z = grid(60)
+    r = np.sqrt(x**2 + y**2 + z**2)
+    folds = 2 * np.cos(0.6 * x) * np.cos(0.6 * y)
+    labels, site = labelled(np.select([r < 16 + folds, r < 24, r < 26], [3, 2, 1])), np.array([0, 0, 18 * MM])
+    mesh = conforming(labels, lambda x: np.clip(2e-3 + 0.4 * (np.linalg.norm(x - site, axis=1) - 10 * MM), 2e-3, 6e-3))
+    found, wanted = volumes_near(mesh, labels, site, 11.25 * MM)  # up to elements of 2.5 mm
+    assert found[0] == pytest.approx(wanted[0], rel=0.06)  # fluid
+    assert found[1:] == pytest.approx(wanted[1:], rel=0.0125)
+    assert abs(volume_errors(mesh, labels)["white"]) < 0.01  # the film of fluid is lost where elements are larger
+
+
+def test_vertices_that_fell_together_on_an_interface_part_again():
+    mesh = conforming(nested(), same(4e-3))
+    grey_white = mesh.triangles[mesh.boundary == mesh.boundaries.index("grey_white")]
+    points, region = mesh.points.copy(), mesh.region + 1
+    points[grey_white[0, 0]] += 0.97 * (points[grey_white[0, 1]] - points[grey_white[0, 0]])
+    before = shapes(points[mesh.tets])
+    assert 0 < before.min() < np.sin(np.radians(3))
+    far = np.full(len(points), 0.6 * MM)
+    parted = _freed(points, mesh.tets, region, far, np.random.default_rng(0))
+    assert (
+        shapes(parted[mesh.tets]).min() > np.sin(np.radians(5))
+        and np.linalg.norm(parted - points, axis=1).max() < 0.601 * MM
+    )
+    good = shapes(points[mesh.tets]) > np.sin(np.radians(8))
+    away = np.setdiff1d(np.arange(len(points)), mesh.tets[~good])
+    assert np.array_equal(parted[away], points[away])
+
+
 def test_a_face_is_swapped_inside_a_region_only():
     corners = [[np.cos(a), np.sin(a), 0.0] for a in 2 * np.pi / 3 * np.arange(3)]
     points = np.array([*corners, [0, 0, 0.25], [0, 0, -0.25]])
@@ -326,6 +366,9 @@ def test_a_graded_head():
     assert quality.n_tets < 80_000 and quality.dihedrals.min() > 3 and (quality.ratios < 0.1).mean() < 1e-3
     assert abs(errors["white"]) < 0.01 and abs(errors["ventricle"]) < 0.01
     assert abs(errors["grey"]) < 0.02 and abs(errors["csf"]) < 0.12
+    found, wanted = volumes_near(mesh, labels, site, 20e-3)
+    print(found[:3] / wanted[:3] - 1, quality.n_tets, quality.dihedrals.min())
+    assert found[0] == pytest.approx(wanted[0], rel=0.12) and found[1:3] == pytest.approx(wanted[1:3], rel=0.02)
     near = deviations(mesh, Indicators.of(labels), lambda points: np.linalg.norm(points - site, axis=1) < 20e-3)
     found = np.concatenate(list(near.values()))
     assert found.mean() < 0.3 * MM and np.quantile(found, 0.95) < 1.0 * MM

@@ -176,6 +176,24 @@ def test_smoothing_goes_back_where_surfaces_would_cross():
     assert (moved > 0).mean() > 0.5 and together[1].points[tip, 0] == points[tip, 0]
 
 
+def test_structures_have_the_surfaces_of_their_tissues():
+    labels = nested()
+    numbers = labels.volume.data.copy()
+    right = np.arange(len(numbers))[:, None, None] > len(numbers) // 2
+    split = np.where(right & (numbers > 0) & (numbers < 3), numbers + 3, numbers)
+    middle = len(numbers) // 2
+    deep = np.zeros(numbers.shape, bool)
+    deep[middle + 16 : middle + 22, middle - 3 : middle + 3, middle - 3 : middle + 3] = True
+    names = dict(
+        enumerate(("grey_left", "white_left", "ventricles", "grey_right", "white_right", "deep_grey_right"), 1)
+    )
+    found, whole = cortex(LabelMap(Volume(np.where(deep, 6, split), labels.volume.affine), names)), cortex(labels)
+    assert found.surfaces.keys() == whole.surfaces.keys()
+    for name, surface in found.surfaces.items():
+        assert np.array_equal(surface.points, whole.surfaces[name].points), name
+    assert found.moved == whole.moved
+
+
 @pytest.mark.parametrize("names", [{1: "grey"}, {1: "white"}, {1: "label_1"}])
 def test_what_has_no_cortex_is_refused(names):
     labels = nested((12.0,), tuple(names.values()))

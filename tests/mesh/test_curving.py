@@ -1,5 +1,8 @@
 """Curved interfaces of balls: radii and volumes, no fold even where much is asked, refusals."""
 
+from dataclasses import replace
+from itertools import combinations
+
 import ngsolve as ngs
 import numpy as np
 import pytest
@@ -10,8 +13,10 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.conforming import conforming
 from ngbrain.mesh.curved import curve
-from ngbrain.mesh.curving import curved
+from ngbrain.mesh.curving import bent, curved
 from ngbrain.mesh.indicators import Indicators
+from ngbrain.mesh.routes import min_jacobian
+from ngbrain.mesh.volumes import Curved
 
 MM = 1e-3
 RADII = {"outer_grey": 16.0, "grey_white": 9.0}
@@ -87,6 +92,46 @@ def test_nothing_folds_however_far_nodes_should_go(balls):
     assert smallest_determinant(mesh, done.deformation) > 0
     mesh = elements.mesh()
     assert curved(mesh, indicators, furthest=10 * MM).held < done.held
+
+
+def test_regions_of_a_bent_mesh_have_the_labels_volumes_films_too():
+    x, y, z = np.indices((44, 44, 44)) - 21.5
+    r = np.sqrt(x**2 + y**2 + z**2)
+    numbers = np.select([r < 6, r < 12, r < 17, r < 18.5], [4, 3, 2, 1])
+    numbers[(np.abs(x) < 1) & (z > 4) & (r < 17) & (r > 12)] = 1  # a sulcus
+    names = {1: "csf", 2: "grey", 3: "white", 4: "ventricles"}
+    labels = LabelMap(Volume(numbers, np.diag([MM, MM, MM, 1.0])), names)
+    straight = conforming(labels, lambda points: np.full(len(points), 3e-3))
+    mesh, done = bent(straight, labels)
+    found = ngs.Integrate(ngs.CF(1), mesh, order=6, region_wise=True)
+    for name, volume in zip(mesh.GetMaterials(), found, strict=True):
+        assert 1e6 * volume == pytest.approx(labels.volumes_ml()[name], rel=2e-3), name
+    assert done.after.mean() < 0.8 * done.before.mean() and min_jacobian(mesh) > 0
+    inwards = replace(straight, triangles=straight.triangles[:, [0, 2, 1]])
+    with pytest.raises(
+        InputError, match="triangles enclose other volumes than regions have; wanted: triangles outwards"
+    ):
+        bent(inwards, labels)
+
+
+def test_volumes_of_curved_interfaces_are_those_that_ngsolve_integrates(balls):
+    elements, indicators = balls
+    mesh = elements.mesh()
+    done = curved(mesh, indicators)
+    found = ngs.Integrate(ngs.CF(1), mesh, order=6, region_wise=True)
+    middles = {
+        tuple(sorted(tet[[i, j]])): tet[4 + k]
+        for tet in done.nodes
+        for k, (i, j) in enumerate(combinations(range(4), 2))
+    }
+    six = [[*t, *(middles[tuple(sorted(pair))] for pair in combinations(t, 2))] for t in elements.triangles.tolist()]
+    pairs = np.array([{"outer_grey": (1, 0), "grey_white": (1, 2)}[elements.boundaries[k]] for k in elements.boundary])
+    surface = Curved(np.array(six), pairs, 2)
+    assert surface.volumes(done.places) == pytest.approx([float(v) for v in found], rel=1e-9)
+    rng = np.random.default_rng(0)
+    step = 1e-6 * rng.normal(size=done.places.shape)
+    change = (surface.volumes(done.places + step) - surface.volumes(done.places - step)) / 2
+    assert np.einsum("vd,vdr->r", step, surface.slopes(done.places)) == pytest.approx(change, rel=1e-6)
 
 
 def test_refusals(balls):

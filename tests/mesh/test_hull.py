@@ -155,7 +155,7 @@ def test_a_mesh_comes_from_the_cache_unless_size_or_labels_change(labels, tmp_pa
     assert len(meshed(labels, "hull", Graded(8e-3, 8e-3)).tets) != len(first.tets)
     assert len(list(tmp_path.iterdir())) == 2
     other = LabelMap(labels.volume, {1: "grey", 2: "white", 3: "lesion"})
-    assert meshed(other, "hull", EVEN).regions == ("brain",)
+    assert meshed(other, "hull", EVEN).regions == ("brain", "lesion")
 
 
 def test_what_cannot_be_meshed_is_refused(labels):

@@ -5,6 +5,7 @@ import time
 import ngsolve as ngs
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
@@ -294,7 +295,8 @@ def test_moves_are_held_back_where_they_would_flatten():
 
 
 def test_the_rim_of_a_lattice_that_is_all_inside_is_its_boundary():
-    shares = Shares.of(Indicators.of(phantom(nested)))
+    indicators = Indicators.of(phantom(nested))
+    shares = Shares.of(indicators.shares, indicators.affine)
     points, tets = body_centred(np.zeros(3), np.full(3, 4 * MM), uniform(2), 2 * MM, lambda x: np.ones(len(x), bool))
     net = Net(points, tets, shares, MM, scales(points, tets))
     t, k, other = net.facing(np.ones(len(tets), int))
@@ -304,11 +306,14 @@ def test_the_rim_of_a_lattice_that_is_all_inside_is_its_boundary():
 def test_shares_are_those_of_the_indicators():
     labels = phantom(nested, turn=turned(0.2), spacing=(1, 2, 0.7))
     indicators = Indicators.of(labels)
-    shares = Shares.of(indicators)
+    shares = Shares.of(indicators.shares, indicators.affine)
     points = np.random.default_rng(0).uniform(-40 * MM, 40 * MM, (3000, 3))
-    assert shares(points) == pytest.approx(indicators(points), abs=2e-6)
+    at = np.linalg.solve(indicators.affine[:3, :3], (points - indicators.affine[:3, 3]).T)
+    read = [ndimage.map_coordinates(share, at, float, order=1, mode="nearest") for share in indicators.shares]
+    assert shares(points) == pytest.approx(np.stack(read, axis=1), abs=2e-6)
     values, slopes = shares.slopes(points)
-    assert values == pytest.approx(indicators(points), abs=2e-6)
+    assert values == pytest.approx(shares(points), abs=1e-7)
+    assert indicators(points) == pytest.approx(shares(points), abs=1e-7)
     phi, slope = values[:, 1] - values[:, 2], slopes[:, 1] - slopes[:, 2]
     steep = np.linalg.norm(slope, axis=1) > 1
     distance = np.abs(phi) / np.maximum(np.linalg.norm(slope, axis=1), 1e-12)
