@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.inverse.invert import Inversion
+from ngbrain.inverse.inversion import Inversion
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves import write_map
 from ngbrain.io.whole import whole

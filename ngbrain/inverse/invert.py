@@ -9,25 +9,20 @@ polish     down in J from there; and from uniform fields of one level or several
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
-from ngbrain.forward.sensitivity import BOUNDARY, Solves
-from ngbrain.inverse.answers import answers, by_label, derived
-from ngbrain.inverse.crime import committed
+from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.priors import PRIORS, Prior, priors
-from ngbrain.inverse.quality import median_strain_snr, noise_level, noise_of, resolution, resonance_distance
-from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
+from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -55,116 +50,6 @@ SHORT = 12
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 EASY = 1e-4
 """Noise that is assumed at least from there: with less, linear theory sees little of the way."""
-
-
-@dataclass
-class Row:
-    """One way of inverting: its maps, misfit and expected misfit, J, what each round did, CPU seconds."""
-
-    name: str
-    maps: dict[str, Array]
-    misfit: float
-    expected: float
-    value: float
-    history: list[Iteration]
-    cpu_s: float
-    converged: bool
-
-
-@dataclass
-class Inversion:
-    """What `invert` found.
-
-    maps        name → (n,) at the points of the data, NaN where they are left out
-    predicted   waves of these maps (loads, n, dim), m
-    rows        the starts that were tried: "waves", "uniform", "both"
-    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
-    regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
-    resolution  a hint at the finest detail of each map, m (see `quality`)
-    checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
-    notes       what a reader has to know, in words
-    """
-
-    data: WaveData
-    maps: dict[str, Array]
-    predicted: Array
-    rows: list[Row]
-    chosen: str
-    noise: float
-    noise_found: float
-    regulariser: str
-    weights: dict[str, float]
-    determined: dict[str, float]
-    resolution: dict[str, float]
-    solves: Solves
-    history: list[Iteration]
-    model: dict[str, Any]
-    checks: dict[str, float | bool]
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def answers(self) -> dict[str, dict[str, float]]:
-        """Of the maps, as in `result.json`."""
-        return answers(self.data, self.maps)
-
-    @property
-    def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
-        """Name of a map → label → median and IQR; empty without labels."""
-        labels = self.data.labels
-        return {} if labels is None else {name: by_label(values, labels) for name, values in self.maps.items()}
-
-    def arrays(self) -> dict[str, Array]:
-        """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
-
-        points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
-        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
-        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
-        """
-        modulus = derived(self._shear())
-        follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
-        measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
-        residual = (measured - self.predicted) / noise_of(self.data, self.noise)
-        waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
-        return {"points": self.data.points, **self.maps, **moduli_of_fibres(self.maps), **follows, **waves}
-
-    def _shear(self) -> Array:
-        if "storage" in self.maps:
-            return self.maps["storage"] + 1j * self.maps["loss"]
-        return np.real(self.maps["mu"] if "mu" in self.maps else self.data.shear_of(self.maps["youngs"]))
-
-    def result(self) -> dict[str, Any]:
-        """All numbers of it, for JSON."""
-        rows = {
-            row.name: {
-                "misfit": row.misfit,
-                "expected_misfit": row.expected,
-                "objective": row.value,
-                "rounds": len(row.history),
-                "cpu_s": row.cpu_s,
-                "converged": row.converged,
-                "answers": answers(self.data, row.maps),
-                "misfit_over_expected": [each.misfit / each.expected for each in row.history],
-                "weights": [each.weights for each in row.history],
-            }
-            for row in self.rows
-        }
-        return {
-            "answers": self.answers,
-            "by_label": self.by_label,
-            "solves": asdict(self.solves),
-            "checks": self.checks,
-            "model": {
-                **self.model,
-                "regulariser": self.regulariser,
-                "weights": self.weights,
-                "determined": self.determined,
-                "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
-            },
-            "noise": {"assumed": self.noise, "found": self.noise_found},
-            "starts": rows,
-            "chosen": self.chosen,
-            "notes": self.notes,
-        }
 
 
 def invert(
@@ -232,7 +117,7 @@ def invert(
         search = _Search(experiment, total, settling, tell, search)
         problem, start = search.from_waves(kinds[kind], before)
         both = search.descend(problem, start)
-    rows = [search.row("waves", problem, start)]
+    rows = [row("waves", experiment, problem, start)]
     best, chosen = both, "both"
     if uniform and levels:
         ends = {level: search.uniform(kinds[kind], problem, level) for level in levels}
@@ -245,62 +130,24 @@ def invert(
                 notes.append(
                     f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
                 )
-            rows.append(search.row("uniform", problem, far))
+            rows.append(row("uniform", experiment, problem, far))
             if far.value < both.value * (1 - 1e-6):
                 best, chosen = far, "uniform"
                 notes.append("uniform fields led to a lower objective than measured waves did")
         else:
             notes.append("from uniform fields no step lowered the objective")
-    rows.append(search.row("both", problem, both))
-    predicted = np.full(data.displacement.shape, np.nan, complex)
-    state = experiment.model.at(problem.unknowns.theta(best.x))
-    predicted[:, experiment.inside] = state.data
-    mesh, determined = experiment.body.mesh, best.history[-1].determined
-    checks = {
-        "misfit_over_expected": best.level.ratio,
-        "converged": bool(best.converged),
-        "strain_snr": median_strain_snr(data, total),
-        "resonance_distance": resonance_distance(data, state.factors),
-    }
-    ratio = best.level.ratio
-    if ratio > 1.25 or (ratio < 0.8 and total > floor):
-        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * total:.3g} % leaves: it is not that")
-    maps = search.maps(problem, best)
-    of_plane, combined = of_fibres(data, maps)
-    notes += of_few(determined) + of_plane
-    crime = committed(data, experiment.body)
-    if crime:
-        notes.append(
-            "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
-        )
-    effect = bulk_effect(experiment, problem.unknowns.theta(best.x), total)
-    notes += [*of_scale(data), of_bulk(effect)]
-    checks["bulk_change_over_noise"] = effect
-    return Inversion(
-        data=data,
-        maps=maps,
-        predicted=predicted,
-        rows=rows,
-        chosen=chosen,
+    rows.append(row("both", experiment, problem, both))
+    return concluded(
+        experiment,
+        problem,
+        best,
+        rows,
+        chosen,
         noise=total,
-        noise_found=total * float(np.sqrt(ratio)),
+        floor=floor,
         regulariser=kind,
-        weights=best.weights,
-        determined=determined,
-        resolution=resolution(ngs.Integrate(ngs.CF(1), mesh), data.dim, determined),
-        solves=experiment.model.solves,
+        weight=weight,
         history=search.history,
-        model={
-            "form": elements.form,
-            "n_elements": mesh.ne,
-            "n_unknowns": experiment.body.fes.ndof,
-            "n_parameters": sum(q.stop - q.start for name, q in problem.unknowns.blocks.items() if name != BOUNDARY),
-            "inverse_crime": crime,
-            "weight": weight,
-            **({"errors_of_moduli": combined} if combined else {}),
-            **_mismatch(experiment),
-        },
-        checks={name: value for name, value in checks.items() if value is not None},
         notes=notes,
     )
 
@@ -365,32 +212,6 @@ class _Search:
         point = judge.at(x)
         return replace(found, x=x, value=point.value, level=Level(2 * point.misfit, found.level.expected))
 
-    def row(self, name: str, problem: Reduced, found: Found) -> Row:
-        last = found.history[-1]
-        return Row(
-            name,
-            self.maps(problem, found),
-            found.level.misfit,
-            found.level.expected,
-            found.value,
-            found.history,
-            last.cpu_s,
-            found.converged,
-        )
-
-    def maps(self, problem: Reduced, found: Found) -> dict[str, Array]:
-        unknowns: Fields = problem.unknowns  # type: ignore[assignment]
-        return self.experiment.maps(unknowns, found.x)
-
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)
         self._told(iteration)
-
-
-def _mismatch(experiment: Experiment) -> dict[str, float]:
-    """How far our waves of the true properties are off the data, where the truth is known."""
-    waves = experiment.of_truth()
-    if waves is None:
-        return {}
-    off = np.nan_to_num(waves - experiment.measured)
-    return {"mismatch_at_truth": float(np.linalg.norm(off) / np.linalg.norm(np.nan_to_num(experiment.measured)))}

@@ -1,0 +1,219 @@
+"""What an inversion found, and what there is to say of it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward.sensitivity import BOUNDARY, Solves
+from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.crime import committed
+from ngbrain.inverse.experiment import Experiment
+from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
+from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+
+
+@dataclass
+class Row:
+    """One way of inverting: its maps, misfit and expected misfit, J, what each round did, CPU seconds."""
+
+    name: str
+    maps: dict[str, Array]
+    misfit: float
+    expected: float
+    value: float
+    history: list[Iteration]
+    cpu_s: float
+    converged: bool
+
+
+@dataclass
+class Inversion:
+    """What `invert` found.
+
+    maps        name → (n,) at the points of the data, NaN where they are left out
+    predicted   waves of these maps (loads, n, dim), m
+    rows        the starts that were tried: "waves", "uniform", "both"
+    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
+    regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
+    resolution  a hint at the finest detail of each map, m (see `quality`)
+    checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
+    notes       what a reader has to know, in words
+    """
+
+    data: WaveData
+    maps: dict[str, Array]
+    predicted: Array
+    rows: list[Row]
+    chosen: str
+    noise: float
+    noise_found: float
+    regulariser: str
+    weights: dict[str, float]
+    determined: dict[str, float]
+    resolution: dict[str, float]
+    solves: Solves
+    history: list[Iteration]
+    model: dict[str, Any]
+    checks: dict[str, float | bool]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def answers(self) -> dict[str, dict[str, float]]:
+        """Of the maps, as in `result.json`."""
+        return answers(self.data, self.maps)
+
+    @property
+    def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
+        """Name of a map → label → median and IQR; empty without labels."""
+        labels = self.data.labels
+        return {} if labels is None else {name: by_label(values, labels) for name, values in self.maps.items()}
+
+    def arrays(self) -> dict[str, Array]:
+        """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
+
+        points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
+        `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
+        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
+        """
+        modulus = derived(self._shear())
+        follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
+        measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
+        residual = (measured - self.predicted) / noise_of(self.data, self.noise)
+        waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
+        return {"points": self.data.points, **self.maps, **moduli_of_fibres(self.maps), **follows, **waves}
+
+    def _shear(self) -> Array:
+        if "storage" in self.maps:
+            return self.maps["storage"] + 1j * self.maps["loss"]
+        return np.real(self.maps["mu"] if "mu" in self.maps else self.data.shear_of(self.maps["youngs"]))
+
+    def result(self) -> dict[str, Any]:
+        """All numbers of it, for JSON."""
+        rows = {
+            row.name: {
+                "misfit": row.misfit,
+                "expected_misfit": row.expected,
+                "objective": row.value,
+                "rounds": len(row.history),
+                "cpu_s": row.cpu_s,
+                "converged": row.converged,
+                "answers": answers(self.data, row.maps),
+                "misfit_over_expected": [each.misfit / each.expected for each in row.history],
+                "weights": [each.weights for each in row.history],
+            }
+            for row in self.rows
+        }
+        return {
+            "answers": self.answers,
+            "by_label": self.by_label,
+            "solves": asdict(self.solves),
+            "checks": self.checks,
+            "model": {
+                **self.model,
+                "regulariser": self.regulariser,
+                "weights": self.weights,
+                "determined": self.determined,
+                "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
+            },
+            "noise": {"assumed": self.noise, "found": self.noise_found},
+            "starts": rows,
+            "chosen": self.chosen,
+            "notes": self.notes,
+        }
+
+
+def row(name: str, experiment: Experiment, problem: Reduced, found: Found) -> Row:
+    """One way of inverting, by where it ended."""
+    unknowns: Fields = problem.unknowns  # type: ignore[assignment]
+    maps = experiment.maps(unknowns, found.x)
+    level, cpu_s = found.level, found.history[-1].cpu_s
+    return Row(name, maps, level.misfit, level.expected, found.value, found.history, cpu_s, found.converged)
+
+
+def concluded(
+    experiment: Experiment,
+    problem: Reduced,
+    best: Found,
+    rows: list[Row],
+    chosen: str,
+    *,
+    noise: float,
+    floor: float,
+    regulariser: str,
+    weight: str,
+    history: list[Iteration],
+    notes: list[str],
+) -> Inversion:
+    """All that follows from the end of the best way; data with less noise than `floor` are fitted as well as elements can."""
+    data, unknowns = experiment.data, problem.unknowns
+    assert isinstance(unknowns, Fields)
+    predicted = np.full(data.displacement.shape, np.nan, complex)
+    state = experiment.model.at(unknowns.theta(best.x))
+    predicted[:, experiment.inside] = state.data
+    mesh, determined = experiment.body.mesh, best.history[-1].determined
+    checks = {
+        "misfit_over_expected": best.level.ratio,
+        "converged": bool(best.converged),
+        "strain_snr": median_strain_snr(data, noise),
+        "resonance_distance": resonance_distance(data, state.factors),
+    }
+    ratio = best.level.ratio
+    if ratio > 1.25 or (ratio < 0.8 and noise > floor):
+        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * noise:.3g} % leaves: it is not that")
+    maps = experiment.maps(unknowns, best.x)
+    of_plane, combined = of_fibres(data, maps)
+    notes += of_few(determined) + of_plane
+    crime = committed(data, experiment.body)
+    if crime:
+        notes.append(
+            "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
+        )
+    effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
+    notes += [*of_scale(data), of_bulk(effect)]
+    checks["bulk_change_over_noise"] = effect
+    return Inversion(
+        data=data,
+        maps=maps,
+        predicted=predicted,
+        rows=rows,
+        chosen=chosen,
+        noise=noise,
+        noise_found=noise * float(np.sqrt(ratio)),
+        regulariser=regulariser,
+        weights=best.weights,
+        determined=determined,
+        resolution=resolution(ngs.Integrate(ngs.CF(1), mesh), data.dim, determined),
+        solves=experiment.model.solves,
+        history=history,
+        model={
+            "form": experiment.elements.form,
+            "n_elements": mesh.ne,
+            "n_unknowns": experiment.body.fes.ndof,
+            "n_parameters": sum(q.stop - q.start for name, q in unknowns.blocks.items() if name != BOUNDARY),
+            "inverse_crime": crime,
+            "weight": weight,
+            **({"errors_of_moduli": combined} if combined else {}),
+            **_mismatch(experiment),
+        },
+        checks={name: value for name, value in checks.items() if value is not None},
+        notes=notes,
+    )
+
+
+def _mismatch(experiment: Experiment) -> dict[str, float]:
+    """How far our waves of the true properties are off the data, where the truth is known."""
+    waves = experiment.of_truth()
+    if waves is None:
+        return {}
+    off = np.nan_to_num(waves - experiment.measured)
+    return {"mismatch_at_truth": float(np.linalg.norm(off) / np.linalg.norm(np.nan_to_num(experiment.measured)))}
