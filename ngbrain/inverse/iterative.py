@@ -10,13 +10,16 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic
+from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import Linearised
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
@@ -57,12 +60,17 @@ class Iterative(GaussNewton):
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
 
+    @property
+    def started(self) -> bool:
+        """Whether there is a checkpoint to go on from."""
+        return self.checkpoint is not None and self.checkpoint.exists()
+
     def resume(self, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
 
         Raises `InputError` where there is no checkpoint, or one of another problem.
         """
-        if self.checkpoint is None or not self.checkpoint.exists():
+        if self.checkpoint is None or not self.started:
             raise InputError("checkpoint", str(self.checkpoint), "a file that an inversion has written")
         with np.load(self.checkpoint) as saved:
             x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
@@ -81,7 +89,22 @@ class Iterative(GaussNewton):
         return x + dx, waves
 
     def _bounded(self, dx: Array) -> float:
-        return super()._bounded(dx[: self._width])
+        # By values at the points of the data: of higher order, unknowns are no values.
+        unknowns, blocks = self.unknowns.unknowns, self.reduced.unknowns.blocks
+        values = [dx[blocks[name]] for name in self._fields if unknowns[name].basis is not None]
+        values += [self._at_points[name] @ dx[blocks[name]] for name in self._at_points]
+        return super()._bounded(np.concatenate(values))
+
+    @cached_property
+    def _at_points(self) -> dict[str, sp.csr_array]:
+        found, once = {}, dict[int, sp.csr_array]()
+        for name in self._fields:
+            if self.unknowns.unknowns[name].basis is None:
+                space = self.model.fields[name].space
+                if space.globalorder not in once:
+                    once[space.globalorder] = evaluation(space, self.model.points)
+                found[name] = once[space.globalorder]
+        return found
 
     def _keep(self, x: Array, history: list[Iteration]) -> None:
         if self.checkpoint is not None:

@@ -67,7 +67,9 @@ class Policy:
 
 @dataclass
 class Evidence(Policy):
-    """Each block's weight from the data."""
+    """Each block's weight from the data; `largest`: factor by which one changes in one iteration at most."""
+
+    largest: float = LARGEST
 
     def update(
         self, reduced: Reduced, x: Array, level: Level, factor: Determined, random: np.random.Generator
@@ -80,7 +82,7 @@ class Evidence(Policy):
         for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
             wanted = self.noise(level) * max(number, 1.0) / max(energy, 1e-12)
-            factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / LARGEST, LARGEST))
+            factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / self.largest, self.largest))
             reduced.weights[name] *= factor_of_change
             if number >= 1 or factor_of_change < 1:  # else the field is uniform, and no weight makes it more so
                 largest = max(largest, factor_of_change, 1 / factor_of_change)

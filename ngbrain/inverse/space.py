@@ -1,0 +1,119 @@
+"""The inversion of wave data in space from one call.
+
+As in the plane with these differences: the start is uniform fields of the modulus that the waves suggest, under a weight so
+large that they stay nearly uniform while the boundary's displacements find their place; then each iteration lowers the weight
+until the data say that it is enough (`weights.EvidenceOfNoise`). Steps are those of `iterative`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
+from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.inverse.composition import ByLabel, Composition, Whole
+from ngbrain.inverse.discretise import Discretisation, in_elements
+from ngbrain.inverse.experiment import Experiment
+from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.inversion import Inversion, concluded, row
+from ngbrain.inverse.iterative import Iterative
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.weights import EvidenceOfNoise
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+FIRST = 100.0
+"""Weight to begin with, for each real datum."""
+FALL = 10.0
+"""Factor by which an iteration may lower it."""
+ROUNDS = 16
+LEAST = 2e-3
+"""Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
+
+
+def invert_in_space(
+    data: WaveData,
+    elements: Discretisation | None = None,
+    *,
+    noise: float | None = None,
+    model_error: float = 0.0,
+    regulariser: str = "smooth",
+    labelled: bool = False,
+    rounds: int = ROUNDS,
+    checkpoint: str | os.PathLike[str] | None = None,
+    tell: Callable[[Iteration], None] = lambda _: None,
+) -> Inversion:
+    """Property maps of wave data in space.
+
+    elements     see `discretise`; by default hexahedra over the points, as large as the waves allow
+    noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
+    model_error  of the same kind: what the model cannot fit
+    regulariser  one of `priors.PRIORS`
+    labelled     whether each label of the data has fields of its own, which jump where labels meet
+    rounds       iterations at most
+    checkpoint   .npz that is written after each of them; where it is there, the inversion goes on from it
+
+    Raises `InputError` for data in the plane, negative noise, a regulariser that is none, labels that are not there.
+
+    >>> line = np.linspace(0, 0.03, 11)
+    >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
+    >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (2500 + 800j))
+    >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]
+    >>> data = WaveData(grid, u, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
+    >>> found = invert_in_space(data, rounds=3)
+    >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
+    True
+    """
+    if data.dim != 3:
+        raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
+    if regulariser not in PRIORS:
+        raise InputError("regulariser", repr(regulariser), ", ".join(PRIORS))
+    for name, value in (("noise", noise), ("model_error", model_error)):
+        if value is not None and not 0 <= value < np.inf:
+            raise InputError(name, value, "a relative level of at least 0")
+    if elements is None:
+        elements = in_elements(data)
+    composition: Composition = ByLabel(data, elements) if labelled else Whole()
+    level, note = noise_level(data, noise)
+    notes = [note] if note else []
+    total = max(float(np.hypot(level, model_error)), LEAST)
+    experiment = Experiment(data, elements, composition=composition)
+    problem = _problem(experiment, total, regulariser)
+    history: list[Iteration] = []
+
+    def told(iteration: Iteration) -> None:
+        history.append(iteration)
+        tell(iteration)
+
+    way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=told)
+    found = way.resume(rounds) if way.started else way.descend(problem.unknowns.start, rounds)
+    rows = [row("uniform", experiment, problem, found)]
+    return concluded(
+        experiment,
+        problem,
+        found,
+        rows,
+        "uniform",
+        noise=total,
+        floor=LEAST,
+        regulariser=regulariser,
+        weight="evidence",
+        history=found.history,
+        notes=notes,
+    )
+
+
+def _problem(experiment: Experiment, noise: float, regulariser: str) -> Reduced:
+    sigma = noise_of(experiment.data, noise)
+    unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
+    blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
+    regularisers = {
+        name: PRIORS[regulariser](experiment.space, unknowns.start[block]) for name, block in blocks.items()
+    }
+    return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))
