@@ -61,6 +61,9 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         default="all",
         help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many)",
     )
+    parser.add_argument(
+        "--by-label", action="store_true", help="fields of their own for each label of DATA, which jump where labels meet"
+    )
     parser.set_defaults(verb=run)
     return parser
 
@@ -88,6 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
                 regulariser=arguments.regulariser,
                 weight=arguments.weight,
                 levels=STARTS.get(arguments.starts, (1.0,)),
+                labelled=arguments.by_label,
                 tell=tell,
             )
         except SolverError:

@@ -98,11 +98,15 @@ class GaussNewton:
             settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
             self._keep(point.x, history)
             point = Point(self.reduced, point.x, point.state)  # at the new weights
-            if settled:
+            if settled := settled or self._still(history):
                 break
         if not history:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
         return self._found(point.x, self._state(point).waves, point.state.data, history, settled)
+
+    def _still(self, history: list[Iteration]) -> bool:
+        """Whether more iterations would change nothing that matters, though the fields still move."""
+        return False
 
     def _keep(self, x: Array, history: list[Iteration]) -> None:
         """Where one that is long writes down how far it is."""

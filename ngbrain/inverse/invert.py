@@ -16,6 +16,7 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.inverse.composition import ByLabel, Whole
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
@@ -23,6 +24,7 @@ from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -62,9 +64,10 @@ def invert(
     weight: str = "evidence",
     uniform: bool = True,
     levels: Sequence[float] = (1.0,),
+    labelled: bool = False,
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
-    """Property maps of plane wave data.
+    """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
 
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
     noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
@@ -73,6 +76,7 @@ def invert(
     weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
     uniform      whether to try uniform fields as a start too
     levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept
+    labelled     whether each label of the data has fields of its own, which jump where labels meet
 
     Raises `InputError` for a regulariser or weight that is none, negative noise, data that cannot be inverted.
 
@@ -91,6 +95,8 @@ def invert(
             raise InputError(name, value, "a relative level of at least 0")
     if not all(0 < each < np.inf for each in levels):
         raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
+    if data.dim == 3:
+        return _in_space(data, elements, noise, model_error, regulariser, weight, levels, labelled, tell)
     notes: list[str] = []
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
@@ -98,7 +104,7 @@ def invert(
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
     total = max(float(np.hypot(level, model_error)), floor)
-    experiment = Experiment(data, elements)
+    experiment = Experiment(data, elements, composition=ByLabel(data, elements) if labelled else Whole())
     search = _Search(experiment, total, settling, tell)
     tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
@@ -152,6 +158,29 @@ def invert(
     )
 
 
+def _in_space(
+    data: WaveData,
+    elements: Discretisation | None,
+    noise: float | None,
+    model_error: float,
+    regulariser: str | Prior,
+    weight: str,
+    levels: Sequence[float],
+    labelled: bool,
+    tell: Callable[[Iteration], None],
+) -> Inversion:
+    if weight != "evidence":
+        raise InputError("weight", repr(weight), "evidence: in space there is no other")
+    if tuple(levels) not in ((), (1.0,)):
+        raise InputError(
+            "levels", list(levels), "one start, of the modulus that the waves suggest: in space there is no other"
+        )
+    chosen = "smooth" if regulariser == "auto" else regulariser
+    return invert_in_space(
+        data, elements, noise=noise, model_error=model_error, regulariser=chosen, labelled=labelled, tell=tell
+    )
+
+
 class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
@@ -173,8 +202,9 @@ class _Search:
     def problem(self, prior: Prior) -> Reduced:
         """With a regulariser, at the first weight."""
         space, regularisers = self.experiment.space, {}
-        for quantity in self.experiment.sought:
-            regularisers[quantity.name] = prior(space, self.unknowns.start[self.unknowns.blocks[quantity.name]])
+        for name, block in self.unknowns.blocks.items():
+            if name != BOUNDARY:
+                regularisers[name] = prior(space, self.unknowns.start[block])
         weights = dict.fromkeys(regularisers, FIRST)
         return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)
 

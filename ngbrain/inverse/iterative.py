@@ -6,6 +6,7 @@ products of its step. Weights settle as in `gauss_newton`; what the data determi
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Callable
@@ -28,6 +29,8 @@ from ngbrain.inverse.weights import Evidence, Policy
 from ngbrain.solvers.directions import Directions
 
 Array = np.ndarray
+STILL, ALIKE = 5e-3, 1.5
+"""Change of the misfit, and of any weight (factor), at which iterations end."""
 
 
 class Iterative(GaussNewton):
@@ -74,8 +77,8 @@ class Iterative(GaussNewton):
             raise InputError("checkpoint", str(self.checkpoint), "a file that an inversion has written")
         with np.load(self.checkpoint) as saved:
             x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
-        if x.shape != self.reduced.unknowns.start.shape or set(notes["weights"]) != set(self.reduced.weights):
-            raise InputError("checkpoint", f"of {len(x)} unknowns", f"{len(self.reduced.unknowns.start)} unknowns")
+        if notes["problem"] != self._problem or set(notes["weights"]) != set(self.reduced.weights):
+            raise InputError("checkpoint", f"{self.checkpoint} of another problem", "the same data, noise and elements")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         history = [Iteration(**entry) for entry in notes["history"]]
         return self._down(x, rounds - len(history), history)
@@ -106,12 +109,27 @@ class Iterative(GaussNewton):
                 found[name] = once[space.globalorder]
         return found
 
+    def _still(self, history: list[Iteration]) -> bool:
+        # Traces are estimates, so what the data hardly determine never quite settles.
+        if len(history) < 2:
+            return False
+        before, now = history[-2:]
+        turned = max(abs(float(np.log(now.weights[name] / before.weights[name]))) for name in now.weights)
+        return now.step == 1 and abs(now.misfit / before.misfit - 1) < STILL and turned < np.log(ALIKE)
+
+    @cached_property
+    def _problem(self) -> str:
+        """Tells this problem from others, in a checkpoint."""
+        parts = (self.misfit.measured, self.misfit.sigma, self.reduced.unknowns.start, self.model.points)
+        return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
     def _keep(self, x: Array, history: list[Iteration]) -> None:
         if self.checkpoint is not None:
             self._save(self.checkpoint, x, history)
 
     def _save(self, path: Path, x: Array, history: list[Iteration]) -> None:
         notes = {
+            "problem": self._problem,
             "weights": self.reduced.weights,
             "history": [asdict(entry) for entry in history],
         }

@@ -22,7 +22,7 @@ from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.io.waves import WaveData
@@ -43,7 +43,7 @@ def invert_in_space(
     *,
     noise: float | None = None,
     model_error: float = 0.0,
-    regulariser: str = "smooth",
+    regulariser: str | Prior = "smooth",
     labelled: bool = False,
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -54,7 +54,7 @@ def invert_in_space(
     elements     see `discretise`; by default hexahedra over the points, as large as the waves allow
     noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit
-    regulariser  one of `priors.PRIORS`
+    regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     rounds       iterations at most
     checkpoint   .npz that is written after each of them; where it is there, the inversion goes on from it
@@ -72,8 +72,9 @@ def invert_in_space(
     """
     if data.dim != 3:
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
-    if regulariser not in PRIORS:
-        raise InputError("regulariser", repr(regulariser), ", ".join(PRIORS))
+    if regulariser == "auto":
+        raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
+    ((kind, prior),) = priors(regulariser).items()
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
@@ -84,7 +85,7 @@ def invert_in_space(
     notes = [note] if note else []
     total = max(float(np.hypot(level, model_error)), LEAST)
     experiment = Experiment(data, elements, composition=composition)
-    problem = _problem(experiment, total, regulariser)
+    problem = _problem(experiment, total, prior)
     history: list[Iteration] = []
 
     def told(iteration: Iteration) -> None:
@@ -102,18 +103,16 @@ def invert_in_space(
         "uniform",
         noise=total,
         floor=LEAST,
-        regulariser=regulariser,
+        regulariser=kind,
         weight="evidence",
         history=found.history,
         notes=notes,
     )
 
 
-def _problem(experiment: Experiment, noise: float, regulariser: str) -> Reduced:
+def _problem(experiment: Experiment, noise: float, prior: Prior) -> Reduced:
     sigma = noise_of(experiment.data, noise)
     unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
-    regularisers = {
-        name: PRIORS[regulariser](experiment.space, unknowns.start[block]) for name, block in blocks.items()
-    }
+    regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))
