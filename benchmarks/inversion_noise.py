@@ -8,15 +8,12 @@ imports, mesh and forms are not counted. A method that has not settled after its
 
     python benchmarks/inversion_noise.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/inversion_noise.py --chart FILE.png < records.json
-    python benchmarks/inversion_noise.py --seeds      Gauss-Newton with three starts and ten seeds: median and worst
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
-from statistics import median
 
 import _command
 import numpy as np
@@ -189,31 +186,5 @@ def line(r: Record) -> str:
     return f"{100 * r['noise']:g} % {r['method']:<24}{error:>10} {r['cpu_s']:8.2f} s  {parts}{state}"
 
 
-SEEDED = (("CV-G", 0.01), ("CV-G", 0.02), ("CV-G", 0.05), ("NE-G", 0.01), ("CE-B", 0.01))
-STARTS = {"waves": from_waves, "uniform": gauss_newton, "both": both}
-
-
-def seeds(number: int = 10) -> Iterator[str]:
-    """Median and worst error of Gauss-Newton; a start that finds no way down counts as it began."""
-    for case, noise in SEEDED:
-        for start, descend in STARTS.items():
-            errors: list[dict[str, float]] = []
-            for seed in range(number):
-                inversion = Phantom.named(case).measured(noise, seed).inversion()
-                try:
-                    x = descend(inversion, lambda _: None).x
-                except NgbrainError:
-                    x = inversion.start
-                errors.append(inversion.errors(x))
-            for name in errors[0]:
-                found = [e[name] for e in errors]
-                middle, worst = 100 * median(found), 100 * max(found)
-                yield f"{case} {100 * noise:g} % {start:<8} {name:<8} median {middle:.3g} worst {worst:.3g} %"
-
-
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--seeds"]:
-        for text in seeds():
-            print(text, flush=True)
-    else:
-        _command.main(__doc__, measure, chart, line)
+    _command.main(__doc__, measure, chart, line)
