@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.interpolate import BSpline, NdBSpline
@@ -85,7 +86,13 @@ def smoothed(data: WaveData) -> SmoothField:
     >>> bool(np.abs(smoothed(data).laplacian() / -400 - u).max() < 1e-7)
     True
     """
-    return fit_splines(data) if data.structured else moving_least_squares(data)
+    if data not in _KNOWN:
+        _KNOWN[data] = fit_splines(data) if data.structured else moving_least_squares(data)
+    return _KNOWN[data]
+
+
+_KNOWN: WeakKeyDictionary[WaveData, SmoothField] = WeakKeyDictionary()
+"""Of data that still are: a head's take a minute, and starts, sizes and signal-to-noise ratios ask for them."""
 
 
 @dataclass(frozen=True, eq=False)
