@@ -42,7 +42,7 @@ DENT, RADIUS, NEAR = 5e-3, 12e-3, 20e-3
 SITE_FROM = np.array([0.03, 0.02, 0.06])
 """The dent is where the surface is nearest to this point (m)."""
 SIZES = {"hull": (14, 10, 7), "lattice": (14, 10), "conforming": (14, 10, 8)}
-QUICK = {"hull": (14, 11), "lattice": (16,), "conforming": ()}
+QUICK = {"hull": (16,), "lattice": (18,), "conforming": ()}
 LOOK = {"hull": ("#0072B2", "o-"), "lattice": ("#D55E00", "s-"), "conforming": ("#009E73", "^-")}
 RTOL, MOST = 1e-6, 150
 """Residual and iterations of order 3, preconditioned by a factor of order 2."""

@@ -37,7 +37,9 @@ def add_mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
     parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")
-    parser.add_argument("--radius", type=_length, metavar="MM", help="around it that is so fine (20; lattice 11)")
+    parser.add_argument(
+        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 11, conforming 20)"
+    )
     parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
     parser.add_argument(
         "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; as often as needed"

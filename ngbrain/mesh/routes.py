@@ -73,7 +73,7 @@ ROUTES: Mapping[str, Route] = {
     "hull": Route(
         lambda labels, size: Made(hull.hull(labels, size)),
         5e-3,
-        20e-3,
+        17e-3,
         "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
         (hull, from_labels, levelset, relocation, surfaces, conforming, reconnection),
     ),
