@@ -62,7 +62,9 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many)",
     )
     parser.add_argument(
-        "--by-label", action="store_true", help="fields of their own for each label of DATA, which jump where labels meet"
+        "--by-label",
+        action="store_true",
+        help="fields of their own for each label of DATA, which jump where labels meet",
     )
     parser.set_defaults(verb=run)
     return parser

@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay, KDTree
 
 from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form
+from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import boxes, rectangles
@@ -29,9 +30,9 @@ ACROSS = 12.0
 """Unknowns along a wave length of shear, as far as algebraic inversion tells it, which rather takes tissue for too stiff."""
 FEWEST = 4
 """Elements along the longest side, at least."""
-SHARE = 0.3
-"""Hexahedra count when they hold this share of the points that a full one does: those at the border reach out of the tissue,
-where waves go on as if it did."""
+SHARE, SAMPLES = 0.3, 5
+"""Hexahedra count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
+border reach out of the tissue, where waves go on as if it did."""
 LARGEST = 100_000
 """Displacements that a factor in space may have: larger elements are taken where it would be more."""
 
@@ -102,20 +103,21 @@ def _in_space(data: WaveData, order: int) -> Discretisation:
     wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
     form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
     size = max(order * spacing, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
+    tree, near = KDTree(points), np.sqrt(3) / 2 * spacing  # half the diagonal of a voxel
     while True:
         planes = [np.linspace(a, b, max(2, round((b - a) / size) + 1)) for a, b in zip(low, high, strict=True)]
-        at = np.stack(
-            [np.clip(np.searchsorted(p, x) - 1, 0, len(p) - 2) for p, x in zip(planes, points.T, strict=True)]
-        )
-        counts = np.zeros([len(p) - 1 for p in planes], int)
-        np.add.at(counts, tuple(at), 1)
-        cells = counts >= SHARE * np.percentile(counts[counts > 0], 90)
+        shape = [len(plane) - 1 for plane in planes]
+        lines = [np.linspace(a, b, 2 * SAMPLES * n + 1)[1::2] for a, b, n in zip(low, high, shape, strict=True)]
+        samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+        covered = tree.query(samples, distance_upper_bound=near)[0] < np.inf
+        cells = covered.reshape([part for n in shape for part in (n, SAMPLES)]).mean(axis=(1, 3, 5)) >= SHARE
         if 3 * order**3 * cells.sum() <= LARGEST:
             break
         size *= 1.05
-    inside = np.zeros(len(data.points), bool)
-    inside[data.mask] = cells[tuple(at)]
-    return Discretisation(boxes(cells, *planes), form, max(1, (order + 1) // 2), None, inside)
+    mesh = boxes(cells, *planes)
+    inside = data.mask.copy()
+    inside[data.mask] = in_mesh(mesh, points)
+    return Discretisation(mesh, form, max(1, (order + 1) // 2), None, inside)
 
 
 def bulk_ratio(data: WaveData) -> float:

@@ -5,11 +5,10 @@ from functools import cache
 import ngsolve as ngs
 import numpy as np
 import pytest
-from netgen.csg import CSGeometry, OrthoBrick, Pnt
+from ball_in_block import MIDDLE, RADIUS, SOFT, STIFF, body, cube, label_at, measured
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.inverse.iterative import Iterative
@@ -20,50 +19,6 @@ from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.weights import Given
 from ngbrain.materials import Shearing, TransverselyIsotropic
-
-SIDE, MIDDLE, RADIUS = 0.04, 0.02, 0.012
-SOFT, STIFF = 4000.0 + 1600.0j, 8000.0 + 3200.0j
-WAVES = [
-    Wave(50.0, {"all": (0, 1e-5 * ngs.x / SIDE, 1e-5)}),
-    Wave(50.0, {"all": (1e-5, 0, 1e-5 * ngs.y / SIDE)}),
-]
-
-
-def cube(size):
-    geometry = CSGeometry()
-    geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(SIDE, SIDE, SIDE)).bc("all"))
-    return ngs.Mesh(geometry.GenerateMesh(maxh=size))
-
-
-def label_at(x):
-    return (np.linalg.norm(x - MIDDLE, axis=1) < RADIUS).astype(int)
-
-
-def body(mesh, law, form="P3", degree=3):
-    return Harmonic(mesh, law, WAVES, bulk=2e5, form=form, held="all", quadrature=degree)
-
-
-@cache
-def measured():
-    """Points, noisy displacements and the standard deviation of their real and imaginary parts."""
-    mesh = cube(0.0101)
-    at = shares(mesh, 4, label_at, ["soft", "stiff"])
-    parts = [
-        by_label(at, {"soft": ngs.CF(a), "stiff": ngs.CF(b)}) for a, b in zip(*map(_parts, (SOFT, STIFF)), strict=True)
-    ]
-    made = body(mesh, Shearing(parts[0] + 1j * parts[1]), "P3", 4)
-    line = np.arange(1e-3, SIDE, 3e-3)
-    x = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-    observe = evaluation(ngs.H1(mesh, order=3), x)
-    n = observe.shape[1]
-    u = [np.column_stack([observe @ v.vec.FV().NumPy()[i * n : (i + 1) * n] for i in range(3)]) for v in made.solve()]
-    random = np.random.default_rng(5)
-    deviation = 0.02 * np.sqrt((np.abs(u) ** 2).mean(axis=1, keepdims=True) / 2)
-    return x, u + deviation * (random.normal(size=(2, *x.shape)) + 1j * random.normal(size=(2, *x.shape))), deviation
-
-
-def _parts(value):
-    return value.real, value.imag
 
 
 @cache
@@ -90,10 +45,11 @@ def problem(names=("tissue",), weight=1e3, boundary=False, law=None):
     return Reduced(model, LeastSquares(u, deviation), search, regular, dict.fromkeys(fields, weight)), search
 
 
-def lowered(normal, precondition, most):
+def lowered(point, precondition, most):
     """½ x·Hx - b·x after so many iterations, with b the way down."""
+    normal = Normal(point, forcing=0.0, most=most)
     b = -normal.gradient()
-    normal.precondition, normal.most, normal.forcing = precondition, most, 0.0
+    normal.precondition = precondition
     x = normal.solve(b)
     return 0.5 * x @ normal.product(x) - b @ x
 
@@ -132,10 +88,39 @@ def test_preconditioner_is_symmetric_positive_definite(boundary, rng):
 def test_preconditioner_beats_the_regulariser():
     reduced, search = problem(weight=1e-2)
     point = reduced.at(search.start)
-    normal = Normal(point)
-    ours, alone = normal.precondition, by_blocks(regulariser_alone(point), reduced)
-    enough = 0.998 * lowered(normal, ours, 150)  # negative
-    assert lowered(normal, ours, 18) < enough < lowered(normal, alone, 36)  # half as many iterations
+    ours, alone = by_blocks(preconditioners(point), reduced), by_blocks(regulariser_alone(point), reduced)
+    enough = 0.998 * lowered(point, ours, 150)  # negative
+    assert lowered(point, ours, 18) < enough < lowered(point, alone, 36)  # half as many iterations
+
+
+def test_directions_are_remembered():
+    """A second solve around the same point with another right-hand side is shorter by what the first has learnt."""
+    reduced, search = problem(weight=1e-2)
+    normal = Normal(reduced.at(search.start), forcing=0.03)
+    b = -normal.gradient()
+    normal.solve(b)
+    normal.solve(1.1 * b)
+    assert normal.iterations[1] <= normal.iterations[0] / 4
+
+
+@pytest.mark.parametrize("boundary", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_what_data_determine(boundary):
+    """The mean of probes of noise is the trace of H⁻¹JᵀWJ, by columns."""
+    reduced, search = problem(weight=1e4, boundary=boundary)
+    point = reduced.at(search.start)
+    block, n = search.blocks["storage tissue"], len(search.start)
+    solver, regular = Normal(point, forcing=1e-4, most=400), reduced.regular_matrix(search.start)
+    trace = 0.0
+    for i in range(block.start, block.stop):
+        one = np.zeros(n)
+        one[i] = 1.0
+        trace += 1.0 - float((regular @ solver.solve(one))[i])
+    probes = []
+    for seed in range(6):
+        normal = Normal(point, directions=solver.directions)
+        matrices = {"storage tissue": regular[block, block]}
+        probes.append(normal.determined_of(search.blocks, matrices, np.random.default_rng(seed))["storage tissue"])
+    assert np.mean(probes) == pytest.approx(trace, abs=3 * np.sqrt(2 * trace / 6))
 
 
 def test_preconditioner_of_a_transversely_isotropic_law():
@@ -157,6 +142,15 @@ def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     assert resumed.weights == straight.weights
     assert [done.expected for done in resumed.history] == [done.expected for done in straight.history]  # its probes
     assert [path.name for path in tmp_path.iterdir()] == ["part.npz"]
+
+
+def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
+    first, search = problem(weight=1e4)
+    Iterative(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    second, _ = problem(weight=1e4)
+    second.misfit.measured[0, 0, 0] *= 1.001
+    with pytest.raises(InputError, match="another problem"):
+        Iterative(second, checkpoint=tmp_path / "part.npz").resume()
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path):

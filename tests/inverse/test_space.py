@@ -1,0 +1,81 @@
+"""Wave data in space: a stiff ball found with 2 % noise, with labels and without; elements over masks; bad input."""
+
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, wave_data
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.discretise import in_elements
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.space import invert_in_space
+
+
+def medians(data, modulus):
+    """Of the ball's inside and of the rest of the block, off their borders."""
+    away = np.linalg.norm(data.points - MIDDLE, axis=1)
+    return np.median(modulus[away < RADIUS - 3e-3]), np.median(modulus[away > RADIUS + 3e-3])
+
+
+def test_a_ball_with_its_label(tmp_path):
+    data = wave_data()
+    stopped = invert_in_space(data, labelled=True, rounds=3, checkpoint=tmp_path / "part.npz")
+    assert not stopped.checks["converged"]
+    found = invert_in_space(data, labelled=True, rounds=9, checkpoint=tmp_path / "part.npz")
+    stiff, soft = medians(data, found.maps["storage"] + 1j * found.maps["loss"])
+    assert abs(soft / SOFT - 1) < 0.03
+    assert stiff.real / soft.real == pytest.approx(2, rel=0.1)
+    assert len(found.history) > 3
+    assert [each.misfit for each in found.history[:3]] == [each.misfit for each in stopped.history]
+    assert found.by_label["storage"][1]["median"] == pytest.approx(STIFF.real, rel=0.1)
+    assert found.checks["misfit_over_expected"] < 1.5
+
+
+@pytest.mark.slow
+def test_a_ball_of_which_nothing_is_known():
+    data = wave_data()
+    found = invert(data)  # data in space find their way
+    stiff, soft = medians(data, found.maps["storage"])
+    assert soft == pytest.approx(SOFT.real, rel=0.05)
+    assert stiff / soft == pytest.approx(2, rel=0.2)
+
+
+def test_elements_cover_a_mask_and_leave_a_hollow_open():
+    data = wave_data()
+    away = np.linalg.norm(data.points - MIDDLE, axis=1)
+    hollow = replace(data, mask=away > 0.011, dirichlet=None)
+    elements = in_elements(hollow, order=1)
+    volume = ngs.Integrate(1, elements.mesh)
+    extent = np.ptp(data.points, axis=0).prod()
+    assert volume == pytest.approx(extent - 4 / 3 * np.pi * 0.011**3, rel=0.1)
+    assert elements.inside[hollow.mask].mean() > 0.95 and not elements.inside[~hollow.mask].any()
+    whole = in_elements(data)
+    assert whole.form == "P3" and whole.inside.all()
+    assert ngs.Integrate(1, whole.mesh) == pytest.approx(extent)
+    assert extent == pytest.approx((SIDE - 0.004) ** 3, rel=0.2)
+
+
+def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
+    data = replace(wave_data(), bulk=None, poisson=0.4999)
+    assert in_elements(data).form == "P3/P2"
+
+
+@pytest.mark.parametrize(
+    "choices, words",
+    [
+        ({"weight": "l-curve"}, "weight"),
+        ({"levels": (0.5, 2.0)}, "levels"),
+        ({"noise": -1.0}, "noise"),
+        ({"regulariser": "smoth"}, "regulariser"),
+    ],
+)
+def test_bad_choices(choices, words):
+    with pytest.raises(InputError, match=words):
+        invert(wave_data(), **choices)
+
+
+def test_labels_that_are_not_there():
+    with pytest.raises(InputError, match="labels"):
+        invert(replace(wave_data(), labels=None), labelled=True)
