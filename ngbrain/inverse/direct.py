@@ -51,12 +51,33 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
 
 
 def uniform_shear(data: WaveData) -> float:
-    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave."""
+    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave.
+
+    In space the size of `uniform_modulus`.
+    """
     if not np.any(data.frequency > 0):
         return STIFF
+    if data.dim == 3:
+        return abs(uniform_modulus(data))
     found = np.abs(helmholtz(data)[data.mask])
     found = found[np.isfinite(found) & (found > 0)]
     return float(np.median(found)) if len(found) else STIFF
+
+
+def uniform_modulus(data: WaveData) -> complex:
+    """One shear modulus (Pa, complex) for all, of the curl q = ∇×u: 1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|², over all points.
+
+    Least squares for 1/G, as noise is in ∇²q rather than in q: for G itself noise would count as softness. The real part alone
+    for elastic data; `STIFF` where there is no wave, or none that noise leaves over.
+    """
+    field, moving = smoothed(data), data.frequency > 0
+    stretch = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2
+    counts = data.mask
+    q, bent = field.curl(data.points)[moving][:, counts], field.curl_laplacian(data.points)[moving][:, counts]
+    softness = -np.nansum(stretch * np.conj(q) * bent) / np.nansum(stretch**2 * np.abs(q) ** 2)
+    if not (np.isfinite(softness) and softness.real > 0):
+        return complex(STIFF)
+    return complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real)
 
 
 def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> np.ndarray:

@@ -17,7 +17,7 @@ from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.inverse.composition import Composition, Whole
-from ngbrain.inverse.direct import uniform_shear
+from ngbrain.inverse.direct import uniform_modulus, uniform_shear
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
@@ -54,9 +54,9 @@ def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ..
 
     `shear` (Pa) is where moduli start; unasked the median of algebraic inversion.
     """
-    stiff = uniform_shear(data) if shear is None else shear
+    stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
     if data.rheology == "viscoelastic":
-        moduli = [Quantity("storage", stiff), Quantity("loss", LOSSY * stiff)]
+        moduli = [Quantity("storage", stiff), Quantity("loss", loss)]
     elif data.symmetry == "isotropic":
         moduli = [Quantity("youngs", float(np.real(data.youngs_of(stiff))))]
     else:
@@ -64,6 +64,15 @@ def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ..
     if data.symmetry == "transversely_isotropic":
         moduli += [Quantity("zeta", FIBROUS, -0.75), Quantity("phi", FIBROUS, -1.0)]
     return tuple(moduli)
+
+
+def _start(data: WaveData) -> tuple[float, float]:
+    """Storage and loss modulus (Pa) that waves suggest."""
+    if data.dim == 2 or not np.any(data.frequency > 0):
+        stiff = uniform_shear(data)
+        return stiff, LOSSY * stiff
+    modulus = uniform_modulus(data)
+    return modulus.real, max(modulus.imag, LOSSY * modulus.real)
 
 
 class Experiment:

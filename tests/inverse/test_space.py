@@ -21,15 +21,16 @@ def medians(data, modulus):
 
 def test_a_ball_with_its_label(tmp_path):
     data = wave_data()
-    stopped = invert_in_space(data, labelled=True, rounds=3, checkpoint=tmp_path / "part.npz")
+    stopped = invert_in_space(data, labelled=True, rounds=2, checkpoint=tmp_path / "part.npz")
     assert not stopped.checks["converged"]
-    found = invert_in_space(data, labelled=True, rounds=9, checkpoint=tmp_path / "part.npz")
-    stiff, soft = medians(data, found.maps["storage"] + 1j * found.maps["loss"])
-    assert abs(soft / SOFT - 1) < 0.03
-    assert stiff.real / soft.real == pytest.approx(2, rel=0.1)
-    assert len(found.history) > 3
-    assert [each.misfit for each in found.history[:3]] == [each.misfit for each in stopped.history]
-    assert found.by_label["storage"][1]["median"] == pytest.approx(STIFF.real, rel=0.1)
+    found = invert_in_space(data, labelled=True, rounds=7, checkpoint=tmp_path / "part.npz")
+    stiff, soft = medians(data, found.maps["storage"])
+    assert soft == pytest.approx(SOFT.real, rel=0.03)
+    assert stiff / soft == pytest.approx(2, rel=0.15)
+    assert medians(data, found.maps["loss"])[1] == pytest.approx(SOFT.imag, rel=0.05)
+    assert len(found.history) == 7
+    assert [each.misfit for each in found.history[:2]] == [each.misfit for each in stopped.history]
+    assert found.by_label["storage"][1]["median"] == pytest.approx(STIFF.real, rel=0.15)
     assert found.checks["misfit_over_expected"] < 1.5
 
 
