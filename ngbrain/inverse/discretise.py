@@ -103,7 +103,7 @@ def _in_space(data: WaveData, order: int) -> Discretisation:
     wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
     form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
     size = max(order * spacing, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
-    tree, near = KDTree(points), np.sqrt(3) / 2 * spacing  # half the diagonal of a voxel
+    tree, near = KDTree(points), spacing  # more than half the diagonal of a voxel
     while True:
         planes = [np.linspace(a, b, max(2, round((b - a) / size) + 1)) for a, b in zip(low, high, strict=True)]
         shape = [len(plane) - 1 for plane in planes]
