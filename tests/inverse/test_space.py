@@ -83,15 +83,14 @@ def test_labels_that_are_not_there():
         invert(replace(wave_data(), labels=None), labelled=True)
 
 
-@pytest.mark.parametrize("n", [11, 12, 13])
-def test_elements_of_a_block_are_all_there(n):
+@pytest.mark.parametrize("n, order", [(11, 1), (12, 2), (31, 3)])
+def test_elements_of_a_block_are_all_there(n, order):
     """Where samples are in the middle between points too."""
     line = np.linspace(0, 0.002 * (n - 1), n)
     points = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
     k = 2 * np.pi * 50 / 1.5
     u = 1e-5 * np.stack([np.exp(-1j * k * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
     data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5)
-    for order in (1, 2, 3):
-        elements = in_elements(data, order)
-        assert elements.inside.all()
-        assert ngs.Integrate(1, elements.mesh) == pytest.approx(line[-1] ** 3)
+    elements = in_elements(data, order)
+    assert elements.inside.all()
+    assert ngs.Integrate(1, elements.mesh) == pytest.approx(line[-1] ** 3)
