@@ -105,6 +105,21 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     assert set(result["files"]) <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
+def test_data_in_space(tmp_path, capsys):
+    points = grid(9, 8, 8, spacing=3e-3)
+    u = shear_waves(points, SHEAR)[None]
+    data = WaveData(
+        points, u, [50.0], RHO, "isotropic", "viscoelastic", bulk=2e5, labels=np.repeat([1, 2], len(points) // 2)
+    )
+    write_waves(tmp_path / "space.npz", data.with_noise(0.02, seed=0))
+    assert main(["invert", str(tmp_path / "space.npz"), "-o", str(tmp_path / "out"), "--by-label"]) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["model"]["form"] == "P3" and set(result["by_label"]["storage"]) == {"1", "2"}
+    assert result["answers"]["storage"]["median"] == pytest.approx(SHEAR.real, rel=0.1)
+    assert (tmp_path / "out" / "report.html").exists()
+    assert "storage" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("starts", "levels"), [("waves", ()), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))])
 def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, starts, levels):
     chosen = {}

@@ -23,7 +23,7 @@ from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
-from ngbrain.solvers.krylov import cg
+from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
 LOSSY = 0.1
@@ -34,8 +34,8 @@ GUESSED = 1e-2
 MODULI = ("youngs", "storage", "loss", "mu")
 BETWEEN = 0.5
 """Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
-FITTED = 1e-7
-"""Residual of that fit in space, relative."""
+DIRECT, FITTED, TURNS = 10_000, 1e-6, 2000
+"""Unknowns from which that fit is iterative, its residual (relative) and iterations at most."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -256,18 +256,18 @@ class Experiment:
             for i, values in enumerate(load.T):
                 known = ~np.isnan(values)
                 seen = here[known]
-                solve = _solver(sp.csr_array(seen.T @ seen + share * (there.T @ there)), self.data.dim)
+                solve = _solver(sp.csr_array(seen.T @ seen + share * (there.T @ there)))
                 b = seen.T @ values[known] + share * (there.T @ guess[k, :, i])
                 waves[k, i * space.ndof : (i + 1) * space.ndof] = solve(b.real) + 1j * solve(b.imag)
         return waves
 
 
-def _solver(matrix: sp.csr_array, dim: int) -> Callable[[Array], Array]:
-    """In space a factor of least squares would take longer than that of the waves."""
-    if dim == 2:
+def _solver(matrix: sp.csr_array) -> Callable[[Array], Array]:
+    """In space a factor of so many unknowns would take longer than that of the waves; what is left of the fit is no matter."""
+    if matrix.shape[0] < DIRECT:
         return scipy.sparse.linalg.splu(sp.csc_array(matrix)).solve
     diagonal = matrix.diagonal()
-    return lambda b: cg(lambda x: matrix @ x, lambda r: r / diagonal, b, FITTED, len(b))[0]
+    return lambda b: truncated_cg(lambda x: matrix @ x, lambda r: r / diagonal, b, FITTED, TURNS)[0]
 
 
 def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:

@@ -115,7 +115,7 @@ class Iterative(GaussNewton):
             return False
         before, now = history[-2:]
         turned = max(abs(float(np.log(now.weights[name] / before.weights[name]))) for name in now.weights)
-        return now.step == 1 and abs(now.misfit / before.misfit - 1) < STILL and turned < np.log(ALIKE)
+        return bool(now.step == 1 and abs(now.misfit / before.misfit - 1) < STILL and turned < np.log(ALIKE))
 
     @cached_property
     def _problem(self) -> str:

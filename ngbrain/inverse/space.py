@@ -86,13 +86,7 @@ def invert_in_space(
     total = max(float(np.hypot(level, model_error)), LEAST)
     experiment = Experiment(data, elements, composition=composition)
     problem = _problem(experiment, total, prior)
-    history: list[Iteration] = []
-
-    def told(iteration: Iteration) -> None:
-        history.append(iteration)
-        tell(iteration)
-
-    way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=told)
+    way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=tell)
     found = way.resume(rounds) if way.started else way.descend(problem.unknowns.start, rounds)
     rows = [row("uniform", experiment, problem, found)]
     return concluded(

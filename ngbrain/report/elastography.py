@@ -157,7 +157,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
 def convergence(result: Mapping[str, Any]) -> bytes:
     """Misfit over its expected level, and weights of the regularisers, round by round of each start."""
     starts = result["starts"]
-    styles = ("-", "--", ":", "-.")
+    styles = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
     with style():
         page = figure(2.9)
         left, right = page.add_axes((0.075, 0.17, 0.37, 0.72)), page.add_axes((0.55, 0.17, 0.37, 0.72))
@@ -174,7 +174,7 @@ def convergence(result: Mapping[str, Any]) -> bytes:
         left.legend(frameon=False, fontsize=8.5)
         fields = next((list(s["weights"][0]) for s in starts.values() if s["weights"]), [])
         for field, dash in zip(fields, styles, strict=False):
-            right.plot([], [], color="#555555", ls=dash, label=PARAMETERS[field].symbol)
+            right.plot([], [], color="#555555", ls=dash, label=parameters.symbol(field))
         right.legend(frameon=False, fontsize=8.5)
         for axes in (left, right):
             axes.xaxis.get_major_locator().set_params(integer=True)

@@ -36,6 +36,14 @@ PARAMETERS = {
     "damping_ratio": Parameter("Damping ratio", "ξ"),
     "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),
 }
+
+
+def symbol(field: str) -> str:
+    """Of a field: a parameter, or one with the label that it is the parameter of."""
+    name, _, label = field.partition(" ")
+    return f"{PARAMETERS[name].symbol} of {label}" if label else PARAMETERS[name].symbol
+
+
 STARTS = {"waves": "measured waves (convex)", "uniform": "uniform fields", "both": "measured waves, then descent"}
 """What the rows of the table of starts are."""
 
@@ -75,10 +83,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
     own = "those that the data were made in" if model["inverse_crime"] else "our own"
     fields = ", ".join(
-        f"{PARAMETERS[name].symbol} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
+        f"{symbol(name)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
         for name, length in model["resolution_mm"].items()
     )
-    weights = ", ".join(f"{PARAMETERS[name].symbol} {number(weight)}" for name, weight in model["weights"].items())
+    weights = ", ".join(f"{symbol(name)} {number(weight)}" for name, weight in model["weights"].items())
     by = model.get("weight", "evidence")
     pairs = [
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
