@@ -28,7 +28,7 @@ from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
-FIRST = 100.0
+FIRST = 1.0
 """Weight to begin with, for each real datum."""
 FALL = 10.0
 """Factor by which an iteration may lower it."""
