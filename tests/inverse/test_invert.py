@@ -57,6 +57,15 @@ def test_bodies_with_noise(body):
     assert all(np.all(values > -1) for values in found.maps.values())
 
 
+def test_fields_of_labels_jump_where_labels_meet():
+    data = waves("isotropic", "elastic", "compressible", n=13)
+    truth = np.real(data.truth_views["youngs"])
+    data = replace(data, labels=(truth > truth.mean()).astype(int)).with_noise(0.02, seed=1)
+    one, each = (invert(data, uniform=False, regulariser="smooth", labelled=labelled) for labelled in (False, True))
+    assert set(each.weights) == {"youngs 0", "youngs 1"} and set(one.weights) == {"youngs"}
+    assert off(each.maps["youngs"], truth) < 0.85 * off(one.maps["youngs"], truth)
+
+
 def test_exact_data_are_no_more_exact_than_our_elements():
     """Else fields fit the error of the elements, at the edges first."""
     data = waves(rheology="elastic", n=31)
