@@ -117,7 +117,7 @@ def test_data_in_space(tmp_path, capsys):
     assert result["model"]["form"] == "P3" and set(result["by_label"]["storage"]) == {"1", "2"}
     assert result["answers"]["storage"]["median"] == pytest.approx(SHEAR.real, rel=0.1)
     assert (tmp_path / "out" / "report.html").exists()
-    assert "storage" in capsys.readouterr().out
+    assert "Storage modulus" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("starts", "levels"), [("waves", ()), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))])
