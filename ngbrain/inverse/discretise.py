@@ -1,7 +1,8 @@
 """Which elements wave data are inverted in: those they were made in, or our own over the same points.
 
-Our own are quadrilaterals or hexahedra of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data; on scattered points in the plane, triangles between them. A field is looked for in half that order.
+Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
+there are data, and triangles between scattered points; in space hexahedra as large as the waves allow, over the points of the
+mask. A field is looked for in half that order.
 """
 
 from __future__ import annotations

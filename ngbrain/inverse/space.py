@@ -33,6 +33,7 @@ FIRST = 1.0
 FALL = 10.0
 """Factor by which an iteration may lower it."""
 ROUNDS = 16
+"""Iterations at most."""
 LEAST = 2e-3
 """Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
 
