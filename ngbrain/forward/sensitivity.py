@@ -117,7 +117,7 @@ class WaveModel:
     def observed(self, u: Array) -> Array:
         """Unknowns of a wave to values at the points (n, dim)."""
         width = self._scalar.shape[1]
-        return np.column_stack([self._scalar @ u[i * width : (i + 1) * width] for i in range(self.dim)])
+        return _times(self._scalar, u[: self.dim * width].reshape(self.dim, width).T)
 
     @property
     def observation(self) -> sp.csr_array:
@@ -135,9 +135,12 @@ class WaveModel:
         """The transpose of `observed`."""
         u = np.zeros(self.body.fes.ndof, complex)
         width = self._scalar.shape[1]
-        for i in range(self.dim):
-            u[i * width : (i + 1) * width] = self._scalar.T @ values[:, i]
+        u[: self.dim * width] = _times(self._turned, values).T.ravel()
         return u
+
+    @cached_property
+    def _turned(self) -> sp.csr_array:
+        return sp.csr_array(self._scalar.T)
 
 
 class Linearised:
@@ -150,14 +153,18 @@ class Linearised:
 
     def push(self, direction: Array) -> Array:
         """J δθ, as `data`."""
-        change = np.empty_like(self.data)
+        return np.array([self.model.observed(u) for u in self.along(direction)])
+
+    def along(self, direction: Array) -> Array:
+        """How waves change, in all unknowns (waves, ndof)."""
+        change = np.empty_like(self.waves)
         fields = direction[: self.model.blocks[BOUNDARY].start]
         driven = self.model.held(direction)
         for k, sensitivity in enumerate(self.sensitivities):
             b = -(sensitivity @ fields)
             if driven[k].any():
                 b -= self.factors.apply(k, driven[k])
-            change[k] = self.model.observed(self.factors.solve(k, b) + driven[k])
+            change[k] = self.factors.solve(k, b) + driven[k]
         self.model.solves.incremental += len(change)
         return change
 
@@ -222,6 +229,12 @@ class Linearised:
         gfu = ngs.GridFunction(self.model.body.fes)
         gfu.vec.FV().NumPy()[:] = u
         return gfu
+
+
+def _times(matrix: sp.csr_array, columns: Array) -> Array:
+    """A real matrix times complex columns, by their parts: scipy would first copy the matrix to complex numbers."""
+    parts = matrix @ np.ascontiguousarray(columns, complex).view(float)
+    return np.asarray(parts.view(complex))
 
 
 def _complex(space: ngs.FESpace) -> ngs.FESpace:

@@ -16,6 +16,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
+from ngbrain.forward.stiffness import definite, elastic
 from ngbrain.inverse.composition import Composition, Whole
 from ngbrain.inverse.direct import uniform_modulus, uniform_shear
 from ngbrain.inverse.discretise import Discretisation
@@ -23,7 +24,6 @@ from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
-from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
 LOSSY = 0.1
@@ -34,8 +34,8 @@ GUESSED = 1e-2
 MODULI = ("youngs", "storage", "loss", "mu")
 BETWEEN = 0.5
 """Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
-DIRECT, FITTED, TURNS = 10_000, 1e-6, 2000
-"""Unknowns from which that fit is iterative, its residual (relative) and iterations at most."""
+ELASTIC = 1e-6
+"""Weight of elastic energy against data in space: it says what waves are where elements reach out of the data."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -82,6 +82,7 @@ class Experiment:
     elements   see `discretise`
     sought     the quantities, by default those of the material
     composition  of which fields they are made, by default of one each
+    waves      (loads, ndof) m that held displacements start from, by default the measured ones
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
     `unknowns(sigma)` are all quantities and the displacements of the boundary.
@@ -93,22 +94,23 @@ class Experiment:
         elements: Discretisation,
         sought: tuple[Quantity, ...] | None = None,
         composition: Composition | None = None,
+        waves: Array | None = None,
     ) -> None:
         self.data, self.elements, self.composition = data, elements, composition or Whole()
         self.sought = quantities(data) if sought is None else _of_material(data, sought)
         self.inside = elements.inside & data.mask
         self.space = ngs.H1(elements.mesh, order=elements.fields)
-        self._fields = {name: ngs.GridFunction(self.space) for name in self._by_field}
+        self._fields = {name: self._uniform(quantity) for name, quantity in self._by_field.items()}
         self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
         """Each quantity as a CoefficientFunction of the fields."""
         self.squeeze = ngs.Parameter(1.0)
         """Factor of the bulk modulus."""
-        waves = [Wave(float(f)) for f in data.frequency]
+        loads = [Wave(float(f)) for f in data.frequency]
         law, bulk = self._material()
         self.body = Harmonic(
             elements.mesh,
             law,
-            waves,
+            loads,
             bulk=self.squeeze * bulk,
             density=data.density,
             form=elements.form,
@@ -117,7 +119,7 @@ class Experiment:
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
-        self.waves = self._in_elements()
+        self.waves = self._in_elements() if waves is None else waves
 
     def uniform(self, unknowns: Fields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""
@@ -176,12 +178,13 @@ class Experiment:
         return field if self.elements.nodal else quantity.floor + ngs.exp(field)
 
     def _start(self, quantity: Quantity) -> tuple[Array, Transform]:
+        start = self._uniform(quantity).vec.FV().NumPy().copy()
+        return start, Log(quantity.floor) if self.elements.nodal else Scaled()
+
+    def _uniform(self, quantity: Quantity) -> ngs.GridFunction:
         uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values
-        if self.elements.nodal:
-            uniform.Set(quantity.start)
-            return uniform.vec.FV().NumPy().copy(), Log(quantity.floor)
-        uniform.Set(float(np.log(quantity.start - quantity.floor)))
-        return uniform.vec.FV().NumPy().copy(), Scaled()
+        uniform.Set(quantity.start if self.elements.nodal else float(np.log(quantity.start - quantity.floor)))
+        return uniform
 
     def _material(self) -> tuple[OfSmallStrain, CoefficientFunction | complex]:
         data, value = self.data, self.values
@@ -248,6 +251,8 @@ class Experiment:
             raise InputError(
                 "displacement", "of which a component is never measured", "all components, or a start of fields"
             )
+        if self.data.dim == 3:
+            return np.array([self._extended(k, load) for k, load in enumerate(self.measured)])
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))
         there, here = evaluation(space, at), evaluation(space, self.model.points)
@@ -256,18 +261,26 @@ class Experiment:
             for i, values in enumerate(load.T):
                 known = ~np.isnan(values)
                 seen = here[known]
-                solve = _solver(sp.csr_array(seen.T @ seen + share * (there.T @ there)))
+                solve = scipy.sparse.linalg.splu(sp.csc_array(seen.T @ seen + share * (there.T @ there))).solve
                 b = seen.T @ values[known] + share * (there.T @ guess[k, :, i])
                 waves[k, i * space.ndof : (i + 1) * space.ndof] = solve(b.real) + 1j * solve(b.imag)
         return waves
 
-
-def _solver(matrix: sp.csr_array) -> Callable[[Array], Array]:
-    """In space a factor of so many unknowns would take longer than that of the waves; what is left of the fit is no matter."""
-    if matrix.shape[0] < DIRECT:
-        return scipy.sparse.linalg.splu(sp.csc_array(matrix)).solve
-    diagonal = matrix.diagonal()
-    return lambda b: truncated_cg(lambda x: matrix @ x, lambda r: r / diagonal, b, FITTED, TURNS)[0]
+    def _extended(self, load: int, measured: Array) -> Array:
+        """Waves with least squares to what is measured, and elastic where elements reach out of the data."""
+        body, order = self.body, self.body.form.order
+        observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
+        known = ~np.isnan(measured)
+        seen = [observe[here] for here in known.T]
+        squares = sp.block_diag([each.T @ each for each in seen])
+        weight = ELASTIC * len(measured)
+        ground = HELD * len(measured) / observe.shape[1] * sp.eye_array(squares.shape[0])
+        solve = definite(sp.coo_array(squares + weight * elastic(body, load, order) + ground))
+        values = [part[here] for part, here in zip(measured.T, known.T, strict=True)]
+        b = np.concatenate([each.T @ part for each, part in zip(seen, values, strict=True)])
+        waves = np.zeros(body.fes.ndof, complex)
+        waves[: len(b)] = solve(b.real) + 1j * solve(b.imag)
+        return waves
 
 
 def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import Linearised
+from ngbrain.inverse.blocks import Extensions
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.normal import FORCING, MOST, Normal
@@ -31,6 +33,8 @@ from ngbrain.solvers.directions import Directions
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
 """Change of the misfit, and of any weight (factor), at which iterations end."""
+SLOW, FALL = 1.3, 2.0
+"""Of `approach`: by how much a step is to lower the misfit for another one to follow; factor of the weights."""
 
 
 class Iterative(GaussNewton):
@@ -39,6 +43,7 @@ class Iterative(GaussNewton):
     policy      what changes the weights, see `weights`
     forcing, most  where conjugate gradients stop: residual as a part of its start, iterations
     checkpoint  .npz that is written after each iteration, or None
+    counting    x → how many numbers of each block the data determine about, where asking the model itself is too dear
     tell, seed  as for `GaussNewton`
 
     Held displacements are unknown too where `reduced.unknowns` has the block "boundary".
@@ -53,13 +58,14 @@ class Iterative(GaussNewton):
         forcing: float = FORCING,
         most: int = MOST,
         checkpoint: str | os.PathLike[str] | None = None,
+        counting: Callable[[Array], Mapping[str, float]] | None = None,
         tell: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         super().__init__(reduced, policy or Evidence(), tell, seed)
-        self.forcing, self.most = forcing, most
+        self.forcing, self.most, self.counting, self.tell = forcing, most, counting, tell
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self.directions = Directions()
+        self.directions, self.extensions = Directions(), Extensions()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
 
@@ -81,15 +87,55 @@ class Iterative(GaussNewton):
             raise InputError("checkpoint", f"{self.checkpoint} of another problem", "the same data, noise and elements")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         history = [Iteration(**entry) for entry in notes["history"]]
+        self._ledger.begun -= history[-1].cpu_s
         return self._down(x, rounds - len(history), history)
 
+    def counts(self, point: Point) -> dict[str, float]:
+        """How many numbers of each block the data determine there: estimates."""
+        return self._normal(point).counts(np.random.default_rng(0))
+
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
-        normal = Normal(Point(self.reduced, x, state), self.iterations, self.forcing, self.most, self.directions)
+        change = np.zeros_like(state.waves)
+        if (
+            balance is not None
+        ):  # waves that fit the equation of motion, as far as it is linear around those of the state
+            change = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
+            state.data = np.array([self.model.observed(u) for u in state.waves + change])
+        point = Point(self.reduced, x, state)
+        normal = self._normal(point)
         dx = normal.solve(-normal.gradient())
-        return normal, dx, np.zeros_like(state.waves)
+        if balance is not None:
+            change += state.along(point.jacobian @ dx)
+        return normal, dx, change
+
+    def _normal(self, point: Point) -> Normal:
+        return Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions, self.counting)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves
+
+    def approach(self, x: Array, waves: Array, rounds: int) -> tuple[Array, Array]:
+        """Unknowns and waves from where `descend` finds its way, from waves (loads, ndof) near the data that need not fit.
+
+        Steps of `from_waves`, each with weights lower by `FALL`, for so many rounds or until the misfit of the fields' own waves
+        hardly falls (`SLOW`).
+        """
+        begun, before = time.process_time(), np.inf
+        for _ in range(rounds):
+            state = self.model.around(self.unknowns.theta(x), waves)
+            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
+            _, dx, du = self._step(x, state, balance)
+            own, step = self.misfit.value(state.data), self._bounded(dx)
+            if own > before / SLOW:
+                break
+            before = own
+            x, waves = x + step * dx, waves + step * du
+            change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
+            cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
+            self.tell(Iteration("waves", 2 * own, self.misfit.count, weights, change, step, cpu_s))
+            for name in self.reduced.weights:
+                self.reduced.weights[name] /= FALL
+        return x, waves
 
     def _bounded(self, dx: Array) -> float:
         # By values at the points of the data: of higher order, unknowns are no values.
@@ -120,7 +166,8 @@ class Iterative(GaussNewton):
     @cached_property
     def _problem(self) -> str:
         """Tells this problem from others, in a checkpoint."""
-        parts = (self.misfit.measured, self.misfit.sigma, self.reduced.unknowns.start, self.model.points)
+        fields = self.reduced.unknowns.start[: self._width]
+        parts = (self.misfit.measured, self.misfit.sigma, fields, self.model.points)
         return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
     def _keep(self, x: Array, history: list[Iteration]) -> None:

@@ -1,0 +1,195 @@
+"""What Gauss-Newton steps in space are preconditioned with, block by block.
+
+Around waves u a change δθ of a field drives like a stress ∂σ/∂θ δθ, which moves the body by about |∂σ/∂θ| δθ/g · |ξ|/(|ξ|² + κ²)
+at wave number ξ, with g the shear stiffness and κ² = ρω²/|g|. So
+
+    H_b ≈ α R_b + Dᵀ M_w S⁻¹ M_w D ,   S = K + κ² M ,   w = |∂σ/∂θ|/g · √n ,   D = ∂θ_b/∂x_b
+
+K stiffness, M mass, M_w the mass matrix weighted with w, n the weight of the data 1/σ² per volume. Its inverse is a block of
+the inverse of the sparse, symmetric, quasi-definite matrix [[αR, Dᵀ M_w], [M_w D, -S]]. Held displacements that are unknown
+are preconditioned by `Extensions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg
+
+from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.errors import SolverError
+from ngbrain.forward.factors import sparse
+from ngbrain.forward.harmonic import Harmonic
+from ngbrain.forward.points import evaluation
+from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
+
+Array = np.ndarray
+Apply = Callable[[Array], Array]
+
+
+STIFF = 0.1
+"""Elastic energy in `Extensions` against the data's, where waves have the length of waves of shear."""
+GROUND = 1e-6
+"""Of all data, what keeps displacements in place where there are none."""
+
+
+class Extensions:
+    """Preconditioner of held displacements: how they would extend into the body, with least
+
+        u·BᵀWB u + τ n/(ρω²) ∫ K (tr ε)² + 2 g ε:ε dx ,
+
+    BᵀWB the data's weights, n their sum over the volume, τ = `STIFF`. The boundary's block of the inverse of that matrix knows
+    that volumes hardly change: what would make the body swell moves all of it, and is dear, the rest moves what is near.
+
+    Made once, with the moduli of then and the weights of components that are the mean of all loads.
+    """
+
+    def __init__(self) -> None:
+        self._made: Apply | None = None
+
+    def of(self, state: Linearised, weight: Array) -> list[Apply]:
+        """For each load about the inverse of the block, for real or imaginary parts of held displacements (m)."""
+        known = weight.mean(axis=1)
+        sizes = [float(np.exp(np.log(each[each > 0]).mean())) for each in known]
+        if self._made is None:
+            shares = [each / size for each, size in zip(known, sizes, strict=True)]
+            self._made = _extended(state.model, np.mean(shares, axis=0))
+        made = self._made
+        return [lambda r, size=size: made(r) / size for size in sizes]  # type: ignore[misc]
+
+
+def _extended(model: WaveModel, weight: Array) -> Apply:
+    body, n = model.body, len(model.points)
+    seen = evaluation(ngs.H1(body.mesh, order=body.form.order), model.points)
+    data = sp.block_diag([w * (seen.T @ seen) for w in weight])
+    ground = GROUND * n / seen.shape[1] * sp.eye_array(data.shape[0])
+    solve = definite(sp.coo_array(n * STIFF * elastic(body, 0, body.form.order) + data + ground))
+
+    def apply(r: Array) -> Array:
+        whole = np.zeros(data.shape[0])
+        whole[model.driving] = r
+        return solve(whole)[model.driving]
+
+    return apply
+
+
+def by_blocks(parts: Mapping[str, Apply], reduced: Reduced) -> Apply:
+    """A preconditioner from those of blocks."""
+
+    def apply(r: Array) -> Array:
+        z = np.empty_like(r)
+        for name, block in reduced.unknowns.blocks.items():
+            z[block] = parts[name](r[block])
+        return z
+
+    return apply
+
+
+def preconditioners(point: Point, extensions: Extensions) -> dict[str, Apply]:
+    """Block → about the inverse of its part of H."""
+    reduced, state = point.reduced, point.state
+    model: WaveModel = reduced.model  # type: ignore[assignment]
+    weight = reduced.misfit.weight(state.data)  # type: ignore[attr-defined]
+    density = _density(model, weight)
+    jacobian = reduced.unknowns.jacobian(point.x)
+    found: dict[str, Apply] = {}
+    for name, block in reduced.unknowns.blocks.items():
+        rows, size = model.blocks[name], block.stop - block.start
+        regular = sp.csr_array((size, size))
+        if name in reduced.regularisers:
+            regular = reduced.weights[name] * reduced.regularisers[name].matrix(point.x[block])
+        inner = jacobian[rows][:, block]
+        if name == BOUNDARY:
+            found[name] = _of_boundary(extensions.of(state, weight), inner)  # type: ignore[arg-type]
+        else:
+            found[name] = _of_field(state, name, density, inner, regular)  # type: ignore[arg-type]
+    return found
+
+
+def regulariser_alone(point: Point) -> dict[str, Apply]:
+    """As `preconditioners`, of the regularisers alone: what they are compared with."""
+    found: dict[str, Apply] = {}
+    for name, block in point.reduced.unknowns.blocks.items():
+        matrix = point.reduced.weights[name] * point.reduced.regularisers[name].matrix(point.x[block])
+        found[name] = _factorised(sp.csc_array(matrix)).solve
+    return found
+
+
+def _of_field(
+    state: Linearised, name: str, density: list[ngs.GridFunction], inner: sp.csr_array, regular: sp.csr_array
+) -> Apply:
+    model, body = state.model, state.model.body
+    space = model.fields[name].space
+    trial, test = space.TnT()
+    squared, wave_number = ngs.CF(0.0), ngs.CF(0.0)
+    for k, wave in enumerate(body.waves):
+        u = ngs.GridFunction(body.fes)
+        u.vec.FV().NumPy()[:] = state.waves[k]
+        stiffness = element_means(body, shear_stiffness(body, wave.omega))
+        squared = (
+            squared + element_means(body, driven(body, wave.omega, u, model.fields[name])) / stiffness**2 * density[k]
+        )
+        wave_number = wave_number + wave.omega**2 * body.density / stiffness / len(body.waves)
+    weighted = _assembled(space, body, ngs.sqrt(squared) * trial * test) @ inner
+    S = _assembled(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
+    whole = sp.csc_array(sp.block_array([[regular, weighted.T], [weighted, -S]]))
+    factor, size = _factorised(whole), regular.shape[0]
+    rest = np.zeros(S.shape[0])
+    return lambda r: factor.solve(np.concatenate([r, rest]))[:size]
+
+
+def _of_boundary(loads: list[Apply], inner: sp.csr_array) -> Apply:
+    scale = inner.diagonal()  # held displacements in units of their own
+
+    def apply(r: Array) -> Array:
+        parts = (r / scale).reshape(2 * len(loads), -1)
+        return np.concatenate([loads[i // 2](part) for i, part in enumerate(parts)]) / scale
+
+    return apply
+
+
+def driven(body: Harmonic, omega: float, u: ngs.GridFunction, field: ngs.GridFunction) -> ngs.CoefficientFunction:
+    """|∂σ/∂θ|² at a strain: of stress without change of volume, by differentiation of the energy."""
+    displacement, _, gradient = body.split(u)
+    strain = body.strain(displacement, gradient).MakeVariable()
+    energy, n = law_of(body, omega).energy(strain), strain.dims[0]
+    one = ngs.GridFunction(field.space)  # NGSolve does not differentiate along a constant
+    one.Set(1.0)
+    total = ngs.CF(0.0)
+    for i, j in np.ndindex(n, n):
+        change = energy.Diff(strain, unit(n, (i, j), 1.0)).Diff(field, one)
+        total = total + change * ngs.Conj(change)
+    return total
+
+
+def _density(model: WaveModel, weight: Array) -> list[ngs.GridFunction]:
+    """Of each load the data's weight per volume (1/m^(2+d)), element by element."""
+    mesh = model.body.mesh
+    volume = np.asarray(ngs.Integrate(1.0, mesh, element_wise=True))
+    found = []
+    for part in weight:
+        density = ngs.GridFunction(ngs.L2(mesh, order=0))
+        sums = np.bincount(model.elements, part.mean(axis=1), minlength=mesh.ne)
+        density.vec.FV().NumPy()[:] = sums / volume
+        found.append(density)
+    return found
+
+
+def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFunction) -> sp.csr_array:
+    form = ngs.BilinearForm(space)
+    form += integrand * ngs.dx(intrules=body.rules)
+    form.Assemble()
+    return sparse(form.mat)
+
+
+def _factorised(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
+    try:
+        return scipy.sparse.linalg.splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError as error:
+        raise SolverError(f"a preconditioner cannot be factorised: {error}") from error
