@@ -11,10 +11,10 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
+from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners, regulariser_alone
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.labels import by_label, shares
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners, regulariser_alone
 from ngbrain.inverse.normal import Normal
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.inverse.regularise import smooth
