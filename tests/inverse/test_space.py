@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, wave_data
 from scipy.spatial.transform import Rotation
+from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.discretise import in_elements
@@ -65,6 +66,15 @@ def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
     assert in_elements(data).form == "P3/P2"
 
 
+@pytest.fixture
+def no_work(monkeypatch):
+    def work(*_, **__):
+        raise AssertionError("minutes of work were begun")
+
+    monkeypatch.setattr("ngbrain.inverse.invert.invert_in_space", work)
+    monkeypatch.setattr("ngbrain.inverse.space.in_elements", work)
+
+
 @pytest.mark.parametrize(
     "choices, words",
     [
@@ -74,9 +84,28 @@ def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
         ({"regulariser": "smoth"}, "regulariser"),
     ],
 )
-def test_bad_choices(choices, words):
+def test_bad_choices(no_work, choices, words):
     with pytest.raises(InputError, match=words):
         invert(wave_data(), **choices)
+
+
+@pytest.mark.parametrize(
+    "choices, words",
+    [
+        ({"noise": -1.0}, "noise"),
+        ({"model_error": np.nan}, "model_error"),
+        ({"regulariser": "auto"}, "regulariser is 'auto'"),
+        ({"regulariser": "smoth"}, "regulariser is 'smoth'"),
+    ],
+)
+def test_bad_choices_of_its_own(no_work, choices, words):
+    with pytest.raises(InputError, match=words):
+        invert_in_space(wave_data(), **choices)
+
+
+def test_data_in_the_plane_are_not_for_it(no_work):
+    with pytest.raises(InputError, match="in the plane"):
+        invert_in_space(waves(n=9))
 
 
 def test_labels_that_are_not_there():
