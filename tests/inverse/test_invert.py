@@ -125,7 +125,8 @@ def test_several_levels_of_uniform_fields():
 
 def test_no_level_is_no_uniform_start():
     found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
-    assert [row.name for row in found.rows] == ["waves", "both"]
+    assert [row.name for row in found.rows] == ["waves", "both"] and found.chosen == "both"
+    assert not any("uniform" in note for note in found.notes)
 
 
 def test_a_hole_in_the_data():
