@@ -76,6 +76,15 @@ def test_exact_data_are_no_more_exact_than_our_elements():
     assert not any("misfit" in note for note in found.notes)
 
 
+def test_the_error_of_our_elements_is_found_too():
+    """On 19² points it is 1.3 times what is assumed of exact data, which is a guess and no level that was given."""
+    data = waves(rheology="elastic", n=19)
+    found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
+    assert found.noise == pytest.approx(1.28 * OURS, rel=0.1)
+    assert found.checks["misfit_over_expected"] == pytest.approx(1, abs=0.2)
+    assert shear_error(data, found.maps) < 0.03
+
+
 def test_noise_is_found_when_it_is_not_given():
     data = replace(Phantom.named("CV-G", 17).measured(0.02, seed=2).data(), noise=None)
     found = invert(data, uniform=False, regulariser="smooth")
