@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import ByLabel
 from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.experiment import Experiment, quantities
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.misfit import Huber, LeastSquares
+from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.priors import priors
 from ngbrain.inverse.quality import noise_of
 from ngbrain.io.waves import WaveData
@@ -70,7 +72,7 @@ def test_other_data(changes, words):
     [
         ({"misfit": Huber}, ["their noise"]),
         ({"prior": "edges"}, ["regularisers"]),
-        ({"noise": 0.03}, ["their noise", START]),
+        ({"noise": 0.03}, ["their noise"]),
         ({"start": 2500.0}, [START, *MATERIAL]),
         ({"order": 2}, ["elements", START, *MATERIAL, "regularisers"]),
         ({"labelled": True}, [START, *MATERIAL, "regularisers"]),
@@ -89,6 +91,20 @@ def test_other_labels():
     moved = replace(data(), labels=(data().points[:, 0] > 0.024).astype(int))
     one, other = (identity(problem(each, labelled=True)) for each in (data(), moved))
     assert differing(one, other) == MATERIAL
+
+
+def test_another_guess_of_unknown_displacements_is_no_other_problem():
+    """But other displacements that are given are."""
+    free = [problem(data()) for _ in range(2)]
+    free[1].unknowns.start[free[1].unknowns.blocks[BOUNDARY]] *= 1.01
+    assert not differing(*map(identity, free))
+    held = [problem(data()) for _ in range(2)]
+    for factor, each in zip((1.0, 1.01), held, strict=True):
+        theta = each.unknowns.theta(each.unknowns.start)
+        theta[each.model.blocks[BOUNDARY]] *= factor
+        fields = {name: unknown for name, unknown in each.unknowns.unknowns.items() if name != BOUNDARY}
+        each.unknowns = Fields(theta, each.model.blocks, fields)
+    assert differing(*map(identity, held)) == [START]
 
 
 def test_fields_keep_their_values():
