@@ -85,7 +85,8 @@ class Harmonic:
                single components, {"x": "side|top", "y": "top"}
     quadrature rules of degree 2 × this on elements; unasked one more than the order
 
-    Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density.
+    Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex
+    constant of NGSolve's as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
 
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.grid import rectangles
@@ -127,6 +128,8 @@ class Harmonic:
         self.boundary_rules = {
             shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)
         }
+        for omega in {wave.omega for wave in self.waves}:
+            self.works(omega, *self.fes.TnT())  # what cannot be differentiated is said now
         self.prescribed = [self._prescribed(wave) for wave in self.waves]
         """Displacement amplitudes of the held unknowns (m), one array for each wave; zero elsewhere."""
 
@@ -158,13 +161,14 @@ class Harmonic:
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
         law = self.law if isinstance(self.law, OfSmallStrain) else self.law(omega)
-        works = [law.energy(strain).Diff(strain, along)]
+        works = [derivative(law.energy(strain), strain, along, "law")]
         if p is not None and self.bulk is not None:
             pressure = p.MakeVariable()
             pressing, pressed = pressure * ngs.Trace(strain), -1 / (2 * self.bulk) * pressure * pressure
-            works += [pressing.Diff(strain, along) + pressing.Diff(pressure, q), pressed.Diff(pressure, q)]
+            works.append(pressing.Diff(strain, along) + pressing.Diff(pressure, q))
+            works.append(derivative(pressed, pressure, q, "bulk"))
         elif self.bulk is not None:
-            works.append((self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain)).Diff(strain, along))
+            works.append(derivative(self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain), strain, along, "bulk"))
         if omega:
             works.append(-(omega**2) * self.inertia(u, v))
         return [self.kinematics.weight() * work for work in works]
@@ -267,6 +271,22 @@ class Harmonic:
 
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
 Change: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
+
+
+def derivative(
+    work: CoefficientFunction, variable: CoefficientFunction, direction: CoefficientFunction, name: str
+) -> CoefficientFunction:
+    """`work.Diff(variable, direction)`; `InputError` about `name` where a complex constant is in it, such as ngs.CF(2000 + 800j).
+
+    NGSolve differentiates complex numbers and real constants, but no complex constant of its own.
+    """
+    try:
+        return work.Diff(variable, direction)
+    except Exception as error:  # NGSolve's has no name in Python
+        if "Diff not implemented" not in str(error):
+            raise
+        wanted = "what NGSolve can differentiate: a number such as 2000 + 800j, or parts of their own, CF(2000) + 1j * CF(800)"
+        raise InputError(name, "made of a complex constant, ngs.CF of a complex number", wanted) from error
 
 
 def _vanishes(work: CoefficientFunction) -> bool:

@@ -22,7 +22,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.factors import Factorised, sparse
-from ngbrain.forward.harmonic import Change, Harmonic
+from ngbrain.forward.harmonic import Change, Harmonic, derivative
 from ngbrain.forward.points import evaluation
 
 Array = np.ndarray
@@ -248,4 +248,4 @@ def _real_along(field: ngs.GridFunction, direction: CoefficientFunction) -> Chan
 
 
 def _along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
-    return lambda work: work.Diff(field, direction)
+    return lambda work: derivative(work, field, direction, "density or absorbing")

@@ -34,6 +34,10 @@ FEWEST = 4
 SHARE, SAMPLES = 0.3, 5
 """Hexahedra count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
 border reach out of the tissue, where waves go on as if it did."""
+NEAR = 1.0
+"""How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
+SAME, SPARSE = 0.01, 50.0
+"""Points are of a grid if their coordinates, to so many of the nearest distance, cross at so many places for each, or fewer."""
 LARGEST = 100_000
 """Displacements that a factor in space may have: larger elements are taken where it would be more."""
 
@@ -99,26 +103,43 @@ def _in_space(data: WaveData, order: int) -> Discretisation:
     """Hexahedra where the points of the mask are, their faces along the coordinates."""
     points = data.points[data.mask]
     low, high = points.min(axis=0), points.max(axis=0)
-    spacing = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+    axes, spacing = _voxels(data)
     fastest = float(data.frequency.max())
     wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
     form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
-    size = max(order * spacing, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
-    tree, near = KDTree(points), spacing  # more than half the diagonal of a voxel
+    along = np.linalg.norm(axes * spacing[:, None], axis=0)  # of a voxel, along each coordinate
+    size = np.maximum(order * along, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
+    tree = KDTree(points @ axes.T / spacing)
     while True:
-        planes = [np.linspace(a, b, max(2, round((b - a) / size) + 1)) for a, b in zip(low, high, strict=True)]
+        planes = [np.linspace(a, b, max(2, round((b - a) / h) + 1)) for a, b, h in zip(low, high, size, strict=True)]
         shape = [len(plane) - 1 for plane in planes]
         lines = [np.linspace(a, b, 2 * SAMPLES * n + 1)[1::2] for a, b, n in zip(low, high, shape, strict=True)]
         samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
-        covered = tree.query(samples, distance_upper_bound=near)[0] < np.inf
+        covered = tree.query(samples @ axes.T / spacing, distance_upper_bound=NEAR)[0] < np.inf
         cells = covered.reshape([part for n in shape for part in (n, SAMPLES)]).mean(axis=(1, 3, 5)) >= SHARE
         if 3 * order**3 * cells.sum() <= LARGEST:
             break
-        size *= 1.05
+        size = 1.05 * size
     mesh = boxes(cells, *planes)
     inside = data.mask.copy()
     inside[data.mask] = in_mesh(mesh, points)
     return Discretisation(mesh, form, max(1, (order + 1) // 2), None, inside)
+
+
+def _voxels(data: WaveData) -> tuple[Array, Array]:
+    """Axes (a unit vector in each row) of the voxels that the points of the mask are, and the spacing along them (m).
+
+    Points that were left of a grid along the coordinates have few values of each; others count as equally far apart.
+    """
+    if data.structured is not None:
+        return data.structured.axes, data.structured.spacing
+    points = data.points[data.mask]
+    nearest = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+    unit = SAME * nearest
+    steps = [np.diff(np.unique(np.round((x - x.min()) / unit))) for x in points.T]
+    if np.prod([len(step) + 1.0 for step in steps]) > SPARSE * len(points):
+        return np.eye(data.dim), np.full(data.dim, nearest)
+    return np.eye(data.dim), np.array([unit * float(np.median(step[step > 1])) for step in steps])
 
 
 def bulk_ratio(data: WaveData) -> float:

@@ -198,7 +198,9 @@ class Experiment:
             bulk = 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson)) * G
         if data.symmetry == "isotropic":
             return Shearing(G), bulk
-        return TransverselyIsotropic(G, value["zeta"], value["phi"], self._fibre()), bulk
+        # Given, so that derivatives need not see into it; without, it is evaluated for each pair of trial and test function.
+        fibre = ngs.CacheCF(self._fibre())
+        return TransverselyIsotropic(G, value["zeta"], value["phi"], fibre), bulk
 
     def _fibre(self) -> CoefficientFunction:
         fibre = self.data.fibre

@@ -85,10 +85,9 @@ class GaussNewton:
         """From fields down to a minimum of J, at weights that settle with it."""
         return self._down(x, rounds, [])
 
-    def _down(self, x: Array, rounds: int, history: list[Iteration]) -> FoundWaves:
+    def _down(self, x: Array, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
         point = self.reduced.at(x)
-        settled = False
-        for _ in range(rounds):
+        for _ in range(0 if settled else rounds):
             conditions, dx, du = self._step(point.x, self._state(point), None)
             step, lower = self._lower(point, dx, du)
             if lower is None:
@@ -96,9 +95,10 @@ class GaussNewton:
             point = lower
             moved = step * dx[: self._width]
             settled = self._ledger.enter("fields", point.x, point.state.data, conditions, moved, step, history)
-            self._keep(point.x, history)
+            settled = settled or self._still(history)
+            self._keep(point.x, history, settled)
             point = Point(self.reduced, point.x, point.state)  # at the new weights
-            if settled := settled or self._still(history):
+            if settled:
                 break
         if not history:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
@@ -108,7 +108,7 @@ class GaussNewton:
         """Whether more iterations would change nothing that matters, though the fields still move."""
         return False
 
-    def _keep(self, x: Array, history: list[Iteration]) -> None:
+    def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
         """Where one that is long writes down how far it is."""
 
     @staticmethod

@@ -6,7 +6,6 @@ products of its step. Weights settle as in `gauss_newton`; what the data determi
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import time
@@ -14,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,6 +26,7 @@ from ngbrain.forward.sensitivity import Linearised
 from ngbrain.inverse.blocks import Extensions
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
+from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Policy
 from ngbrain.solvers.directions import Directions
@@ -77,18 +78,24 @@ class Iterative(GaussNewton):
     def resume(self, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
 
-        Raises `InputError` where there is no checkpoint, or one of another problem.
+        An inversion that had settled is not begun again: what it found comes back, for one forward solve.
+        Raises `InputError` where there is no checkpoint, or one of another problem: it says what differs, see `identity`.
         """
+        wanted = "a file that an inversion has written"
         if self.checkpoint is None or not self.started:
-            raise InputError("checkpoint", str(self.checkpoint), "a file that an inversion has written")
-        with np.load(self.checkpoint) as saved:
-            x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
-        if notes["problem"] != self._problem or set(notes["weights"]) != set(self.reduced.weights):
-            raise InputError("checkpoint", f"{self.checkpoint} of another problem", "the same data, noise and elements")
+            raise InputError("checkpoint", str(self.checkpoint), wanted)
+        try:
+            with np.load(self.checkpoint) as saved:
+                x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
+        except (KeyError, ValueError, OSError, BadZipFile) as error:
+            raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
+        if others := differing(notes.get("problem"), self._problem):
+            found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
+            raise InputError("checkpoint", found, "one of the same problem, or no file there")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         history = [Iteration(**entry) for entry in notes["history"]]
         self._ledger.begun -= history[-1].cpu_s
-        return self._down(x, rounds - len(history), history)
+        return self._down(x, rounds - len(history), history, notes["settled"])
 
     def counts(self, point: Point) -> dict[str, float]:
         """How many numbers of each block the data determine there: estimates."""
@@ -96,9 +103,8 @@ class Iterative(GaussNewton):
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
         change = np.zeros_like(state.waves)
-        if (
-            balance is not None
-        ):  # waves that fit the equation of motion, as far as it is linear around those of the state
+        if balance is not None:
+            # Waves that fit the equation of motion, as far as it is linear around those of the state.
             change = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
             state.data = np.array([self.model.observed(u) for u in state.waves + change])
         point = Point(self.reduced, x, state)
@@ -164,20 +170,18 @@ class Iterative(GaussNewton):
         return bool(now.step == 1 and abs(now.misfit / before.misfit - 1) < STILL and turned < np.log(ALIKE))
 
     @cached_property
-    def _problem(self) -> str:
-        """Tells this problem from others, in a checkpoint."""
-        fields = self.reduced.unknowns.start[: self._width]
-        parts = (self.misfit.measured, self.misfit.sigma, fields, self.model.points)
-        return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+    def _problem(self) -> dict[str, str]:
+        return identity(self.reduced)
 
-    def _keep(self, x: Array, history: list[Iteration]) -> None:
+    def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
         if self.checkpoint is not None:
-            self._save(self.checkpoint, x, history)
+            self._save(self.checkpoint, x, history, settled)
 
-    def _save(self, path: Path, x: Array, history: list[Iteration]) -> None:
+    def _save(self, path: Path, x: Array, history: list[Iteration], settled: bool) -> None:
         notes = {
             "problem": self._problem,
             "weights": self.reduced.weights,
+            "settled": settled,
             "history": [asdict(entry) for entry in history],
         }
         part = path.with_name(f".{path.name}.{os.getpid()}.part")

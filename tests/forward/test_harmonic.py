@@ -40,6 +40,12 @@ REFUSED = {
     "fibre in the plane": (lambda: body(TransverselyIsotropic(1e3, 1, 1, (1, 0)), kinematics=Axisymmetric()).solve(), "fibre"),
     "revolution of a solid": (lambda: body(mesh=cube(1), kinematics=Axisymmetric()), "dimension"),
     "resonance at rest": (lambda: body(waves=[Wave(0.0)]).factorised().detuning(0), "more than 0 Hz"),
+    "complex constant": (lambda: body(Shearing(ngs.CF(2000 + 800j))), r"law is made of a complex constant.*CF\(2000\) \+ 1j"),
+    "complex constant of a law of frequency": (lambda: body(lambda omega: Shearing(ngs.CF(2000 + 1j * omega))), "law is"),
+    "complex constant within": (lambda: body(Shearing(2 * ngs.IfPos(ngs.x, ngs.CF(2e3 + 1j), 1e3))), "law is"),
+    "complex constant of fibres": (lambda: body(TransverselyIsotropic(1e3, 1, ngs.CF(1 + 1j), (1, 0))), "law is"),
+    "complex constant of volume": (lambda: body(bulk=ngs.CF(1e5 + 1e3j)), "bulk is made of a complex constant"),
+    "the same beside a pressure": (lambda: body(bulk=ngs.CF(1e5 + 1e3j), form="P2/P1"), "bulk is made of a complex constant"),
     "lines that fall": (lambda: rectangles(np.array([0, 1, 0.5]), np.array([0, 1])), "growing"),
 }  # fmt: skip
 
@@ -49,6 +55,20 @@ def test_refused(name):
     make, words = REFUSED[name]
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_parts_of_their_own_are_the_number():
+    """What the error about complex constants says to write instead."""
+    mesh = square(2)
+    number, parts, regions = (
+        body(Shearing(modulus), mesh=mesh).solve()[0].vec.FV().NumPy()
+        for modulus in (
+            2000 + 800j,
+            ngs.CF(2000) + 1j * ngs.CF(800),
+            mesh.MaterialCF({".*": 2000}) + 1j * mesh.MaterialCF({".*": 800}),
+        )
+    )
+    assert parts == pytest.approx(number, rel=1e-12) == regions and np.abs(number).max() > 1e-3
 
 
 def test_a_second_factor_where_the_first_is_of_no_use(monkeypatch):

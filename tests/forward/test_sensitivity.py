@@ -296,3 +296,11 @@ def test_bad_input():
     with pytest.raises(InputError, match="theta"):
         of.at(np.full(of.size, np.nan))
     assert sensitivity.BOUNDARY in of.blocks
+
+
+def test_a_complex_constant_of_a_wall_is_told():
+    """It waits until derivatives are asked for: waves themselves do not differentiate it."""
+    at = (made := model(absorbing=[Absorbing("left", ngs.CF(2000 + 700j), 1e4)])).at(made.theta)
+    for product in (at.gradient, at.pull):
+        with pytest.raises(InputError, match="absorbing is made of a complex constant"):
+            product(at.data)

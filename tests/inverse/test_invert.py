@@ -10,7 +10,7 @@ from ngbrain.errors import InputError
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import as_made, bulk_ratio, in_elements
 from ngbrain.inverse.experiment import Experiment, quantities
-from ngbrain.inverse.invert import OURS, invert
+from ngbrain.inverse.invert import ASTRAY, OURS, invert
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.unseen import moduli_of_fibres
 
@@ -20,6 +20,8 @@ BODIES = [
     for rheology in ("elastic", "viscoelastic")
     for volume in ("compressible", "nearly incompressible")
 ]
+
+PHASES = ("waves", "fields")
 
 
 def off(found, truth):
@@ -74,6 +76,15 @@ def test_exact_data_are_no_more_exact_than_our_elements():
     assert not any("misfit" in note for note in found.notes)
 
 
+def test_the_error_of_our_elements_is_found_too():
+    """On 19² points it is 1.3 times what is assumed of exact data, which is a guess and no level that was given."""
+    data = waves(rheology="elastic", n=19)
+    found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
+    assert found.noise == pytest.approx(1.28 * OURS, rel=0.1)
+    assert found.checks["misfit_over_expected"] == pytest.approx(1, abs=0.2)
+    assert shear_error(data, found.maps) < 0.03
+
+
 def test_noise_is_found_when_it_is_not_given():
     data = replace(Phantom.named("CV-G", 17).measured(0.02, seed=2).data(), noise=None)
     found = invert(data, uniform=False, regulariser="smooth")
@@ -87,6 +98,17 @@ def test_too_little_noise_is_told():
     found = invert(data, noise=0.01, uniform=False, regulariser="smooth")
     assert any("misfit" in note for note in found.notes)
     assert found.noise_found == pytest.approx(0.03, rel=0.2)
+
+
+def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
+    """200 times too little: ways down would fit noise for dozens of rounds, and take five times as long."""
+    measured = Phantom.named("CV-G", 13).measured(0.02, seed=3)
+    found = invert(measured.data(), noise=1e-4, uniform=False, regulariser="smooth")
+    ratios = {phase: [each.misfit / each.expected for each in found.history if each.phase == phase] for phase in PHASES}
+    assert max(ratios["waves"]) > ASTRAY > 2 > max(ratios["fields"])
+    assert found.noise == pytest.approx(0.02, rel=0.2) and found.checks["converged"]
+    assert any("times what noise of 0.01 % leaves: the rest counts as model error" in note for note in found.notes)
+    assert measured.errors(found.maps)["storage"] < 0.03
 
 
 def test_starts_are_compared_at_the_same_weights():
@@ -112,7 +134,8 @@ def test_several_levels_of_uniform_fields():
 
 def test_no_level_is_no_uniform_start():
     found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
-    assert [row.name for row in found.rows] == ["waves", "both"]
+    assert [row.name for row in found.rows] == ["waves", "both"] and found.chosen == "both"
+    assert not any("uniform" in note for note in found.notes)
 
 
 def test_a_hole_in_the_data():

@@ -148,16 +148,33 @@ def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     first, search = problem(weight=1e4)
     Iterative(first, most=5, checkpoint=tmp_path / "part.npz").descend(search.start, 1)
+    moved, heavier = problem(weight=1e4)[0], problem(weight=1e4)[0]
+    moved.misfit.measured[0, 0, 0] *= 1.001
+    heavier.model.body.density *= 1.001
+    for other, words in ((moved, "other measured displacements;"), (heavier, "other material, density or fibres;")):
+        with pytest.raises(InputError, match=words):
+            Iterative(other, checkpoint=tmp_path / "part.npz").resume()
+
+
+def test_what_has_settled_is_not_begun_again(tmp_path):
+    first, search = problem(weight=1e4)
+    found = Iterative(first, Given(), checkpoint=tmp_path / "whole.npz").descend(search.start, 20)
     second, _ = problem(weight=1e4)
-    second.misfit.measured[0, 0, 0] *= 1.001
-    with pytest.raises(InputError, match="another problem"):
-        Iterative(second, checkpoint=tmp_path / "part.npz").resume()
+    told = []
+    resumed = Iterative(second, Given(), checkpoint=tmp_path / "whole.npz", tell=told.append).resume(21)
+    assert found.converged and resumed.converged and not told
+    assert np.array_equal(resumed.x, found.x) and resumed.history == found.history
+    assert resumed.value == pytest.approx(found.value, rel=1e-12) and resumed.weights == found.weights
+    assert second.model.solves.factorisations == 1
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path):
     reduced, _ = problem()
-    with pytest.raises(InputError):
-        Iterative(reduced, checkpoint=tmp_path / "none.npz").resume()
+    (tmp_path / "cut.npz").write_bytes(b"PK and no more")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    for name in ("none.npz", "cut.npz", "other.npz"):
+        with pytest.raises(InputError, match="checkpoint"):
+            Iterative(reduced, checkpoint=tmp_path / name).resume()
 
 
 def test_boundary_that_is_off_is_put_right():

@@ -6,6 +6,8 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, wave_data
+from scipy.spatial.transform import Rotation
+from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.discretise import in_elements
@@ -64,6 +66,15 @@ def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
     assert in_elements(data).form == "P3/P2"
 
 
+@pytest.fixture
+def no_work(monkeypatch):
+    def work(*_, **__):
+        raise AssertionError("minutes of work were begun")
+
+    monkeypatch.setattr("ngbrain.inverse.invert.invert_in_space", work)
+    monkeypatch.setattr("ngbrain.inverse.space.in_elements", work)
+
+
 @pytest.mark.parametrize(
     "choices, words",
     [
@@ -73,14 +84,73 @@ def test_tissue_that_hardly_changes_its_volume_gets_a_pressure():
         ({"regulariser": "smoth"}, "regulariser"),
     ],
 )
-def test_bad_choices(choices, words):
+def test_bad_choices(no_work, choices, words):
     with pytest.raises(InputError, match=words):
         invert(wave_data(), **choices)
+
+
+@pytest.mark.parametrize(
+    "choices, words",
+    [
+        ({"noise": -1.0}, "noise"),
+        ({"model_error": np.nan}, "model_error"),
+        ({"regulariser": "auto"}, "regulariser is 'auto'"),
+        ({"regulariser": "smoth"}, "regulariser is 'smoth'"),
+    ],
+)
+def test_bad_choices_of_its_own(no_work, choices, words):
+    with pytest.raises(InputError, match=words):
+        invert_in_space(wave_data(), **choices)
+
+
+def test_data_in_the_plane_are_not_for_it(no_work):
+    with pytest.raises(InputError, match="in the plane"):
+        invert_in_space(waves(n=9))
 
 
 def test_labels_that_are_not_there():
     with pytest.raises(InputError, match="labels"):
         invert(replace(wave_data(), labels=None), labelled=True)
+
+
+def voxels(spacing, turn, side=0.048):
+    """Which points of a block of such voxels are in a ball, and data at all."""
+    lines = [np.arange(0, side + h / 2, h) for h in spacing]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
+    u = 1e-5 * np.stack([np.exp(-2j * np.pi * points[:, i] / 8e-3) for i in (1, 2, 0)], axis=1)[None]
+    ball = np.linalg.norm(points - side / 2, axis=1) < 0.021
+    return ball, WaveData(points @ turn, u, [50.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5)
+
+
+@pytest.fixture
+def short_waves(monkeypatch):
+    """Of 8 mm whatever the data: elements are then as small as voxels allow."""
+    monkeypatch.setattr("ngbrain.inverse.discretise.uniform_shear", lambda data: data.density * (50.0 * 8e-3) ** 2)
+
+
+TURNED = Rotation.from_euler("xyz", (5, 80, 5), degrees=True).as_matrix()
+
+
+@pytest.mark.parametrize("spacing", [(2e-3, 2e-3, 2e-3), (2e-3, 2e-3, 6e-3), (6e-3, 1.5e-3, 3e-3)])
+@pytest.mark.parametrize("kind", ["masked", "turned", "left over"])
+def test_elements_cover_long_voxels_too(short_waves, spacing, kind):
+    """Whether the grid is known or only the points that are left of it, and along the coordinates or not."""
+    ball, data = voxels(spacing, TURNED if kind == "turned" else np.eye(3))
+    if kind == "left over":
+        chosen = replace(
+            data, points=data.points[ball], displacement=data.displacement[:, ball], mask=None, dirichlet=None
+        )
+    else:
+        chosen = replace(data, mask=ball, dirichlet=None)
+    assert (chosen.structured is None) == (kind == "left over")
+    elements = in_elements(chosen, 1)
+    assert elements.inside[chosen.mask].mean() > 0.98 and not elements.inside[~chosen.mask].any()
+    assert ngs.Integrate(1, elements.mesh) == pytest.approx(1.25 * 4 / 3 * np.pi * 0.021**3, rel=0.1)
+
+
+def test_elements_are_no_shorter_than_voxels(short_waves):
+    data = voxels((2e-3, 2e-3, 6e-3), np.eye(3))[1]
+    assert in_elements(data, 2).mesh.ne == 12 * 12 * 4
 
 
 @pytest.mark.parametrize("n, order", [(11, 1), (12, 2), (31, 3)])

@@ -239,7 +239,9 @@ def test_the_truth_under_the_names_of_the_answers():
     nu = 0.5 - E / 6e5
     assert by_bulk.truth_views["storage"] == pytest.approx(E / (2 * (1 + nu))) and not by_bulk.truth_views["loss"].any()
     assert list(plane().truth_views) == ["mu", "zeta", "phi", "storage", "loss"]
-    assert list(replace(plane(), rheology="elastic").truth_views) == ["mu", "zeta", "phi"]
+    more = {**plane().truth, "shear": plane().truth["mu"]}
+    for truth in (plane().truth, more):  # fibres have no Young's modulus
+        assert list(replace(plane(), rheology="elastic", truth=truth).truth_views) == ["mu", "zeta", "phi"]
     lossy = replace(plane(), rheology="viscoelastic", truth={**plane().truth, "mu": (1 + 0.2j) * plane().truth["mu"]})
     assert lossy.truth_views["loss"] == pytest.approx(0.2 * lossy.truth_views["storage"])
 

@@ -1,0 +1,104 @@
+"""What tells one inversion's problem from another, part by part: a checkpoint is of use for its own alone.
+
+Parts are told apart by what they do, not by what they are called: the matrices A(θ) of the waves by A(θ) u, regularisers by
+their slopes, the misfit by its slope, all at one x and u that are drawn at random, so that nothing cancels.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.sensitivity import BOUNDARY
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ngbrain.adjoint.reduced import Reduced
+    from ngbrain.forward.sensitivity import WaveModel
+    from ngbrain.inverse.misfit import LeastSquares
+
+Array = np.ndarray
+ASIDE = 0.1
+"""How far from its start x is drawn (rms)."""
+FAR = 10.0
+"""Residual (standard deviations) at which misfits are compared: there outliers count as such."""
+
+
+def identity(reduced: Reduced) -> dict[str, str]:
+    """Part of the problem → a hash of it; parts are named so that "… differ" makes sense.
+
+    The model is a `WaveModel`, the misfit `LeastSquares` or made of it. Nothing is factorised, the fields keep their values.
+    Where the boundary's displacements are unknown, another guess of them is no other problem.
+    """
+    model: WaveModel = reduced.model  # type: ignore[assignment]
+    misfit: LeastSquares = reduced.misfit  # type: ignore[assignment]
+    unknowns, random = reduced.unknowns, np.random.default_rng(0)
+    x = unknowns.start + ASIDE * random.normal(size=len(unknowns.start))
+    theta = unknowns.theta(x)
+    starts = [unknowns.start[block] for name, block in unknowns.blocks.items() if name != BOUNDARY]
+    known = theta if BOUNDARY not in unknowns.blocks else theta[: model.blocks[BOUNDARY].start]
+    slopes = [regulariser.slope(x[unknowns.blocks[name]]) for name, regulariser in sorted(reduced.regularisers.items())]
+    mesh = model.body.mesh
+    return {
+        "measured displacements": _hash(misfit.measured, misfit.known),
+        "their noise": _hash(misfit.slope(misfit.measured + FAR * misfit.sigma)),
+        "points": _hash(model.points),
+        "elements": _hash(
+            str(model.body.form), [v.point for v in mesh.vertices], [len(e.vertices) for e in mesh.Elements()]
+        ),
+        "frequencies": _hash([wave.frequency for wave in model.body.waves]),
+        "unknowns or their start": _hash(" ".join(unknowns.blocks), *starts, known),
+        "material, density or fibres": _hash(*_images(model, theta, random)),
+        "regularisers": _hash(" ".join(sorted(reduced.regularisers)), *slopes),
+    }
+
+
+def differing(one: object, other: Mapping[str, str]) -> list[str]:
+    """Names of the parts of `other` that `one` has not, or has others of.
+
+    >>> differing({"points": "a", "elements": "b"}, {"points": "a", "elements": "c"})
+    ['elements']
+    """
+    known = one if isinstance(one, Mapping) else {}
+    return [name for name, value in other.items() if known.get(name) != value]
+
+
+def _images(model: WaveModel, theta: Array, random: np.random.Generator) -> list[Array]:
+    """A(θ) u for each frequency, then the loads."""
+    body = model.body
+    u, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
+    u.vec.FV().NumPy()[:] = random.normal(size=(2, body.fes.ndof)).T @ [1, 1j]
+    images = []
+    with _at(model, theta):
+        for omega in sorted({wave.omega for wave in body.waves}):
+            form = ngs.LinearForm(body.fes)
+            form += body.terms(omega, u, test, lambda work: work)
+            form.Assemble()
+            images.append(form.vec.FV().NumPy().copy())
+    return images + [body.pushed(k) for k in range(len(body.waves))]
+
+
+@contextmanager
+def _at(model: WaveModel, theta: Array) -> Iterator[None]:
+    """Fields at θ, for a while: an inversion may be under way."""
+    before = {name: field.vec.FV().NumPy().copy() for name, field in model.fields.items()}
+    try:
+        for name, field in model.fields.items():
+            field.vec.FV().NumPy()[:] = theta[model.blocks[name]]
+        yield
+    finally:
+        for name, field in model.fields.items():
+            field.vec.FV().NumPy()[:] = before[name]
+
+
+def _hash(*parts: object) -> str:
+    found = hashlib.sha256()
+    for part in parts:
+        found.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
+    return found.hexdigest()
