@@ -44,7 +44,13 @@ def symbol(field: str) -> str:
     return f"{PARAMETERS[name].symbol} of {label}" if label else PARAMETERS[name].symbol
 
 
-STARTS = {"waves": "measured waves (convex)", "uniform": "uniform fields", "both": "measured waves, then descent"}
+STARTS = {
+    "waves": "measured waves (convex)",
+    "uniform": "uniform fields",
+    "both": "measured waves, then descent",
+    "zones": "zones, each for itself",
+    "pass 1": "zones among their neighbours",
+}
 """What the rows of the table of starts are."""
 
 
@@ -74,7 +80,7 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
         ratio = number(start["misfit"] / start["expected_misfit"])
         texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), number(start["cpu_s"])]
         kept = "kept" if name == result["chosen"] else ""
-        rows.append(Row(STARTS[name], kept, [(text, "") for text in texts]))
+        rows.append(Row(STARTS.get(name, name), kept, [(text, "") for text in texts]))
     return rows
 
 
