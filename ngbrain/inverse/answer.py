@@ -84,7 +84,9 @@ class Answer:
         except (OSError, KeyError, ValueError) as error:
             raise InputError("checkpoint", f"{path}, which cannot be read", "what an inversion has written") from error
         if rest.pop("problem") != problem:
-            raise InputError("checkpoint", f"{path} of another problem", "the same data, noise and zones")
+            raise InputError(
+                "checkpoint", f"{path} of another problem", "the same data, noise and zones, or another folder"
+            )
         history = [Iteration(**each) for each in rest.pop("history")]
         return Answer(maps=maps, predicted=predicted, history=history, solves=Solves(**rest.pop("solves")), **rest)
 

@@ -24,8 +24,8 @@ from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
-LARGEST = 50_000
-"""Displacements of which a factor is made for this; it takes about 2 GiB and a minute or two of CPU time."""
+LARGEST = 40_000
+"""Displacements of which a factor is made for this: 32 000, two loads, took 1.6 GiB and 89 s of CPU time."""
 
 
 def level_as_one_body(

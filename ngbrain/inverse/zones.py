@@ -72,7 +72,7 @@ def cut(data: WaveData, size: float, overlap: float) -> list[Zone]:
     touching = TOUCHING * spacing(data)
     zones, numbers = [], np.flatnonzero(data.mask)
     for a, b in _boxes(points, low, high, size, overlap):
-        near = np.all((points > a - overlap / 2) & (points < b + overlap / 2), axis=1)
+        near = _within(points, a, b, overlap)
         near[near] = _in_large_pieces(points[near], touching)
         if near.any():
             reach = [
@@ -152,14 +152,11 @@ def _boxes(points: Array, low: Array, high: Array, size: float, overlap: float) 
     inside = points[np.all((points > low) & (points < high), axis=1)]
     if not len(inside):
         return []
-    grown = overlap / 2 * (np.isfinite(low).astype(int) + np.isfinite(high))
-    length = np.ptp(inside, axis=0) + grown
+    length = np.ptp(points[_within(points, low, high, overlap)], axis=0)
     axis = int(np.argmax(length))
     if length[axis] <= size * (1 + 1e-9):
         return [(low, high)]
-    along = np.ptp(inside[:, axis])
-    # A box in the middle of a row gains twice what one at an end does.
-    number = max(2, int(np.ceil((along - (overlap - grown[axis])) / (size - overlap) - 1e-9)))
+    number = max(2, int(np.ceil((length[axis] - overlap) / (size - overlap) - 1e-9)))
     values, counts = np.unique(inside[:, axis], return_counts=True)
     if len(values) < 2:
         return [(low, high)]
@@ -169,6 +166,10 @@ def _boxes(points: Array, low: Array, high: Array, size: float, overlap: float) 
     upper, lower = high.copy(), low.copy()
     upper[axis] = lower[axis] = plane
     return _boxes(points, low, upper, size, overlap) + _boxes(points, lower, high, size, overlap)
+
+
+def _within(points: Array, low: Array, high: Array, overlap: float) -> Array:
+    return np.all((points > low - overlap / 2) & (points < high + overlap / 2), axis=1)
 
 
 def _in_large_pieces(points: Array, reach: float) -> Array:

@@ -3,12 +3,14 @@
 import json
 from dataclasses import replace
 
+import ball_in_bar
 import numpy as np
 import pytest
 from planewaves import RHO, grid, shear_waves, wave_number
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.inverse.files import finite
+from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.io.waves import WaveData
 
@@ -128,3 +130,16 @@ def test_a_checkpoint_that_is_no_folder(tmp_path):
     (tmp_path / "taken").write_text("by a file")
     with pytest.raises(InputError, match=r"checkpoint is .*taken; wanted: a folder"):
         invert_by_subzones(wave_data(), **ZONES, checkpoint=tmp_path / "taken")
+
+
+@pytest.mark.slow
+def test_zones_find_a_ball_that_their_cut_goes_through_as_one_inversion_does():
+    data = ball_in_bar.wave_data()
+    whole, zones = invert_in_space(data), invert_by_subzones(data, processes=2)
+    away = ball_in_bar.away(data.points)
+    inside, outside = away < ball_in_bar.RADIUS - 2e-3, away > ball_in_bar.RADIUS + 3e-3
+    assert zones.model["zones"] == 2
+    for name in whole.maps:
+        off = np.log(zones.maps[name] / whole.maps[name])
+        print("\n", name, np.exp(np.median(off[inside])), np.exp(np.median(off[outside])), np.sqrt(np.mean(off**2)))
+    print(zones.checks, whole.checks)
