@@ -10,7 +10,7 @@ from ngbrain.inverse.labels import by_label, shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 
-SIDES, RADIUS = (0.05, 0.025, 0.025), 0.008
+SIDES, RADIUS = (0.06, 0.035, 0.035), 0.012
 SOFT, STIFF = 4000.0 + 1600.0j, 8000.0 + 3200.0j
 HERTZ, SPACING = 80.0, 2.5e-3
 WAVES = [

@@ -123,13 +123,19 @@ def test_data_in_space(tmp_path, capsys):
 def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 1.0)  # two of them
     points = grid(16, 8, 8, spacing=3e-3)
-    data = WaveData(points, shear_waves(points, SHEAR)[None], [50.0], RHO, "isotropic", "viscoelastic", bulk=2e5)
+    labels = 1 + (points[:, 1] > 0.01)
+    kind = ("isotropic", "viscoelastic")
+    data = WaveData(points, shear_waves(points, SHEAR)[None], [50.0], RHO, *kind, bulk=2e5, labels=labels)
     write_waves(tmp_path / "space.npz", data.with_noise(0.02, seed=0))
-    status, out, errors = run(capsys, tmp_path / "space.npz", "-o", tmp_path / "out", "--subzones")
+    status, out, errors = run(capsys, tmp_path / "space.npz", "-o", tmp_path / "out", "--subzones", "--by-label")
     assert status == 0 and not errors
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["model"]["zones"] == 2 and result["chosen"] == "pass 1"
+    assert set(result["by_label"]["storage"]) == set("12") and set(result["model"]["weights"]) >= {
+        "storage 1",
+        "storage 2",
+    }
     assert result["answers"]["storage"]["median"] == pytest.approx(SHEAR.real, rel=0.1)
     assert all(word in out for word in ("zones among their neighbours", "Zones", "differ"))
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from ngbrain import pool
 from ngbrain.adjoint.reduced import Regulariser
-from ngbrain.errors import InputError, NgbrainError, SolverError
+from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
 from ngbrain.inverse.answer import Answer, told
 from ngbrain.inverse.consistent import Neighbourhood, invert_among
 from ngbrain.inverse.direct import uniform_shear
@@ -69,7 +69,8 @@ def invert_by_subzones(
     tell        called with each iteration of a zone; its phase says which
 
     `checks` has `disagreement_NAME_first` and `disagreement_NAME`, the rms difference of two zones' ln of a modulus where they
-    overlap, before and after the passes, and `misfit_over_expected` of the waves that all zones predict together.
+    overlap, before and after the passes; `misfit_over_expected` of the waves that all zones predict together; and, unless the body
+    is too large (`one_body`), `misfit_as_one_body` of the joined maps in one wave problem of all.
 
     Raises `InputError` for data in the plane, negative noise, a size that no zone can have, labels that are not there, a
     checkpoint of another problem; `SolverError`, naming the zone, where one fails or its process dies.
@@ -109,9 +110,9 @@ def invert_by_subzones(
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
-        for name, zone, (own, chosen) in zip(names, zones, parts, strict=True):
+        for name, zone, answer, (own, chosen) in zip(names, zones, last.answers, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
-            tasks.append((name, _among, (f"{name}, pass {i + 1}", own, around, common)))
+            tasks.append((name, _among, (f"{name}, pass {i + 1}", own, around, answer, common)))
         found.append(Together(data, zones, list(pool.run(tasks, processes, hear).values())))
     return concluded(found, noise=common.noise, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
@@ -130,16 +131,16 @@ class Common:
         """Smooth fields; with the body's length in place of the zone's, weights mean the same in all."""
         return smooth(space, reference, extent(space) / self.length)
 
-    def kept(self, name: str, problem: str, invert: Callable[[Path | None], Inversion]) -> Answer:
+    def kept(self, name: str, problem: str, invert: Callable[[Path | None], Answer]) -> Answer:
         """A zone's answer, from its file where there is one; `invert` takes the checkpoint of its iterations."""
         try:
             if self.folder is None:
-                return Answer.of(invert(None))
+                return invert(None)
             stem = name.replace(" ", "-").replace(",", "")
             whole, going = self.folder / f"{stem}.npz", self.folder / f"{stem}.part.npz"
             if whole.exists():
                 return Answer.load(whole, problem)
-            answer = Answer.of(invert(going))
+            answer = invert(going)
             answer.save(whole, problem)
             going.unlink(missing_ok=True)
             return answer
@@ -151,8 +152,8 @@ class Common:
 
 
 def _alone(name: str, data: PartOfWaves, common: Common, *, tell: pool.Tell) -> Answer:
-    def invert(checkpoint: Path | None) -> Inversion:
-        return invert_in_space(
+    def invert(checkpoint: Path | None) -> Answer:
+        found = invert_in_space(
             data,
             noise=common.noise,
             regulariser=common.prior,
@@ -161,23 +162,30 @@ def _alone(name: str, data: PartOfWaves, common: Common, *, tell: pool.Tell) -> 
             checkpoint=checkpoint,
             tell=_named(name, tell),
         )
+        return Answer.of(found)
 
     return common.kept(name, told(data, replace(common, folder=None)), invert)
 
 
-def _among(name: str, data: PartOfWaves, around: Neighbourhood, common: Common, *, tell: pool.Tell) -> Answer:
-    def invert(checkpoint: Path | None) -> Inversion:
-        return invert_among(
-            data,
-            around,
-            common.prior,
-            noise=common.noise,
-            floor=LEAST,
-            labelled=common.labelled,
-            rounds=common.rounds,
-            checkpoint=checkpoint,
-            tell=_named(name, tell),
-        )
+def _among(
+    name: str, data: PartOfWaves, around: Neighbourhood, before: Answer, common: Common, *, tell: pool.Tell
+) -> Answer:
+    def invert(checkpoint: Path | None) -> Answer:
+        try:
+            found = invert_among(
+                data,
+                around,
+                common.prior,
+                noise=common.noise,
+                floor=LEAST,
+                labelled=common.labelled,
+                rounds=common.rounds,
+                checkpoint=checkpoint,
+                tell=_named(name, tell),
+            )
+        except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
+            return before
+        return Answer.of(found)
 
     return common.kept(name, told(data, replace(common, folder=None), around.known), invert)
 

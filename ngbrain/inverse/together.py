@@ -81,7 +81,7 @@ class Together:
         energies: dict[str, float] = {}
         for answer in self.answers:
             for name, weight in answer.weights.items():
-                number = max(answer.determined[name], NONE)
+                number = max(answer.determined.get(name, 0.0), NONE)
                 numbers[name] = numbers.get(name, 0.0) + number
                 energies[name] = energies.get(name, 0.0) + number / weight
         return {name: number / energies[name] for name, number in numbers.items()}

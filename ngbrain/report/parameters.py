@@ -108,7 +108,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     if "bulk_change_over_noise" in checks:
         moved = number(checks["bulk_change_over_noise"])
         pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
-    if "zones" in model:
+    if model.get("zones", 1) > 1:
         apart = ", ".join(
             f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, at first {percent(checks[f'disagreement_{name}_first'])}"
             for name in result["answers"]

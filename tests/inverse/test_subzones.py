@@ -1,6 +1,7 @@
 """Waves inverted zone by zone: moduli of plane waves, the same in one process and in two, and after a stop; bad input."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import ball_in_bar
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from planewaves import RHO, grid, shear_waves, wave_number
 
-from ngbrain.errors import InputError, SolverError
+from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.files import finite
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.subzones import invert_by_subzones
@@ -85,6 +86,18 @@ def test_a_stopped_inversion_goes_on_and_one_process_answers_as_two_did(kept):
         np.testing.assert_array_equal(values, again.maps[name])
 
 
+def test_a_zone_that_finds_nothing_lower_keeps_what_it_had(kept, tmp_path, monkeypatch):
+    def stuck(*_, **__):
+        raise ConvergenceError("no step lowers the objective")
+
+    found, folder, _ = kept
+    for path in folder.glob("zone-?-of-2.npz"):
+        shutil.copy(path, tmp_path)
+    monkeypatch.setattr("ngbrain.inverse.subzones.invert_among", stuck)
+    again = invert_by_subzones(wave_data(), **ZONES, checkpoint=tmp_path)
+    np.testing.assert_array_equal(again.maps["storage"], found.rows[0].maps["storage"])
+
+
 def test_a_checkpoint_of_another_problem(kept):
     _, folder, _ = kept
     with pytest.raises(InputError, match=r"^zone 1 of 2: checkpoint is .*another problem; wanted: the same data"):
@@ -137,7 +150,7 @@ def test_zones_find_a_ball_that_their_cut_goes_through_as_one_inversion_does():
     data = ball_in_bar.wave_data()
     whole, zones = invert_in_space(data), invert_by_subzones(data, processes=2)
     away = ball_in_bar.away(data.points)
-    inside, outside = away < ball_in_bar.RADIUS - 2e-3, away > ball_in_bar.RADIUS + 3e-3
+    inside, outside = away < ball_in_bar.RADIUS - 3e-3, away > ball_in_bar.RADIUS + 3e-3
     assert zones.model["zones"] == 2
     for name in whole.maps:
         off = np.log(zones.maps[name] / whole.maps[name])
