@@ -31,7 +31,7 @@ def no_run(monkeypatch):
     def run(*_):
         raise AssertionError("hours of work were begun")
 
-    monkeypatch.setattr("ngbrain.surgery.pool.run", run)
+    monkeypatch.setattr("ngbrain.pool.run", run)
 
 
 @pytest.mark.parametrize(

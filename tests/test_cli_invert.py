@@ -120,6 +120,41 @@ def test_data_in_space(tmp_path, capsys):
     assert "Storage modulus" in capsys.readouterr().out
 
 
+def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 1.0)  # two of them
+    points = grid(16, 8, 8, spacing=3e-3)
+    labels = 1 + (points[:, 1] > 0.01)
+    kind = ("isotropic", "viscoelastic")
+    data = WaveData(points, shear_waves(points, SHEAR)[None], [50.0], RHO, *kind, bulk=2e5, labels=labels)
+    write_waves(tmp_path / "space.npz", data.with_noise(0.02, seed=0))
+    status, out, errors = run(capsys, tmp_path / "space.npz", "-o", tmp_path / "out", "--subzones", "--by-label")
+    assert status == 0 and not errors
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["model"]["zones"] == 2 and result["chosen"] == "pass 1"
+    assert set(result["by_label"]["storage"]) == set("12") and set(result["model"]["weights"]) >= {
+        "storage 1",
+        "storage 2",
+    }
+    assert result["answers"]["storage"]["median"] == pytest.approx(SHEAR.real, rel=0.1)
+    assert all(word in out for word in ("zones among their neighbours", "Zones", "differ"))
+
+
+def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
+    chosen = {}
+
+    def caught(data, **options):
+        chosen.update(options)
+        raise SolverError("zone 1 of 2: seen enough")
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert_by_subzones", caught)
+    options = ("--subzones", "--threads", 2, "--by-label", "--noise", 0.03, "-q")
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *options)
+    assert status == 3 and "zone 1 of 2: seen enough" in lines[0]
+    told = {"processes": 2, "labelled": True, "noise": 0.03, "checkpoint": tmp_path / "out" / "zones"}
+    assert {name: chosen[name] for name in told} == told
+
+
 @pytest.mark.parametrize(("starts", "levels"), [("waves", ()), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))])
 def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, starts, levels):
     chosen = {}
@@ -144,6 +179,9 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
+        (["--subzones", "--weight", "l-curve"], ["--weight is l-curve", "evidence with --subzones"]),
+        (["--subzones", "--discretisation", "data"], ["--discretisation is data", "left out with --subzones"]),
+        (["--subzones"], ["waves.npz: points is in the plane"]),
     ],
 )
 def test_bad_options(tmp_path, capsys, monkeypatch, waves, no_work, arguments, words):

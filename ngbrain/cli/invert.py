@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -13,8 +14,10 @@ from ngbrain.errors import InputError, SolverError, require
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.files import finite, write_inversion
 from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
@@ -27,6 +30,14 @@ from ngbrain.threads import threads
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
 STARTS = {"waves": (), "many": (0.5, 0.7, 1.0, 1.4, 2.0)}
 """Levels of uniform fields to start from, see `invert`."""
+IN_ZONES = {
+    "--model-error": (0.0,),
+    "--discretisation": (None, "fe"),
+    "--regulariser": ("smooth", "auto"),
+    "--weight": ("evidence",),
+    "--starts": ("all",),
+}
+"""What zones take of the other options."""
 SEED = 0
 """Of the probes that estimate how much the data determine."""
 
@@ -66,6 +77,11 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         action="store_true",
         help="fields of their own for each label of DATA, which jump where labels meet",
     )
+    parser.add_argument(
+        "--subzones",
+        action="store_true",
+        help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
+    )
     parser.set_defaults(verb=run)
     return parser
 
@@ -83,19 +99,8 @@ def run(arguments: argparse.Namespace) -> None:
             line.tell(_round(iteration, len(rounds)))
 
         line.tell("reading")
-        chosen = arguments.discretisation
         try:
-            inversion = invert(
-                data,
-                DISCRETISATIONS[chosen](data) if chosen else None,
-                noise=arguments.noise,
-                model_error=arguments.model_error,
-                regulariser=arguments.regulariser,
-                weight=arguments.weight,
-                levels=STARTS.get(arguments.starts, (1.0,)),
-                labelled=arguments.by_label,
-                tell=tell,
-            )
+            inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
@@ -116,6 +121,35 @@ def run(arguments: argparse.Namespace) -> None:
         print(summary(result), f"report: {report}", sep="\n")
 
 
+def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
+    chosen = arguments.discretisation
+    return invert(
+        data,
+        DISCRETISATIONS[chosen](data) if chosen else None,
+        noise=arguments.noise,
+        model_error=arguments.model_error,
+        regulariser=arguments.regulariser,
+        weight=arguments.weight,
+        levels=STARTS.get(arguments.starts, (1.0,)),
+        labelled=arguments.by_label,
+        tell=tell,
+    )
+
+
+def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
+    kept = arguments.output / "zones"
+    inversion = invert_by_subzones(
+        data,
+        noise=arguments.noise,
+        processes=arguments.threads,
+        labelled=arguments.by_label,
+        checkpoint=kept,
+        tell=tell,
+    )
+    shutil.rmtree(kept)
+    return inversion
+
+
 def _checked(arguments: argparse.Namespace) -> WaveData:
     """The data; what is wrong or missing is said before the work begins."""
     for package in ("matplotlib", "jinja2"):
@@ -123,6 +157,11 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     for option, level in (("--noise", arguments.noise), ("--model-error", arguments.model_error)):
         if level is not None and not 0 <= level <= 10:
             raise InputError(option, level, "relative, from 0 to 10 (0.02: two per cent)")
+    if arguments.subzones:
+        for option, wanted in IN_ZONES.items():
+            given = getattr(arguments, option.removeprefix("--").replace("-", "_"))
+            if given not in wanted:
+                raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
     folder: Path = arguments.output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
@@ -151,5 +190,5 @@ def summary(result: dict[str, Any]) -> str:
 
 
 def _round(iteration: Iteration, number: int) -> str:
-    start = {"waves": "measured waves", "fields": "descent"}[iteration.phase]
+    start = {"waves": "measured waves", "fields": "descent"}.get(iteration.phase, iteration.phase)
     return f"round {number}, {start}: misfit {iteration.misfit / iteration.expected:.3g} times what is expected"

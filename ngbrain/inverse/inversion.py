@@ -168,8 +168,7 @@ def concluded(
         "resonance_distance": resonance_distance(data, state.factors),
     }
     ratio = best.level.ratio
-    if ratio > 1.25 or (ratio < 0.8 and noise > floor):
-        notes.append(f"the misfit is {ratio:.2f} times what noise of {100 * noise:.3g} % leaves: it is not that")
+    notes += of_misfit(ratio, noise, floor)
     maps = experiment.maps(unknowns, best.x)
     of_plane, combined = of_fibres(data, maps)
     notes += of_few(determined) + of_plane
@@ -208,6 +207,13 @@ def concluded(
         checks={name: value for name, value in checks.items() if value is not None},
         notes=notes,
     )
+
+
+def of_misfit(ratio: float, noise: float, floor: float) -> list[str]:
+    """What a misfit far from where it is expected means; data with less noise than `floor` are fitted as well as elements can."""
+    if ratio > 1.25 or (ratio < 0.8 and noise > floor):
+        return [f"the misfit is {ratio:.2f} times what noise of {100 * noise:.3g} % leaves: it is not that"]
+    return []
 
 
 def _mismatch(experiment: Experiment) -> dict[str, float]:

@@ -44,7 +44,13 @@ def symbol(field: str) -> str:
     return f"{PARAMETERS[name].symbol} of {label}" if label else PARAMETERS[name].symbol
 
 
-STARTS = {"waves": "measured waves (convex)", "uniform": "uniform fields", "both": "measured waves, then descent"}
+STARTS = {
+    "waves": "measured waves (convex)",
+    "uniform": "uniform fields",
+    "both": "measured waves, then descent",
+    "zones": "zones, each for itself",
+    "pass 1": "zones among their neighbours",
+}
 """What the rows of the table of starts are."""
 
 
@@ -74,7 +80,7 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
         ratio = number(start["misfit"] / start["expected_misfit"])
         texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), number(start["cpu_s"])]
         kept = "kept" if name == result["chosen"] else ""
-        rows.append(Row(STARTS[name], kept, [(text, "") for text in texts]))
+        rows.append(Row(STARTS.get(name, name), kept, [(text, "") for text in texts]))
     return rows
 
 
@@ -102,6 +108,17 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     if "bulk_change_over_noise" in checks:
         moved = number(checks["bulk_change_over_noise"])
         pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
+    if model.get("zones", 1) > 1:
+        apart = ", ".join(
+            f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, at first {percent(checks[f'disagreement_{name}_first'])}"
+            for name in result["answers"]
+        )
+        low, high = model["points_of_a_zone"]
+        pairs.append(
+            ("Zones", f"{model['zones']}, of {low} to {high} points; where they overlap they differ by {apart}")
+        )
+    if "misfit_as_one_body" in checks:
+        pairs.append(("Misfit of their map in one body, likewise", number(checks["misfit_as_one_body"])))
     if "mismatch_at_truth" in model:
         pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
     done = ", ".join(f"{count} {name}" for name, count in solves.items())

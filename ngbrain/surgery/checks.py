@@ -14,11 +14,11 @@ from ngbrain.forward.body import Body
 from ngbrain.forward.transient import Progress, StepControl, Transient
 from ngbrain.io import write_json
 from ngbrain.mesh.elements import centres
+from ngbrain.pool import Tell
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.model import WALL, Model
 from ngbrain.surgery.observe import Observer
-from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.runs import ProtocolRun
 
 Point = tuple[float, np.ndarray]

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from ngsolve import ngsglobals
 
+from ngbrain import pool
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
+from ngbrain.pool import Tell
 from ngbrain.scene import Scene
-from ngbrain.surgery import answers, checks, pool
+from ngbrain.surgery import answers, checks
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import Peak, ProtocolRun, table
 

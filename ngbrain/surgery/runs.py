@@ -14,11 +14,11 @@ from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.transient import Progress, StepControl, Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
+from ngbrain.pool import Tell
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS, Strain, StrainSampler
 from ngbrain.surgery.model import TISSUE, WALL, Model
 from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
-from ngbrain.surgery.pool import Tell
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml

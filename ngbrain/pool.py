@@ -7,43 +7,56 @@ import os
 import queue
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
 from typing import Any
 
+from ngbrain.errors import SolverError
 from ngbrain.threads import set_threads
 
 Task = tuple[str, Callable[..., Any], tuple[Any, ...]]
 """Name, function (importable by name) and its arguments; it is also passed `tell`."""
-Tell = Callable[[str, float, float], None]
-"""Called with a run's name, its time (s) and the share of it that is done."""
+Tell = Callable[..., None]
+"""Called with what a task tells: a run's name, its time (s) and the share of it that is done; or what has been agreed on."""
 
 _queue: Any = None
+_begun: Any = None
 _parent: int = 0
 _tasks: dict[str, Task] = {}
 
 
 def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[str, Any]:
-    """Results by task name; `tell(name, t, share)` hears of progress. The first exception ends the others and is raised."""
+    """Results by task name; `tell` hears of progress. The first exception ends the others and is raised.
+
+    Raises `SolverError`, naming the task, when its process dies: for want of memory, or because it was killed.
+    """
     tell = tell or (lambda *_: None)
     if workers <= 1:
         set_threads(1)
         return {name: function(*args, tell=tell) for name, function, args in tasks}
     context = multiprocessing.get_context("spawn")  # NGSolve's threads do not survive a fork
-    messages = context.Queue()
+    messages, begun = context.Queue(), context.SimpleQueue()
     done = threading.Event()
     listener = threading.Thread(target=_listen, args=(messages, done, tell), daemon=True)
     listener.start()
-    results = {}
+    results, doing = dict[str, Any](), dict[int, str]()
     # Tasks go with the start of a process: in the executor's own pipe megabytes would block it for ever once nobody reads.
-    shared = (messages, os.getpid(), list(tasks))
+    shared = (messages, begun, os.getpid(), list(tasks))
     with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, shared) as executor:
         try:
             with _undisturbed():
                 futures = {executor.submit(_call, name): name for name, _, _ in tasks}
+            processes = dict(executor._processes)
             for future in as_completed(futures):
+                _heard(begun, doing)
                 results[futures[future]] = future.result()
+        except BrokenProcessPool as error:
+            executor.shutdown(cancel_futures=True)
+            _heard(begun, doing)
+            raise SolverError(_dead(processes, doing)) from error
         except BaseException:
             for process in list(executor._processes.values()):
                 process.terminate()
@@ -52,6 +65,25 @@ def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[s
         finally:
             done.set()
     return {name: results[name] for name, _, _ in tasks}
+
+
+def _heard(begun: Any, doing: dict[int, str]) -> None:
+    """Process → the task that it last began; taken up at once, as a pipe holds some hundred."""
+    while not begun.empty():
+        pid, name = begun.get()
+        doing[pid] = name
+
+
+def _dead(processes: Mapping[int, BaseProcess], doing: Mapping[int, str]) -> str:
+    """Which task's process died; those that only went down with it were terminated."""
+    codes = {
+        pid: process.exitcode for pid, process in processes.items() if process.exitcode not in (0, -signal.SIGTERM)
+    }
+    names = sorted({doing[pid] for pid in codes if pid in doing})
+    if not names:
+        return "a process died before its work began: a script that starts several has to do so under if __name__ == '__main__'"
+    ended = ", ".join(f"signal {-code}" if code and code < 0 else f"status {code}" for code in codes.values())
+    return f"{', '.join(names)}: its process died ({ended}); was there memory enough? Fewer at once take less"
 
 
 @contextmanager
@@ -80,19 +112,20 @@ def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
             continue
 
 
-def _start(messages: Any, parent: int, tasks: Sequence[Task]) -> None:
-    global _queue, _parent
-    _queue, _parent = messages, parent
+def _start(messages: Any, begun: Any, parent: int, tasks: Sequence[Task]) -> None:
+    global _queue, _begun, _parent
+    _queue, _begun, _parent = messages, begun, parent
     _tasks.update({task[0]: task for task in tasks})
     set_threads(1)
 
 
 def _call(name: str) -> Any:
     _, function, args = _tasks[name]
+    _begun.put((os.getpid(), name))
     return function(*args, tell=_report)
 
 
-def _report(name: str, t: float, share: float) -> None:
+def _report(*told: Any) -> None:
     if os.getppid() != _parent:  # the run was killed: do not go on writing beside its successor
         os._exit(1)
-    _queue.put((name, t, share))
+    _queue.put(told)

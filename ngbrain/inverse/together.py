@@ -1,0 +1,220 @@
+"""What zones answer together: joined maps and waves, the weights that they share, how far they disagree, and the `Inversion`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ngbrain.forward.sensitivity import Solves
+from ngbrain.inverse.answer import Answer
+from ngbrain.inverse.experiment import quantities
+from ngbrain.inverse.inversion import Inversion, Row, of_misfit
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.one_body import level_as_one_body
+from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution
+from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
+from ngbrain.inverse.weights import Level
+from ngbrain.inverse.zones import Zone, disagreement, joined, spacing
+from ngbrain.io.waves import WaveData
+
+Array = np.ndarray
+APART = 0.1
+"""Disagreement of two zones from which a note says so."""
+CLOSEST = 0.01
+"""Disagreement that counts at least: neighbours are not believed more closely."""
+NONE = 1e-3
+"""Numbers determined that count at least, where none are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Zones of `data` and an `Answer` of each."""
+
+    data: WaveData
+    zones: Sequence[Zone]
+    answers: Sequence[Answer]
+
+    @cached_property
+    def logarithms(self) -> dict[str, Array]:
+        """Quantity → ln(value - floor) (n,), joined; NaN where no zone has one."""
+        return {name: joined(self.zones, each, len(self.data.points)) for name, each in self._own.items()}
+
+    @cached_property
+    def maps(self) -> dict[str, Array]:
+        """Quantity → (n,)."""
+        return {name: self._floors[name] + np.exp(values) for name, values in self.logarithms.items()}
+
+    @cached_property
+    def waves(self) -> Array:
+        """Predicted by all zones (loads, n, dim) m."""
+        n, parts = len(self.data.points), []
+        for i in range(self.data.dim):
+            parts.append(joined(self.zones, [answer.predicted[:, :, i] for answer in self.answers], n))
+        return np.stack(parts, axis=-1)
+
+    @cached_property
+    def deviation(self) -> Array:
+        """Of a zone's waves, as overlaps show it (loads, 1, dim) m, real and imaginary parts each: half the rms of u_a - u_b."""
+        n, loads, dim = len(self.data.points), self.data.loads, self.data.dim
+        apart = [
+            [disagreement(self.zones, [answer.predicted[k, :, i] for answer in self.answers], n) for i in range(dim)]
+            for k in range(loads)
+        ]
+        return np.array(apart)[:, None] / 2
+
+    @cached_property
+    def disagreement(self) -> dict[str, float]:
+        """Quantity → rms difference of two zones' ln where they overlap."""
+        n = len(self.data.points)
+        return {name: disagreement(self.zones, values, n) for name, values in self._own.items()}
+
+    @cached_property
+    def weights(self) -> dict[str, float]:
+        """Field → the weight at which the regularisers' energies in all zones are what the numbers determined there want.
+
+        α = Σ γ_z / Σ (γ_z/α_z): a zone that determines little hardly counts.
+        """
+        numbers: dict[str, float] = {}
+        energies: dict[str, float] = {}
+        for answer in self.answers:
+            for name, weight in answer.weights.items():
+                number = max(answer.determined.get(name, 0.0), NONE)
+                numbers[name] = numbers.get(name, 0.0) + number
+                energies[name] = energies.get(name, 0.0) + number / weight
+        return {name: number / energies[name] for name, number in numbers.items()}
+
+    @cached_property
+    def determined(self) -> dict[str, float]:
+        """Field → how many numbers the data determine, each zone's by its share of the joined map."""
+        found: dict[str, float] = {}
+        for zone, answer in zip(self.zones, self.answers, strict=True):
+            for name, number in answer.determined.items():
+                found[name] = found.get(name, 0.0) + float(np.mean(zone.share)) * number
+        return found
+
+    @property
+    def strength(self) -> dict[str, float]:
+        """Quantity → κ: numbers determined for each point, over half the square of the disagreement."""
+        found = {}
+        for quantity, off in self.disagreement.items():
+            numbers = sum(number for name, number in self.determined.items() if name.split(" ")[0] == quantity)
+            known = int(np.isfinite(self.logarithms[quantity]).sum())
+            found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
+        return found
+
+    def row(self, name: str, noise: float) -> Row:
+        """Misfit of the joined waves, and what zones expect of as many data."""
+        measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
+        misfit = LeastSquares(measured, noise_of(self.data, noise))
+        expected = sum(answer.expected for answer in self.answers) / sum(answer.count for answer in self.answers)
+        return Row(
+            name=name,
+            maps=self.maps,
+            misfit=2 * misfit.value(np.nan_to_num(self.waves)),
+            expected=misfit.count * expected,
+            value=sum(answer.value for answer in self.answers),
+            history=[each for answer in self.answers for each in answer.history],
+            cpu_s=sum(answer.history[-1].cpu_s for answer in self.answers),
+            converged=all(answer.converged for answer in self.answers),
+        )
+
+    def of_all(self, name: str) -> float | None:
+        """Rms of a check over zones, by their shares; None where no zone has it."""
+        pairs = [
+            (float(np.sum(z.share)), a.checks[name])
+            for z, a in zip(self.zones, self.answers, strict=True)
+            if name in a.checks
+        ]
+        if not pairs:
+            return None
+        weights, values = np.array(pairs).T
+        return float(np.sqrt(np.sum(weights * values**2) / weights.sum()))
+
+    @cached_property
+    def _own(self) -> dict[str, list[Array]]:
+        return {
+            name: [np.log(answer.maps[name] - floor) for answer in self.answers] for name, floor in self._floors.items()
+        }
+
+    @cached_property
+    def _floors(self) -> dict[str, float]:
+        return {quantity.name: quantity.floor for quantity in quantities(self.data, 1.0)}
+
+
+def concluded(found: Sequence[Together], *, noise: float, floor: float, labelled: bool, notes: list[str]) -> Inversion:
+    """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
+    first, last = found[0], found[-1]
+    data, answers, zones = last.data, last.answers, last.zones
+    names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
+    rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
+    level = Level(rows[-1].misfit, rows[-1].expected)
+    effect, snr = last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
+    body = level_as_one_body(data, last.logarithms, last.waves, noise, labelled)
+    of_plane, combined = of_fibres(data, last.maps)
+    notes = [*notes, *_of_zones(found), *of_misfit(level.ratio, noise, floor), *of_few(last.determined), *of_plane]
+    notes += [*of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    checks: dict[str, float | None] = {
+        "misfit_over_expected": level.ratio,
+        "converged": rows[-1].converged,
+        "strain_snr": snr,
+        "misfit_as_one_body": None if body is None else body.ratio,
+        "bulk_change_over_noise": effect,
+        **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
+        **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
+    }
+    volume = spacing(data) ** data.dim if data.structured is None else float(np.prod(data.structured.spacing))
+    known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
+    sizes = [len(zone.points) for zone in zones]
+    return Inversion(
+        data=data,
+        maps=last.maps,
+        predicted=last.waves,
+        rows=rows,
+        chosen=names[-1],
+        noise=noise,
+        noise_found=noise * float(np.sqrt(level.ratio)),
+        regulariser="smooth",
+        weights=last.weights,
+        determined=last.determined,
+        resolution=resolution(volume * known, data.dim, last.determined),
+        solves=_solves(found),
+        history=[each for row in rows for each in row.history],
+        model={
+            "form": answers[0].form,
+            "n_elements": sum(answer.numbers["n_elements"] for answer in answers),
+            "n_unknowns": max(answer.numbers["n_unknowns"] for answer in answers),
+            "n_parameters": sum(answer.numbers["n_parameters"] for answer in answers),
+            "inverse_crime": False,
+            "weight": "evidence",
+            "zones": len(zones),
+            "points_of_a_zone": [min(sizes), max(sizes)],
+            **({"errors_of_moduli": combined} if combined else {}),
+        },
+        checks={name: value for name, value in checks.items() if value is not None},
+        notes=notes,
+    )
+
+
+def _of_zones(found: Sequence[Together]) -> list[str]:
+    last, notes = found[-1], []
+    far = {name: off for name, off in last.disagreement.items() if off > APART}
+    if far:
+        words = ", ".join(f"{name} by {100 * off:.2g} %" for name, off in far.items())
+        notes.append(f"zones differ where they overlap, {words} (rms): larger zones, or more data, would tell")
+    lost = last.data.mask & np.isnan(next(iter(last.maps.values())))
+    if lost.any():
+        notes.append(
+            f"{int(lost.sum())} of {int(last.data.mask.sum())} points are in pieces too small for a zone: no map there"
+        )
+    going = sum(not answer.converged for answer in last.answers)
+    if going:
+        notes.append(f"{going} of {len(last.answers)} zones had not settled when their iterations were used up")
+    return notes
+
+
+def _solves(found: Sequence[Together]) -> Solves:
+    every = [asdict(answer.solves) for each in found for answer in each.answers]
+    return Solves(**{name: sum(each[name] for each in every) for name in every[0]})

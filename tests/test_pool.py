@@ -1,0 +1,17 @@
+"""Tasks in processes: answers by name; one whose process dies is named."""
+
+import pytest
+from dying import dies, lives
+
+from ngbrain import pool
+from ngbrain.errors import SolverError
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_answers_by_name(workers):
+    assert pool.run([("a", lives, (1,)), ("b", lives, (2,))], workers) == {"a": 1, "b": 2}
+
+
+def test_the_task_whose_process_dies_is_named():
+    with pytest.raises(SolverError, match=r"^the second: its process died \(signal 9\).*memory"):
+        pool.run([("the first", lives, (1,)), ("the second", dies, ())], 2)
