@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,7 @@ from ngbrain.solvers.directions import Directions
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
 """Change of the misfit, and of any weight (factor), at which iterations end."""
-SLOW, FALL = 1.3, 2.0
+SLOW, FALL = 1.3, 4.0
 """Of `approach`: by how much a step is to lower the misfit for another one to follow; factor of the weights."""
 
 
@@ -44,7 +44,6 @@ class Iterative(GaussNewton):
     policy      what changes the weights, see `weights`
     forcing, most  where conjugate gradients stop: residual as a part of its start, iterations
     checkpoint  .npz that is written after each iteration, or None
-    counting    x → how many numbers of each block the data determine about, where asking the model itself is too dear
     tell, seed  as for `GaussNewton`
 
     Held displacements are unknown too where `reduced.unknowns` has the block "boundary".
@@ -59,12 +58,11 @@ class Iterative(GaussNewton):
         forcing: float = FORCING,
         most: int = MOST,
         checkpoint: str | os.PathLike[str] | None = None,
-        counting: Callable[[Array], Mapping[str, float]] | None = None,
         tell: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
         super().__init__(reduced, policy or Evidence(), tell, seed)
-        self.forcing, self.most, self.counting, self.tell = forcing, most, counting, tell
+        self.forcing, self.most, self.tell = forcing, most, tell
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
         self.directions, self.extensions = Directions(), Extensions()
         self.iterations: list[int] = []
@@ -97,10 +95,6 @@ class Iterative(GaussNewton):
         self._ledger.begun -= history[-1].cpu_s
         return self._down(x, rounds - len(history), history, notes["settled"])
 
-    def counts(self, point: Point) -> dict[str, float]:
-        """How many numbers of each block the data determine there: estimates."""
-        return self._normal(point).counts(np.random.default_rng(0))
-
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
         change = np.zeros_like(state.waves)
         if balance is not None:
@@ -108,14 +102,11 @@ class Iterative(GaussNewton):
             change = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
             state.data = np.array([self.model.observed(u) for u in state.waves + change])
         point = Point(self.reduced, x, state)
-        normal = self._normal(point)
+        normal = Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
         dx = normal.solve(-normal.gradient())
         if balance is not None:
             change += state.along(point.jacobian @ dx)
         return normal, dx, change
-
-    def _normal(self, point: Point) -> Normal:
-        return Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions, self.counting)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves

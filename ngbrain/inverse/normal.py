@@ -6,7 +6,7 @@ The matrix H = JᵀWJ + Σ α R is never formed: a product takes two solves for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,7 +33,6 @@ class Normal:
     forcing, most   where conjugate gradients stop
     directions      of solves around points near by, which make these shorter; it learns from these too
     extensions      preconditioners of held displacements, where they are made already
-    counting        x → how many numbers of each block the data determine, in place of a probe
     """
 
     def __init__(
@@ -44,12 +43,11 @@ class Normal:
         most: int = MOST,
         directions: Directions | None = None,
         extensions: Extensions | None = None,
-        counting: Callable[[Array], Mapping[str, float]] | None = None,
     ) -> None:
         self.point, self.forcing, self.most = point, forcing, most
         self.directions = Directions() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
-        self._counting, self._found = counting, dict[str, float]()
+        self._found: dict[str, float] = {}
         self._regular = point.reduced.regular_matrix(point.x)
         self._jacobian = point.reduced.unknowns.jacobian(point.x)
         self.precondition = by_blocks(preconditioners(point, extensions or Extensions()), point.reduced)
@@ -84,7 +82,7 @@ class Normal:
 
     def determined(self, random: np.random.Generator) -> float:
         """How many of the real data the unknowns use up: Σ of `determined_of`, of the last probe if there was one."""
-        return sum(self.counts(random).values())
+        return sum(self._counts(random).values())
 
     def determined_of(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
@@ -94,13 +92,10 @@ class Normal:
         The probe is what pure noise ξ of the data would do: y = Jᵀ √W ξ has the covariance Jᵀ W J, so y·H⁻¹y is right in the
         mean, and right within its root when the number is large.
         """
-        counts = self.counts(random)
+        counts = self._counts(random)
         return {name: counts[name] for name in regular}
 
-    def counts(self, random: np.random.Generator) -> dict[str, float]:
-        """So for every block, the boundary too."""
-        if not self._found and self._counting is not None:
-            self._found = dict(self._counting(self.point.x))
+    def _counts(self, random: np.random.Generator) -> dict[str, float]:
         if not self._found:
             reduced, state = self.point.reduced, self.point.state
             root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
