@@ -96,17 +96,9 @@ class Iterative(GaussNewton):
         return self._down(x, rounds - len(history), history, notes["settled"])
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
-        change = np.zeros_like(state.waves)
-        if balance is not None:
-            # Waves that fit the equation of motion, as far as it is linear around those of the state.
-            change = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
-            state.data = np.array([self.model.observed(u) for u in state.waves + change])
         point = Point(self.reduced, x, state)
         normal = Normal(point, self.iterations, self.forcing, self.most, self.directions, self.extensions)
-        dx = normal.solve(-normal.gradient())
-        if balance is not None:
-            change += state.along(point.jacobian @ dx)
-        return normal, dx, change
+        return normal, normal.solve(-normal.gradient()), np.zeros_like(state.waves)
 
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves
@@ -120,13 +112,17 @@ class Iterative(GaussNewton):
         begun, before = time.process_time(), np.inf
         for _ in range(rounds):
             state = self.model.around(self.unknowns.theta(x), waves)
-            balance = np.array([self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)])
-            _, dx, du = self._step(x, state, balance)
-            own, step = self.misfit.value(state.data), self._bounded(dx)
+            balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
+            moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
+            state.data = np.array([self.model.observed(u) for u in waves + moved])  # of waves that fit the fields
+            own = self.misfit.value(state.data)
             if own > before / SLOW:
                 break
             before = own
-            x, waves = x + step * dx, waves + step * du
+            normal, dx, _ = self._step(x, state, None)
+            moved += state.along(normal.point.jacobian @ dx)
+            step = self._bounded(dx)
+            x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
             self.tell(Iteration("waves", 2 * own, self.misfit.count, weights, change, step, cpu_s))

@@ -102,13 +102,13 @@ def invert_in_space(
         experiment, problem, found = inversion.from_low(elements, rounds, file)
     else:
         experiment, problem, found = inversion.from_waves(elements, rounds, file)
-    rows = [row("uniform", experiment, problem, found)]
+    rows = [row("waves", experiment, problem, found)]
     return concluded(
         experiment,
         problem,
         found,
         rows,
-        "uniform",
+        "waves",
         noise=total,
         floor=LEAST,
         regulariser=kind,

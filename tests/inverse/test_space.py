@@ -37,6 +37,13 @@ def test_a_ball_with_its_label(tmp_path):
     assert found.checks["misfit_over_expected"] < 1.5
 
 
+def test_from_measured_waves_fields_and_waves_find_each_other():
+    data, told = wave_data(), []
+    invert_in_space(data, in_elements(data, order=2), rounds=1, tell=told.append)
+    way = [each.misfit / each.expected for each in told if each.phase == "waves"]
+    assert way[0] > 20 and way[1] < 3 and way[-1] < way[1]
+
+
 @pytest.mark.slow
 def test_a_ball_of_which_nothing_is_known():
     data = wave_data()
