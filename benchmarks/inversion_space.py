@@ -1,0 +1,171 @@
+"""Waves in space: error against CPU time of elements of several sizes and orders, algebraic inversion and local frequency.
+
+A block of 6 cm with a ball of 15 mm, twice as stiff, that lies anywhere in the elements; two loads at 50 Hz, simulated with
+fourth order on tetrahedra, points every 2 mm, 2 % noise, one seed. `error` is the rms of ln |G*/truth| over all points; `contrast`
+the median of the ball's core (a voxel off its border) over that of the 5 mm around it, truly 2. What is more than .4 off has
+failed: a cross. The smoothing that algebraic inversion and a start take is in their times.
+
+    python benchmarks/inversion_space.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/inversion_space.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure
+from netgen.csg import CSGeometry, OrthoBrick, Pnt
+
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.points import evaluation
+from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.discretise import Discretisation
+from ngbrain.inverse.labels import by_label, shares
+from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.space import invert_in_space
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing
+from ngbrain.mesh.grid import boxes
+
+Record = dict
+SIDE, CENTRE, RADIUS = 0.06, np.array([0.032, 0.028, 0.030]), 7.5e-3
+MODULI = np.array([2400 + 1000j, 4800 + 2000j])
+NOISE, TRUE, FAILED = 0.02, 2.0, 0.4
+CELLS = ((2, 4), (2, 6), (2, 8), (3, 4), (3, 6))
+"""Order and hexahedra along a side."""
+COLOURS = {"algebraic": "#D55E00", "local frequency": "#CC79A7", "order 2": "#56B4E9", "order 3": "#0072B2"}
+COLOURS |= {"order 3, labels": "#009E73"}
+
+
+def measure(quick: bool) -> list[Record]:
+    """One record for each way."""
+    data = block(2, 4e-3) if quick else block(4, 2e-3)
+    records = [
+        direct(data, "algebraic", lambda each: helmholtz_of_curl(each, smoothed(each), 5e-3)),
+        direct(data, "local frequency", local_frequency),
+    ]
+    for order, cells in CELLS[:1] if quick else CELLS:
+        records.append(inverted(data, order, cells, labelled=False, rounds=1 if quick else 16))
+    if not quick:
+        records.append(inverted(data, 3, 6, labelled=True, rounds=16))
+    return records
+
+
+def block(order: int, spacing: float) -> WaveData:
+    """Noisy waves at points."""
+    geometry = CSGeometry()
+    geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(SIDE, SIDE, SIDE)).bc("all"))
+    mesh = ngs.Mesh(geometry.GenerateMesh(maxh=0.011))
+    parts = shares(mesh, order + 2, label_at, ["block", "ball"])
+    modulus = by_label(parts, dict(zip(("block", "ball"), (ngs.CF(1) * g for g in MODULI), strict=True)))
+    drives = [(1e-5 * ngs.z / SIDE, 0, 0), (0, 1e-5 * (1 - ngs.x / SIDE), 0.5e-5 * ngs.y / SIDE)]
+    waves = [Wave(50.0, {"all": drive}) for drive in drives]
+    body = Harmonic(mesh, Shearing(modulus), waves, bulk=2e5, form=f"P{order}", held="all", quadrature=order + 2)
+    line = np.linspace(0, SIDE, round(SIDE / spacing) + 1)
+    points = np.array([[x, y, z] for z in line for y in line for x in line])
+    observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, SIDE - 1e-9))
+    u = [observe @ gfu.vec.FV().NumPy().reshape(3, -1).T for gfu in body.solve()]
+    label = label_at(points)
+    truth = {"shear": MODULI[label]}
+    data = WaveData(points, u, [50.0] * 2, 1000.0, "isotropic", "viscoelastic", bulk=2e5, labels=label, truth=truth)
+    return data.with_noise(NOISE, seed=0)
+
+
+def label_at(x: np.ndarray) -> np.ndarray:
+    """1 in the ball."""
+    return (np.linalg.norm(x - CENTRE, axis=1) < RADIUS).astype(int)
+
+
+def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]) -> Record:
+    """Without a model of the body."""
+    begun = time.process_time()
+    modulus = answer(replace(data))  # a smooth field is kept with its data
+    return {"method": method, "order": None, "ndof": 0, **judged(data, modulus), "cpu_s": time.process_time() - begun}
+
+
+def inverted(data: WaveData, order: int, cells: int, *, labelled: bool, rounds: int) -> Record:
+    """By `invert_in_space`."""
+    line = np.linspace(0, SIDE, cells + 1)
+    mesh = boxes(np.ones((cells,) * 3, bool), line, line, line)
+    fields = 1 if labelled else (order + 1) // 2
+    elements = Discretisation(mesh, f"P{order}", fields, None, np.ones(len(data.points), bool))
+    begun = time.process_time()
+    found = invert_in_space(replace(data), elements, noise=NOISE, labelled=labelled, rounds=rounds)
+    cpu_s = time.process_time() - begun
+    return {
+        "method": f"order {order}, labels" if labelled else f"order {order}",
+        "order": order,
+        "cells": cells,
+        "ndof": found.model["n_unknowns"],
+        **judged(data, found.maps["storage"] + 1j * found.maps["loss"]),
+        "misfit": found.checks["misfit_over_expected"],
+        "converged": found.checks["converged"],
+        "rounds": len(found.history),
+        "cpu_s": cpu_s,
+    }
+
+
+def judged(data: WaveData, modulus: np.ndarray) -> Record:
+    """Against the truth, where there is an answer."""
+    away, known = np.linalg.norm(data.points - CENTRE, axis=1), np.isfinite(modulus) & (modulus != 0)
+    truth = MODULI[data.labels]
+    core, around = away < RADIUS - 2e-3, (away > RADIUS) & (away < RADIUS + 5e-3)
+    size = np.abs(modulus)
+
+    def contrast(values: np.ndarray) -> float:
+        return float(np.median(values[core & known]) / np.median(values[around & known]))
+
+    both = [contrast(modulus.real), contrast(modulus.imag) if np.abs(modulus.imag[known]).max() > 0 else None]
+    return {
+        "error": float(np.sqrt(np.mean(np.log(size[known] / np.abs(truth[known])) ** 2))),
+        "contrast": contrast(size),
+        "contrasts": both,
+        "block": float(np.median(size[known & (data.labels == 0)]) / abs(MODULI[0]) - 1),
+        "failed": bool(abs(contrast(size) - TRUE) > FAILED),
+    }
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Error and contrast against CPU time."""
+    plt, made, (left, right) = figure(11, 4.8, 2)
+    for r in records:
+        colour, mark = COLOURS[r["method"]], "x" if r["failed"] else "o"
+        for axes, value in ((left, 100 * r["error"]), (right, r["contrast"])):
+            axes.plot(r["cpu_s"], value, mark, color=colour, ms=9, mew=2.5)
+            text = f"{r['cells']}³ cells" if r["order"] else r["method"]
+            axes.annotate(text, (r["cpu_s"], value), textcoords="offset points", xytext=(8, 5), fontsize=8)
+    for method in dict.fromkeys(r["method"] for r in records):
+        right.plot([], [], "o", color=COLOURS[method], label=method)
+    right.axhline(TRUE, color="0.4", ls="--", lw=1)
+    right.text(right.get_xlim()[0], TRUE, " truth", va="bottom", fontsize=8)
+    left.set(xscale="log", yscale="log", xlabel="CPU time, s", ylabel="rms of ln |G*| off the truth, %")
+    left.set_yticks([10, 20, 50, 100], ["10", "20", "50", "100"])
+    left.minorticks_off()
+    right.set(xscale="log", xlabel="CPU time, s", ylabel="contrast of a ball twice as stiff")
+    for axes in (left, right):
+        axes.grid(True, alpha=0.3)
+        axes.margins(0.18)
+    right.legend(loc="lower right", fontsize=8)
+    made.suptitle(
+        "A ball of 15 mm in a block of 6 cm, two loads at 50 Hz, 2 % noise; a cross: contrast off by more than 0.4"
+    )
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    size = f" {r['cells']}³ cells, {r['ndof']} unknowns" if r["order"] else ""
+    return (
+        f"{r['method']}{size}: rms {100 * r['error']:.3g} %, contrast {r['contrast']:.3g}, "
+        f"block {100 * r['block']:+.2g} %; {r['cpu_s']:.1f} s"
+    )
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
