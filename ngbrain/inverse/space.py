@@ -3,8 +3,8 @@
 As in the plane with these differences: the start is uniform fields of the modulus that the waves suggest and the measured
 waves, from where the weight falls while fields and waves find each other; then it is what the data say
 (`weights.EvidenceOfNoise`). Steps are those of `iterative`. Where elements are of third order or more, the way from the measured
-waves is that of second order on the same cells, at a tenth of the time. What the data determine is not counted there: displacements
-of a lower order at the boundary leave more to the fields.
+waves is that of second order on the same cells, at a fraction of the time. What the data determine is not counted there:
+displacements of a lower order at the boundary leave more to the fields.
 """
 
 from __future__ import annotations
@@ -102,13 +102,13 @@ def invert_in_space(
         experiment, problem, found = inversion.from_low(elements, rounds, file)
     else:
         experiment, problem, found = inversion.from_waves(elements, rounds, file)
-    rows = [row("waves", experiment, problem, found)]
+    rows = [row("both", experiment, problem, found)]
     return concluded(
         experiment,
         problem,
         found,
         rows,
-        "waves",
+        "both",
         noise=total,
         floor=LEAST,
         regulariser=kind,
