@@ -38,8 +38,8 @@ NEAR = 1.0
 """How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
 SAME, SPARSE = 0.01, 50.0
 """Points are of a grid if their coordinates, to so many of the nearest distance, cross at so many places for each, or fewer."""
-LARGEST = 100_000
-"""Displacements that a factor in space may have: larger elements are taken where it would be more."""
+LARGEST = 90_000
+"""Displacements that elements in space may have, those at the border of all counted once: more would not fit in 12 GiB."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,10 @@ def _in_space(data: WaveData, order: int) -> Discretisation:
         samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
         covered = tree.query(samples @ axes.T / spacing, distance_upper_bound=NEAR)[0] < np.inf
         cells = covered.reshape([part for n in shape for part in (n, SAMPLES)]).mean(axis=(1, 3, 5)) >= SHARE
-        if 3 * order**3 * cells.sum() <= LARGEST:
+        over = 3 * order**3 * cells.sum() / LARGEST
+        if over <= 1:
             break
-        size = 1.05 * size
+        size = size * max(1.01, over ** (1 / 3))
     mesh = boxes(cells, *planes)
     inside = data.mask.copy()
     inside[data.mask] = in_mesh(mesh, points)

@@ -82,7 +82,6 @@ class Experiment:
     elements   see `discretise`
     sought     the quantities, by default those of the material
     composition  of which fields they are made, by default of one each
-    waves      (loads, ndof) m that held displacements start from, by default the measured ones
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
     `unknowns(sigma)` are all quantities and the displacements of the boundary.
@@ -94,7 +93,6 @@ class Experiment:
         elements: Discretisation,
         sought: tuple[Quantity, ...] | None = None,
         composition: Composition | None = None,
-        waves: Array | None = None,
     ) -> None:
         self.data, self.elements, self.composition = data, elements, composition or Whole()
         self.sought = quantities(data) if sought is None else _of_material(data, sought)
@@ -119,7 +117,7 @@ class Experiment:
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
-        self.waves = self._in_elements() if waves is None else waves
+        self.waves = self._in_elements()
 
     def uniform(self, unknowns: Fields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""
@@ -254,7 +252,7 @@ class Experiment:
                 "displacement", "of which a component is never measured", "all components, or a start of fields"
             )
         if self.data.dim == 3:
-            return np.array([self._extended(k, load) for k, load in enumerate(self.measured)])
+            return self._extended()
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))
         there, here = evaluation(space, at), evaluation(space, self.model.points)
@@ -268,20 +266,22 @@ class Experiment:
                 waves[k, i * space.ndof : (i + 1) * space.ndof] = solve(b.real) + 1j * solve(b.imag)
         return waves
 
-    def _extended(self, load: int, measured: Array) -> Array:
+    def _extended(self) -> Array:
         """Waves with least squares to what is measured, and elastic where elements reach out of the data."""
         body, order = self.body, self.body.form.order
         observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
-        known = ~np.isnan(measured)
-        seen = [observe[here] for here in known.T]
-        squares = sp.block_diag([each.T @ each for each in seen])
-        weight = ELASTIC * len(measured)
-        ground = HELD * len(measured) / observe.shape[1] * sp.eye_array(squares.shape[0])
-        solve = definite(sp.coo_array(squares + weight * elastic(body, load, order) + ground))
-        values = [part[here] for part, here in zip(measured.T, known.T, strict=True)]
-        b = np.concatenate([each.T @ part for each, part in zip(seen, values, strict=True)])
-        waves = np.zeros(body.fes.ndof, complex)
-        waves[: len(b)] = solve(b.real) + 1j * solve(b.imag)
+        ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(self.data.dim * observe.shape[1])
+        waves = np.zeros((self.data.loads, body.fes.ndof), complex)
+        known, alike = ~np.isnan(self.measured), dict[tuple[float, bytes], Callable[[Array], Array]]()
+        for k, (wave, here) in enumerate(zip(body.waves, known, strict=True)):
+            seen = [observe[each] for each in here.T]
+            case = (wave.omega, here.tobytes())
+            if case not in alike:
+                squares = sp.block_diag([each.T @ each for each in seen])
+                alike[case] = definite(sp.coo_array(squares + ELASTIC * len(here) * elastic(body, k, order) + ground))
+            values = [part[each] for part, each in zip(self.measured[k].T, here.T, strict=True)]
+            b = np.concatenate([each.T @ part for each, part in zip(seen, values, strict=True)])
+            waves[k, : len(b)] = alike[case](b.real) + 1j * alike[case](b.imag)
         return waves
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -34,8 +35,12 @@ from ngbrain.solvers.directions import Directions
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
 """Change of the misfit, and of any weight (factor), at which iterations end."""
-SLOW, FALL = 1.3, 4.0
+SLOW, FALL = 1.3, 10.0
 """Of `approach`: by how much a step is to lower the misfit for another one to follow; factor of the weights."""
+
+
+NOWHERE = np.empty((0, 0), complex)
+"""Waves of a checkpoint that needs none."""
 
 
 class Iterative(GaussNewton):
@@ -77,23 +82,29 @@ class Iterative(GaussNewton):
         """`descend` from the checkpoint, as if it had never stopped; its rounds count those done before.
 
         An inversion that had settled is not begun again: what it found comes back, for one forward solve.
-        Raises `InputError` where there is no checkpoint, or one of another problem: it says what differs, see `identity`.
+        Raises `InputError` where there is no checkpoint, one of another problem (it says what differs, see `identity`), or one of
+        a way that had not come to its end: `from_measured` goes on from that.
         """
-        wanted = "a file that an inversion has written"
-        if self.checkpoint is None or not self.started:
-            raise InputError("checkpoint", str(self.checkpoint), wanted)
-        try:
-            with np.load(self.checkpoint) as saved:
-                x, notes, directions = saved["x"], json.loads(str(saved["notes"])), saved["directions"]
-        except (KeyError, ValueError, OSError, BadZipFile) as error:
-            raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
-        if others := differing(notes.get("problem"), self._problem):
-            found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
-            raise InputError("checkpoint", found, "one of the same problem, or no file there")
-        self.reduced.weights, self.directions.arrays = notes["weights"], directions
+        x, waves, notes = self._saved()
+        if len(waves):
+            raise InputError("checkpoint", f"{self.checkpoint}, on the way from measured waves", "one of a descent")
         history = [Iteration(**entry) for entry in notes["history"]]
         self._ledger.begun -= history[-1].cpu_s
         return self._down(x, rounds - len(history), history, notes["settled"])
+
+    def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> FoundWaves:
+        """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
+
+        On the way, preconditioners are made anew: what follows is as good, but not the same to the last bit.
+        """
+        done, own = 0, np.inf
+        if self.started:
+            saved, on_the_way, notes = self._saved()
+            if not len(on_the_way):
+                return self.resume(rounds)
+            x, waves, done, own = saved, on_the_way, notes["done"], notes["own"]
+        x, _ = self.approach(x, waves, approach, done, own)
+        return self.descend(x, rounds)
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
         point = Point(self.reduced, x, state)
@@ -103,14 +114,16 @@ class Iterative(GaussNewton):
     def _moved(self, x: Array, dx: Array, waves: Array) -> tuple[Array, Array]:
         return x + dx, waves
 
-    def approach(self, x: Array, waves: Array, rounds: int) -> tuple[Array, Array]:
+    def approach(
+        self, x: Array, waves: Array, rounds: int, done: int = 0, before: float = np.inf
+    ) -> tuple[Array, Array]:
         """Unknowns and waves from where `descend` finds its way, from waves (loads, ndof) near the data that need not fit.
 
-        Steps of `from_waves`, each with weights lower by `FALL`, for so many rounds or until the misfit of the fields' own waves
-        hardly falls (`SLOW`).
+        Steps of `from_waves`, each with weights lower by `FALL`, for so many rounds (of which some may be done, the last from the
+        misfit `before`) or until the misfit of the fields' own waves hardly falls (`SLOW`).
         """
-        begun, before = time.process_time(), np.inf
-        for _ in range(rounds):
+        begun = time.process_time()
+        for number in range(done, rounds):
             state = self.model.around(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
@@ -128,6 +141,7 @@ class Iterative(GaussNewton):
             self.tell(Iteration("waves", 2 * own, self.misfit.count, weights, change, step, cpu_s))
             for name in self.reduced.weights:
                 self.reduced.weights[name] /= FALL
+            self._save(x, {"done": number + 1, "own": own}, waves)
         return x, waves
 
     def _bounded(self, dx: Array) -> float:
@@ -161,20 +175,33 @@ class Iterative(GaussNewton):
         return identity(self.reduced)
 
     def _keep(self, x: Array, history: list[Iteration], settled: bool) -> None:
-        if self.checkpoint is not None:
-            self._save(self.checkpoint, x, history, settled)
+        self._save(x, {"settled": settled, "history": [asdict(entry) for entry in history]})
 
-    def _save(self, path: Path, x: Array, history: list[Iteration], settled: bool) -> None:
-        notes = {
-            "problem": self._problem,
-            "weights": self.reduced.weights,
-            "settled": settled,
-            "history": [asdict(entry) for entry in history],
-        }
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    def _save(self, x: Array, more: dict[str, object], waves: Array = NOWHERE) -> None:
+        if self.checkpoint is None:
+            return
+        notes = {"problem": self._problem, "weights": self.reduced.weights, **more}
+        part = self.checkpoint.with_name(f".{self.checkpoint.name}.{os.getpid()}.part")
         with part.open("wb") as file:
-            np.savez(file, x=x, notes=json.dumps(notes), directions=self.directions.arrays)
-        os.replace(part, path)
+            np.savez(file, x=x, waves=waves, notes=json.dumps(notes), directions=self.directions.arrays)
+        os.replace(part, self.checkpoint)
+
+    def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
+        """x, waves (none in a descent) and notes of the checkpoint, whose weights and directions are taken on."""
+        wanted = "a file that an inversion has written"
+        if self.checkpoint is None or not self.started:
+            raise InputError("checkpoint", str(self.checkpoint), wanted)
+        try:
+            with np.load(self.checkpoint) as saved:
+                x, waves, directions = saved["x"], saved["waves"], saved["directions"]
+                notes = json.loads(str(saved["notes"]))
+        except (KeyError, ValueError, OSError, BadZipFile) as error:
+            raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
+        if others := differing(notes.get("problem"), self._problem):
+            found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
+            raise InputError("checkpoint", found, "one of the same problem, or no file there")
+        self.reduced.weights, self.directions.arrays = notes["weights"], directions
+        return x, waves, notes
 
 
 @dataclass(frozen=True)

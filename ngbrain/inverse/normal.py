@@ -22,8 +22,9 @@ FORCING = 0.03
 """Residual of a step, in the norm of the preconditioner, as a part of its start."""
 PROBED = 0.03
 """The same of a probe: what it leaves of the boundary's share, which is large, is not to pass for a field's."""
-MOST = 80
-"""Iterations of a step at most: a truncated step still goes down."""
+MOST, MOST_PROBED = 40, 60
+"""Iterations at most, of a step and of a probe: a truncated step still goes down, and what 40 leave is a few hundredths of what it
+can lower. A truncated probe counts too little."""
 
 
 class Normal:
@@ -65,16 +66,16 @@ class Normal:
         slope = state.pull(reduced.misfit.slope(state.data))
         return self._jacobian.T @ slope + reduced.regular_slope(self.point.x)
 
-    def solve(self, b: Array, forcing: float | None = None) -> Array:
+    def solve(self, b: Array, forcing: float | None = None, most: int | None = None) -> Array:
         """About H⁻¹ b; `SolverError` where H or its preconditioner is not positive definite."""
-        forcing = self.forcing if forcing is None else forcing
+        forcing, most = forcing or self.forcing, most or self.most
         precondition = self.directions.corrected(self.precondition, lambda s: self._regular @ s)
 
         def learn(s: Array, image: Array) -> None:
             self.directions.add(s, image - self._regular @ s)
 
         try:
-            x, iterations, _ = truncated_cg(self.product, precondition, b, forcing, self.most, learn)
+            x, iterations, _ = truncated_cg(self.product, precondition, b, forcing, most, learn)
         except FloatingPointError as error:
             raise SolverError(f"the normal equations cannot be solved: {error}") from error
         self.iterations.append(iterations)
@@ -101,7 +102,7 @@ class Normal:
             root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
             noise = root * (random.normal(size=root.shape) + 1j * random.normal(size=root.shape))
             probe = self._jacobian.T @ state.pull(noise)
-            fitted = self.solve(probe, PROBED)
+            fitted = self.solve(probe, PROBED, MOST_PROBED)
             for name, block in reduced.unknowns.blocks.items():
                 self._found[name] = float(np.clip(probe[block] @ fitted[block], 0.0, block.stop - block.start))
         return self._found

@@ -151,33 +151,44 @@ def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
         found = "scattered" if grid is None else f"a grid of {' x '.join(map(str, grid.shape))}"
         raise InputError("points", found, f"a grid with at least {_DEGREE + 3} points along each axis")
     components: list[list[_Component | None]] = []
+    number = 0  # of knots that is best, as `_counts` has it: about the same for all components
     for u, measured in zip(data.displacement, data.measured, strict=True):
         weights = measured & data.mask[:, None]
         boxes = [(grid.box(w), grid.box(np.where(w, each, 0))) for each, w in zip(u.T, weights.T, strict=True)]
-        components.append(
-            [_best_spline(grid, values, weight, full) if weight.any() else None for weight, values in boxes]
-        )
+        fitted: list[_Component | None] = []
+        for weight, values in boxes:
+            if not weight.any():
+                fitted.append(None)
+                continue
+            component, number = _best_spline(grid, values, weight, full, max(number - _PATIENCE, 0))
+            fitted.append(component)
+        components.append(fitted)
     return SplineField(data.points, grid, components)
 
 
-def _best_spline(grid: Grid, values: np.ndarray, weight: np.ndarray, full: float) -> _Component:
-    n, best, least, waited = int(weight.sum()), None, np.inf, 0
+def _best_spline(
+    grid: Grid, values: np.ndarray, weight: np.ndarray, full: float, first: int = 0
+) -> tuple[_Component, int]:
+    """The spline, and its place in `_counts`, which are tried from the `first` on; from 0 on if that is the best of them."""
+    n, best, least, waited, place = int(weight.sum()), None, np.inf, 0, first
     if n < (wanted := (_DEGREE + 1) ** len(grid.shape)):
         raise InputError("mask", f"true at {n} measured points", f"at least {wanted}")
-    for counts in _counts(grid):
+    for i, counts in enumerate(_counts(grid)[first:], first):
         fit = _Fit(grid, counts, weight)
         if (p := fit.size) > max(full * n, wanted):
             break
         coefficients, misfit = fit.solve(values, tolerance=1e-3)
         score = n * misfit / (n - p) ** 2
         if score < least:
-            best, least, waited = fit, score, 0
+            best, least, waited, place = fit, score, 0, i
         elif (waited := waited + 1) == _PATIENCE:
             break
+    if place == first > 0:
+        return _best_spline(grid, values, weight, full)
     if best is None:
         raise InputError("mask", f"true at {n} measured points, far apart", "points that decide a spline")
     coefficients, misfit = best.solve(values, tolerance=1e-8)
-    return _Component(best.knots, coefficients, float(np.sqrt(misfit / (n - best.size))))
+    return _Component(best.knots, coefficients, float(np.sqrt(misfit / (n - best.size)))), place
 
 
 def _counts(grid: Grid) -> list[tuple[int, ...]]:

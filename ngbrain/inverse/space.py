@@ -2,31 +2,24 @@
 
 As in the plane with these differences: the start is uniform fields of the modulus that the waves suggest and the measured
 waves, from where the weight falls while fields and waves find each other; then it is what the data say
-(`weights.EvidenceOfNoise`). Steps are those of `iterative`. Where elements are of third order or more, the way from the measured
-waves is that of second order on the same cells, at a fraction of the time. What the data determine is not counted there:
-displacements of a lower order at the boundary leave more to the fields.
+(`weights.EvidenceOfNoise`). Steps are those of `iterative`.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.elements import Form
-from ngbrain.forward.factors import sparse
 from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.inverse.composition import ByLabel, Composition, Whole
+from ngbrain.inverse.composition import ByLabel, Whole
 from ngbrain.inverse.discretise import Discretisation, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Iteration
-from ngbrain.inverse.gauss_newton import FoundWaves
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import LeastSquares
@@ -35,15 +28,12 @@ from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.io.waves import WaveData
 
-Array = np.ndarray
 FIRST, APPROACH = 1.0, 8
 """Weight to begin with, for each real datum, and how many iterations at most from the measured waves."""
 FALL = 10.0
 """Factor by which an iteration may change it."""
 ROUNDS = 16
 """Iterations at most, those from the measured waves apart."""
-LOW = 2
-"""Order of the elements that go first."""
 LEAST = 2e-3
 """Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
 
@@ -68,7 +58,7 @@ def invert_in_space(
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     rounds       iterations at most, those from the measured waves apart
-    checkpoint   .npz that is written after each of them; where it is there, the inversion goes on from it
+    checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it
 
     Raises `InputError` for data in the plane, negative noise, a regulariser that is none, labels that are not there.
 
@@ -96,12 +86,11 @@ def invert_in_space(
     level, note = noise_level(data, noise)
     notes = [note] if note else []
     total = max(float(np.hypot(level, model_error)), LEAST)
-    inversion = _Inverting(data, ByLabel if labelled else lambda *_: Whole(), total, prior, tell)
-    file = None if checkpoint is None else Path(checkpoint)
-    if _order(elements) > LOW and not elements.nodal:
-        experiment, problem, found = inversion.from_low(elements, rounds, file)
-    else:
-        experiment, problem, found = inversion.from_waves(elements, rounds, file)
+    composition = ByLabel(data, elements) if labelled else Whole()
+    experiment = Experiment(data, elements, composition=composition)
+    problem = _problem(experiment, total, prior)
+    way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=tell)
+    found = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
     rows = [row("both", experiment, problem, found)]
     return concluded(
         experiment,
@@ -118,70 +107,9 @@ def invert_in_space(
     )
 
 
-Ended = tuple[Experiment, Reduced, FoundWaves]
-
-
-@dataclass(frozen=True)
-class _Inverting:
-    """What elements of both orders are inverted with."""
-
-    data: WaveData
-    compose: Callable[[WaveData, Discretisation], Composition]
-    noise: float
-    prior: Prior
-    tell: Callable[[Iteration], None]
-
-    def from_waves(self, elements: Discretisation, rounds: int, file: Path | None) -> Ended:
-        """From the measured waves and uniform fields."""
-        experiment, problem = self._prepared(elements)
-        way = self._way(problem, file)
-        if way.started:
-            return experiment, problem, way.resume(rounds)
-        x, _ = way.approach(problem.unknowns.start, experiment.waves, APPROACH)
-        return experiment, problem, way.descend(x, rounds)
-
-    def from_low(self, elements: Discretisation, rounds: int, file: Path | None) -> Ended:
-        """The same, but the way from the measured waves is that of lower order on the same cells."""
-        if file is not None and file.exists():
-            nowhere = np.zeros((self.data.loads, ngs.VectorH1(elements.mesh, order=_order(elements)).ndof))
-            experiment, problem = self._prepared(elements, nowhere)
-            return experiment, problem, self._way(problem, file).resume(rounds)
-        low, below = self._prepared(replace(elements, form=_lower(elements.form)))
-        x, waves = self._way(below, None).approach(below.unknowns.start, low.waves, APPROACH)
-        experiment, problem = self._prepared(elements, _raised(waves, low, elements))
-        problem.weights = below.weights
-        start = problem.unknowns.start.copy()
-        for name in problem.weights:
-            start[problem.unknowns.blocks[name]] = x[below.unknowns.blocks[name]]
-        return experiment, problem, self._way(problem, file).descend(start, rounds)
-
-    def _way(self, problem: Reduced, file: Path | None) -> Iterative:
-        return Iterative(problem, EvidenceOfNoise(FALL), checkpoint=file, tell=self.tell)
-
-    def _prepared(self, elements: Discretisation, waves: Array | None = None) -> tuple[Experiment, Reduced]:
-        experiment = Experiment(self.data, elements, composition=self.compose(self.data, elements), waves=waves)
-        return experiment, self._problem(experiment)
-
-    def _problem(self, experiment: Experiment) -> Reduced:
-        sigma = noise_of(experiment.data, self.noise)
-        unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
-        blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
-        regularisers = {name: self.prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
-        return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))
-
-
-def _order(elements: Discretisation) -> int:
-    return Form.named(elements.form).order
-
-
-def _lower(form: str) -> str:
-    """The same kind of elements of the order `LOW`."""
-    return f"P{LOW}/P{LOW - 1}" if "/" in form else f"P{LOW}"
-
-
-def _raised(waves: Array, low: Experiment, elements: Discretisation) -> Array:
-    """The same displacements in the unknowns of higher order (loads, ndof)."""
-    spaces = [ngs.H1(elements.mesh, order=order) for order in (low.body.form.order, _order(elements))]
-    up = sparse(ngs.comp.ConvertOperator(*spaces))
-    parts = waves[:, : 3 * up.shape[1]].reshape(len(waves), 3, -1)
-    return np.array([np.concatenate([up @ part for part in each]) for each in parts])
+def _problem(experiment: Experiment, noise: float, prior: Prior) -> Reduced:
+    sigma = noise_of(experiment.data, noise)
+    unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
+    blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
+    regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
+    return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))

@@ -44,6 +44,23 @@ def test_from_measured_waves_fields_and_waves_find_each_other():
     assert way[0] > 20 and way[1] < 3 and way[-1] < way[1]
 
 
+def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
+    data, first, second, path = wave_data(), [], [], tmp_path / "way.npz"
+    elements = in_elements(data, order=1)
+    whole = invert_in_space(data, elements, rounds=1, tell=first.append)
+
+    def killed(each):
+        if each is not None and path.exists():
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):  # in the second round: what the first one found is written
+        invert_in_space(data, elements, rounds=1, checkpoint=path, tell=killed)
+    again = invert_in_space(data, elements, rounds=1, checkpoint=path, tell=second.append)
+    assert len(first) >= 3 and len(second) == len(first) - 1
+    assert [each.misfit for each in second] == pytest.approx([each.misfit for each in first[1:]], rel=0.01)
+    assert np.allclose(again.maps["storage"], whole.maps["storage"], rtol=0.05)
+
+
 @pytest.mark.slow
 def test_a_ball_of_which_nothing_is_known():
     data = wave_data()

@@ -224,6 +224,14 @@ def test_noise_has_the_size_asked_for_and_is_the_seeds():
     assert noisy.with_noise(0.12, 1).noise == pytest.approx(0.13)
 
 
+def test_noise_is_relative_to_the_waves_in_the_mask():
+    points = grid(20, 20, spacing=5e-3)
+    inside = points[:, 0] < 0.03
+    u = np.where(inside[:, None], [1e-5, 2e-5], 0)[None] + 0j  # as images have it: nothing where no tissue is
+    data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.4, mask=inside)
+    assert data.rms.ravel().tolist() == pytest.approx([1e-5, 2e-5])
+
+
 def test_the_truth_under_the_names_of_the_answers():
     data = space()
     shear = data.truth["shear"]

@@ -217,9 +217,10 @@ class WaveData:
 
     @property
     def rms(self) -> np.ndarray:
-        """(loads, 1, d) m: the rms of |u| over the measured points of each component, 0 where there are none."""
-        size = np.nan_to_num(np.abs(self.displacement))
-        return np.sqrt((size**2).sum(axis=1, keepdims=True) / np.maximum(self.measured.sum(axis=1, keepdims=True), 1))
+        """(loads, 1, d) m: the rms of |u| over the measured points of the mask, of each component; 0 where there are none."""
+        counts = self.measured & self.mask[:, None]
+        size = np.where(counts, np.abs(self.displacement), 0)
+        return np.sqrt((size**2).sum(axis=1, keepdims=True) / np.maximum(counts.sum(axis=1, keepdims=True), 1))
 
     @property
     def truth_views(self) -> dict[str, np.ndarray]:
@@ -257,7 +258,7 @@ class WaveData:
         """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
 
         a and b are standard normal, independent, drawn for all loads, points and components in that order; the rms is that of
-        |u| over the measured points of a component of a load. η is complex for elastic data too. `noise` becomes σ, or
+        |u| over the measured points of the mask, of a component of a load. η is complex for elastic data too. `noise` becomes σ, or
         √(noise² + σ²) where there was some.
 
         Raises `InputError` unless 0 ≤ σ ≤ 10.

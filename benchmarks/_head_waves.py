@@ -1,0 +1,122 @@
+"""Waves in the head of the MNI152 brain, made up: what `elastography_head` inverts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward import harmonic, points
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.points import evaluation, inside
+from ngbrain.image import mni152
+from ngbrain.image.labelfile import TISSUES
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.tissues import tissues
+from ngbrain.inverse import labels as inverse_labels
+from ngbrain.inverse.labels import by_label, shares
+from ngbrain.io.cache import kept
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.routes import meshed
+
+Array = np.ndarray
+NAMES = ("grey", "white", "inclusion", "fluid")
+MODULI = np.array([2.0e3 + 0.8e3j, 2.7e3 + 1.2e3j, 5.4e3 + 2.4e3j, 0.3e3 + 0.3e3j])
+"""G* (Pa) at 50 Hz: of the size that magnetic resonance elastography reports at 50 to 80 Hz; the inclusion twice white."""
+BULK = 2e5
+"""Pa, known: about a hundred times the shear moduli, where tissue has a million times."""
+CENTRE, RADIUS = np.array([0.028, -0.012, 0.022]), 7.5e-3
+FREQUENCY, DENSITY = 50.0, 1000.0
+HINGE = (0.0, -0.02, -0.07)
+NODDING, SIDEWAYS = 2e-4, 15e-6
+"""rad about the left-right axis through HINGE, m along it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """Tissue of the brain with a stiff ball in it."""
+
+    labels: LabelMap
+
+    def label_at(self, x: Array) -> Array:
+        """Which of `NAMES` points (n, 3) m are, as numbers (n,): what is neither white nor in a ventricle counts as grey."""
+        tissue = self._tissue(x)
+        number = np.select([tissue == "white", tissue == "ventricles"], [1, 3], 0)
+        return np.where(np.linalg.norm(x - CENTRE, axis=1) < RADIUS, 2, number)
+
+    def parenchyma(self, x: Array) -> Array:
+        """Which points (n, 3) m are grey or white matter or the ball."""
+        near = np.linalg.norm(x - CENTRE, axis=1) < RADIUS
+        return near | np.isin(self._tissue(x), ("grey", "white"))
+
+    def _tissue(self, x: Array) -> Array:
+        volume = self.labels.volume
+        at = np.rint(volume.to_voxels(x)).astype(int)
+        within = ((at >= 0) & (at < volume.data.shape)).all(axis=1)
+        number = np.where(within, volume.data[tuple(np.clip(at, 0, np.array(volume.data.shape) - 1).T)], 0)
+        table = np.array(["outside", *(self.labels.names.get(i, "") for i in range(1, int(volume.data.max()) + 1))])
+        return table[number]
+
+
+def waves_of_head(size: float, form: str, spacing: float) -> WaveData:
+    """Without noise, at voxels of the parenchyma; simulated on tetrahedra of `size` (m).
+
+    Two loads: the skull nods, and it moves sideways. Ventricles are filled with a fluid that is soft and lossy.
+    """
+    subject = Head(LabelMap(tissues(mni152()), TISSUES))
+
+    def make() -> dict[str, Array]:
+        mesh, degree = meshed(subject.labels, "hull", Graded(size, size)).mesh(), int(form[1]) + 1
+        parts = shares(mesh, degree, subject.label_at, NAMES)
+        storage = by_label(parts, {name: ngs.CF(g.real) for name, g in zip(NAMES, MODULI, strict=True)})
+        loss = by_label(parts, {name: ngs.CF(g.imag) for name, g in zip(NAMES, MODULI, strict=True)})
+        nod = (0, -NODDING * (ngs.z - HINGE[2]), NODDING * (ngs.y - HINGE[1]))
+        loads = [Wave(FREQUENCY, {"skull": nod}), Wave(FREQUENCY, {"skull": (SIDEWAYS, 0, 0)})]
+        law = Shearing(storage + 1j * loss)
+        body = Harmonic(mesh, law, loads, bulk=BULK, density=DENSITY, form=form, held="skull", quadrature=degree)
+        x = _voxels(subject, mesh, spacing)
+        observe = evaluation(ngs.H1(mesh, order=body.form.order), x)
+        u = [(observe @ gfu.vec.FV().NumPy().reshape(3, -1).T) for gfu in body.solve()]
+        return {"points": x, "displacement": np.array(u), "unknowns": np.array(body.fes.ndof)}
+
+    made_from = [subject.labels.volume.digest(), size, form, spacing, list(map(str, MODULI)), BULK, CENTRE.tolist()]
+    made = kept("head-waves", made_from, (harmonic, points, inverse_labels), make)
+    return _on_grid(subject, made["points"], made["displacement"], spacing)
+
+
+def _voxels(subject: Head, mesh: ngs.Mesh, spacing: float) -> Array:
+    """Middles (n, 3) m of the voxels that are in the parenchyma and in the mesh."""
+    corners = np.array([v.point for v in mesh.vertices])
+    first, last = np.floor(corners.min(axis=0) / spacing), np.ceil(corners.max(axis=0) / spacing)
+    lines = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
+    x = spacing * np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+    x = x[subject.parenchyma(x)]
+    return np.asarray(x[inside(mesh, x)])
+
+
+def _on_grid(subject: Head, points: Array, displacement: Array, spacing: float) -> WaveData:
+    """On the box of voxels around all points, those as its mask."""
+    low = points.min(axis=0)
+    index = np.rint((points - low) / spacing).astype(int)
+    shape = index.max(axis=0) + 1
+    lines = [a + spacing * np.arange(n) for a, n in zip(low, shape, strict=True)]
+    grid = np.stack(np.meshgrid(*lines[::-1], indexing="ij"), axis=-1).reshape(-1, 3)[:, ::-1]
+    here = np.ravel_multi_index(index.T[::-1], shape[::-1])
+    u, mask = np.full((len(displacement), len(grid), 3), np.nan + 0j), np.zeros(len(grid), bool)
+    u[:, here], mask[here] = displacement, True
+    labels = np.where(mask, subject.label_at(grid), 0)
+    return WaveData(
+        grid,
+        u,
+        [FREQUENCY] * len(u),
+        DENSITY,
+        "isotropic",
+        "viscoelastic",
+        bulk=BULK,
+        mask=mask,
+        labels=labels,
+        truth={"shear": MODULI[labels]},
+    )

@@ -1,0 +1,178 @@
+"""Elastography of a whole head: inversion with and without labels, algebraic inversion and local frequency.
+
+Waves of the MNI152 brain at 50 Hz, two directions, simulated with fourth order on tetrahedra of 12 mm whose moduli follow the
+tissue at every quadrature point; ventricles filled with a soft fluid; points every 2 mm in grey and white matter, 2 % noise, one
+seed; a ball of 15 mm twice as stiff as white matter. The medians of the tissues are over all their points, `contrast` is the
+median of the ball's core (a voxel off its border) over that of the 5 mm around it, `true_contrast` the same of the truth. Every
+row has a process of its own on two threads; its time is all that it takes from data to maps, `peak_gib` all that it holds.
+
+    python benchmarks/elastography_head.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/elastography_head.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from _command import main
+from _front import figure
+from _head_waves import CENTRE, MODULI, NAMES, RADIUS, waves_of_head
+
+from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.discretise import in_elements
+from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.space import invert_in_space
+from ngbrain.io.waves import WaveData
+from ngbrain.threads import threads
+
+Record = dict
+Answer = Callable[[WaveData, bool], tuple[np.ndarray, Record]]
+NOISE, THREADS = 0.02, 2
+FINE, COARSE = (12e-3, "P4", 2e-3), (20e-3, "P2", 4e-3)
+"""Elements that waves are simulated with (m, form) and the distance of points (m); for `--quick`."""
+TISSUES = NAMES[:3]
+COLOURS = dict(zip(TISSUES, ("#0072B2", "#56B4E9", "#D55E00"), strict=True))
+
+
+def algebraic(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
+    """Of the curl, in windows of 5 mm."""
+    return helmholtz_of_curl(data, smoothed(data), 5e-3), {}
+
+
+def frequency(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
+    """Its size only."""
+    return local_frequency(data), {}
+
+
+def fields(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
+    """One field for all."""
+    return _inverted(data, False, quick)
+
+
+def labels(data: WaveData, quick: bool) -> tuple[np.ndarray, Record]:
+    """A field for each label."""
+    return _inverted(data, True, quick)
+
+
+ROWS: dict[str, Answer] = {
+    "algebraic": algebraic,
+    "local frequency": frequency,
+    "inversion": fields,
+    "inversion, labels": labels,
+}
+
+
+def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, Record]:
+    begun = time.time()
+
+    def tell(it: Iteration) -> None:
+        about = f"{it.phase}: misfit {it.misfit / it.expected:.3g}, change {it.change:.3f}, step {it.step:.2g}"
+        print(f"{time.time() - begun:.0f} s {about}", file=sys.stderr, flush=True)
+
+    elements = in_elements(data, order=2) if quick else None
+    found = invert_in_space(data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else 8, tell=tell)
+    more = {
+        "ndof": found.model["n_unknowns"],
+        "elements": found.model["n_elements"],
+        "misfit": found.checks["misfit_over_expected"],
+        "converged": found.checks["converged"],
+        "rounds": len(found.history),
+    }
+    return found.maps["storage"] + 1j * found.maps["loss"], more
+
+
+def measure(quick: bool) -> list[Record]:
+    """One record for each way."""
+    with threads(THREADS):
+        waves_of_head(*(COARSE if quick else FINE))
+    records = []
+    for method in ROWS:
+        with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+            records.append(executor.submit(row, method, quick).result())
+        print(line(records[-1]), file=sys.stderr, flush=True)
+    return records
+
+
+def row(method: str, quick: bool) -> Record:
+    """In a process of its own."""
+    data = waves_of_head(*(COARSE if quick else FINE)).with_noise(NOISE, seed=0)
+    with threads(THREADS):
+        begun, cpu = time.time(), time.process_time()
+        modulus, more = ROWS[method](data, quick)
+        spent = {"wall_s": time.time() - begun, "cpu_s": time.process_time() - cpu}
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return {"method": method, **judged(data, modulus), **more, **spent, "peak_gib": peak}
+
+
+def judged(data: WaveData, modulus: np.ndarray) -> Record:
+    """Against the truth, where there is an answer."""
+    away, known = np.linalg.norm(data.points - CENTRE, axis=1), data.mask & np.isfinite(modulus) & (modulus != 0)
+    truth, label = MODULI[data.labels], data.labels
+    core, around = known & (away < RADIUS - 2e-3), known & (away > RADIUS) & (away < RADIUS + 5e-3)
+    lossy = bool(np.abs(modulus.imag[known]).max() > 0)
+    parts: dict[str, Callable] = {"storage": np.real, "loss": np.imag} if lossy else {"size": np.abs}
+    off = {
+        name: {
+            kind: float(np.median(part(modulus[known & (label == i)])) / part(MODULI[i]) - 1)
+            for kind, part in parts.items()
+        }
+        for i, name in enumerate(TISSUES)
+    }
+    contrast, true = (
+        {kind: float(np.median(part(g[core])) / np.median(part(g[around]))) for kind, part in parts.items()}
+        for g in (modulus, truth)
+    )
+    return {"median_off": off, "contrast": contrast, "true_contrast": true, "points": int(known.sum())}
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Medians of tissues and contrast of the ball against time."""
+    plt, made, (left, right) = figure(11, 4.8, 2)
+    marks = {"storage": "o", "loss": "s", "size": "D"}
+    for r in records:
+        for kind in r["contrast"]:
+            for name in TISSUES[:2]:
+                left.plot(r["wall_s"], 100 * r["median_off"][name][kind], marks[kind], color=COLOURS[name], ms=8)
+            right.plot(r["wall_s"], r["contrast"][kind], marks[kind], color=COLOURS["inclusion"], ms=8)
+        kind = next(iter(r["contrast"]))
+        middle = 100 * max(r["median_off"]["white"].values())
+        for axes, y in ((left, middle), (right, r["contrast"][kind])):
+            axes.annotate(r["method"], (r["wall_s"], y), textcoords="offset points", xytext=(8, 6), fontsize=8)
+    for name in TISSUES[:2]:
+        left.plot([], [], "o", color=COLOURS[name], label=f"{name} matter")
+    for kind, mark in marks.items():
+        left.plot([], [], mark, color="0.5", label={"size": "|G*|"}.get(kind, f"{kind} modulus"))
+    left.axhspan(-5, 5, color="0.85", zorder=0, label="within 5 %")
+    right.axhspan(0.8 * 2, 1.2 * 2, color="0.9", zorder=0, label="within 20 %")
+    right.axhspan(0.9 * 2, 1.1 * 2, color="0.8", zorder=0, label="within 10 %")
+    right.axhline(2, color="0.4", ls="--", lw=1, label="truth")
+    left.set(xscale="log", xlabel="time on two threads, s", ylabel="median over a tissue off the truth, %")
+    right.set(xscale="log", xlabel="time on two threads, s", ylabel="contrast of the ball")
+    for axes in (left, right):
+        axes.grid(True, alpha=0.3)
+        axes.margins(0.2)
+        axes.legend(fontsize=8, loc="best")
+    made.suptitle("Waves in the MNI152 head: two directions at 50 Hz, points every 2 mm, 2 % noise")
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    off = ", ".join(
+        f"{name} {' and '.join(f'{100 * v:+.1f}' for v in r['median_off'][name].values())} %" for name in TISSUES
+    )
+    contrast = " and ".join(f"{v:.2f}" for v in r["contrast"].values())
+    size = f" {r['ndof']} unknowns, misfit {r['misfit']:.2f}, {r['rounds']} rounds," if "ndof" in r else ""
+    return f"{r['method']}:{size} {off}; contrast {contrast}; {r['wall_s']:.0f} s, {r['peak_gib']:.1f} GiB"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
