@@ -34,7 +34,7 @@ from ngbrain.threads import threads
 
 Record = dict
 Answer = Callable[[WaveData, bool], tuple[np.ndarray, Record]]
-NOISE, THREADS = 0.02, 2
+NOISE, THREADS, ROUNDS = 0.02, 2, 3
 FINE, COARSE = (12e-3, "P4", 2e-3), (20e-3, "P2", 4e-3)
 """Elements that waves are simulated with (m, form) and the distance of points (m); for `--quick`."""
 TISSUES = NAMES[:3]
@@ -77,7 +77,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
         print(f"{time.time() - begun:.0f} s {about}", file=sys.stderr, flush=True)
 
     elements = in_elements(data, order=2) if quick else None
-    found = invert_in_space(data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else 8, tell=tell)
+    found = invert_in_space(data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, tell=tell)
     more = {
         "ndof": found.model["n_unknowns"],
         "elements": found.model["n_elements"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ from ngsolve import CoefficientFunction
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.discretise import Discretisation
+from ngbrain.inverse.discretise import Discretisation, in_elements
 from ngbrain.inverse.labels import by_label, shares
 from ngbrain.io.waves import WaveData
 
@@ -81,3 +82,14 @@ class ByLabel:
         for label, each in zip(self.labels, values.values(), strict=True):
             found[self._own == label] = each[self._own == label]
         return found
+
+
+def elements_in_space(data: WaveData, labelled: bool) -> Discretisation:
+    """Those of `in_elements`, with labels for fields of first order: labels have the jumps, what is left varies slowly."""
+    elements = in_elements(data)
+    return replace(elements, fields=1) if labelled else elements
+
+
+def composed(data: WaveData, elements: Discretisation, labelled: bool) -> Composition:
+    """A field for each label or one for all; `InputError` where there are no labels."""
+    return ByLabel(data, elements) if labelled else Whole()

@@ -24,8 +24,7 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.points import evaluation
-from ngbrain.inverse.composition import ByLabel, Composition, Whole
-from ngbrain.inverse.discretise import in_elements
+from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
@@ -122,8 +121,8 @@ def invert_among(
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """A zone's maps next to its neighbours'; arguments are those of `invert_in_space`."""
-    elements = in_elements(data)
-    composition: Composition = ByLabel(data, elements) if labelled else Whole()
+    elements = elements_in_space(data, labelled)
+    composition = composed(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
     experiment = Experiment(replace(data, displacement=around.waves), elements, composition=composition)
     sigma = noise_of(data, noise)

@@ -16,7 +16,7 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.inverse.composition import ByLabel, Whole
+from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
@@ -104,7 +104,7 @@ def invert(
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
     total = max(float(np.hypot(level, model_error)), floor)
-    experiment = Experiment(data, elements, composition=ByLabel(data, elements) if labelled else Whole())
+    experiment = Experiment(data, elements, composition=composed(data, elements, labelled))
     search = _Search(experiment, total, settling, tell)
     tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)

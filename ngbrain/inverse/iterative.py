@@ -35,7 +35,7 @@ from ngbrain.solvers.directions import Directions
 Array = np.ndarray
 STILL, ALIKE = 5e-3, 1.5
 """Change of the misfit, and of any weight (factor), at which iterations end."""
-SLOW, FALL = 1.3, 10.0
+SLOW, FALL = 2.0, 10.0
 """Of `approach`: by how much a step is to lower the misfit for another one to follow; factor of the weights."""
 
 
@@ -130,6 +130,8 @@ class Iterative(GaussNewton):
             state.data = np.array([self.model.observed(u) for u in waves + moved])  # of waves that fit the fields
             own = self.misfit.value(state.data)
             if own > before / SLOW:
+                for name in self.reduced.weights:  # the next ones would fit noise before all is seen
+                    self.reduced.weights[name] *= FALL
                 break
             before = own
             normal, dx, _ = self._step(x, state, None)

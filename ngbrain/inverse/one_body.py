@@ -11,12 +11,11 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.elements import Form
 from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.inverse.composition import ByLabel, Composition, Whole
+from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.consistent import fields_at, fitted
-from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.normal import PROBED, Normal
+from ngbrain.inverse.normal import MOST_PROBED, PROBED, Normal
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.inverse.quality import noise_of
 from ngbrain.inverse.regularise import smooth
@@ -39,10 +38,10 @@ def level_as_one_body(
 
     The problem for the displacements is linear: one factor, and conjugate gradients with it.
     """
-    elements = in_elements(data)
+    elements = elements_in_space(data, labelled)
     if data.dim * ngs.H1(elements.mesh, order=Form.named(elements.form).order).ndof > LARGEST:
         return None
-    composition: Composition = ByLabel(data, elements) if labelled else Whole()
+    composition = composed(data, elements, labelled)
     start = replace(data, displacement=np.where(np.isnan(waves), data.displacement, waves))
     experiment, sigma = Experiment(start, elements, composition=composition), noise_of(data, noise)
     both = experiment.unknowns(sigma)
@@ -56,6 +55,6 @@ def level_as_one_body(
     reduced = Reduced(experiment.model, misfit, Fields(theta, blocks, {BOUNDARY: driven}), {}, {})
     point = reduced.at(reduced.unknowns.start)
     normal = Normal(point)
-    step = normal.solve(-normal.gradient(), PROBED)
+    step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
     expected = misfit.count - normal.determined(np.random.default_rng(0))
     return Level(2 * reduced.at(point.x + step).misfit, expected)

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.inverse.composition import ByLabel, Whole
-from ngbrain.inverse.discretise import Discretisation, in_elements
+from ngbrain.inverse.composition import composed, elements_in_space
+from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
@@ -79,15 +78,11 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    if elements is None:
-        elements = in_elements(data)
-        if labelled:  # labels have the jumps; what is left varies slowly
-            elements = replace(elements, fields=1)
+    elements = elements or elements_in_space(data, labelled)
     level, note = noise_level(data, noise)
     notes = [note] if note else []
     total = max(float(np.hypot(level, model_error)), LEAST)
-    composition = ByLabel(data, elements) if labelled else Whole()
-    experiment = Experiment(data, elements, composition=composition)
+    experiment = Experiment(data, elements, composition=composed(data, elements, labelled))
     problem = _problem(experiment, total, prior)
     way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=tell)
     found = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
