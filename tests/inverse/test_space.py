@@ -41,7 +41,7 @@ def test_from_measured_waves_fields_and_waves_find_each_other():
     data, told = wave_data(), []
     invert_in_space(data, in_elements(data, order=2), rounds=1, tell=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
-    assert way[0] > 20 and way[1] < 3 and way[-1] < way[1]
+    assert way[0] > 20 and way[-1] < 3
 
 
 def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
@@ -96,7 +96,7 @@ def no_work(monkeypatch):
         raise AssertionError("minutes of work were begun")
 
     monkeypatch.setattr("ngbrain.inverse.invert.invert_in_space", work)
-    monkeypatch.setattr("ngbrain.inverse.space.in_elements", work)
+    monkeypatch.setattr("ngbrain.inverse.space.elements_in_space", work)
 
 
 @pytest.mark.parametrize(
