@@ -76,8 +76,9 @@ maps = {"truth": truth, "algebraic": helmholtz_of_curl(data), "local frequency":
 
 # %% [markdown]
 # ## One call
-# Hexahedra of second order go from the measured waves to fields that explain them, third order finishes. How smooth the fields are
-# follows from how many of their numbers the data determine, which a probe of pure noise counts.
+# A few linear steps lead from the measured waves to fields that explain them, while smoothness counts less and less; from there
+# the misfit goes down. How smooth the fields are follows from how many of their numbers the data determine, which a probe of pure
+# noise counts.
 
 
 # %%
