@@ -17,7 +17,7 @@ import numpy as np
 from ngbrain.forward.sensitivity import BOUNDARY
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from ngbrain.adjoint.reduced import Reduced
     from ngbrain.forward.sensitivity import WaveModel
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 ASIDE = 0.1
 """How far from its start x is drawn (rms)."""
+DIGITS = 5
+"""To which computed numbers are told apart, relative to the largest: on several threads sums differ in their last bits."""
 FAR = 10.0
 """Residual (standard deviations) at which misfits are compared: there outliers count as such."""
 
@@ -42,7 +44,7 @@ def identity(reduced: Reduced) -> dict[str, str]:
     x = unknowns.start + ASIDE * random.normal(size=len(unknowns.start))
     theta = unknowns.theta(x)
     starts = [unknowns.start[block] for name, block in unknowns.blocks.items() if name != BOUNDARY]
-    known = theta if BOUNDARY not in unknowns.blocks else theta[: model.blocks[BOUNDARY].start]
+    known = [theta[block] for name, block in model.blocks.items() if name != BOUNDARY or name not in unknowns.blocks]
     slopes = [regulariser.slope(x[unknowns.blocks[name]]) for name, regulariser in sorted(reduced.regularisers.items())]
     mesh = model.body.mesh
     return {
@@ -53,9 +55,9 @@ def identity(reduced: Reduced) -> dict[str, str]:
             str(model.body.form), [v.point for v in mesh.vertices], [len(e.vertices) for e in mesh.Elements()]
         ),
         "frequencies": _hash([wave.frequency for wave in model.body.waves]),
-        "unknowns or their start": _hash(" ".join(unknowns.blocks), *starts, known),
-        "material, density or fibres": _hash(*_images(model, theta, random)),
-        "regularisers": _hash(" ".join(sorted(reduced.regularisers)), *slopes),
+        "unknowns or their start": _hash_of_computed(" ".join(unknowns.blocks), [*starts, *known]),
+        "material, density or fibres": _hash_of_computed("", _images(model, theta, random)),
+        "regularisers": _hash_of_computed(" ".join(sorted(reduced.regularisers)), slopes),
     }
 
 
@@ -98,7 +100,19 @@ def _at(model: WaveModel, theta: Array) -> Iterator[None]:
 
 
 def _hash(*parts: object) -> str:
+    """Of what is given, to the last bit."""
     found = hashlib.sha256()
     for part in parts:
         found.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
     return found.hexdigest()
+
+
+def _hash_of_computed(name: str, parts: Iterable[Array]) -> str:
+    """Of what is computed, to `DIGITS` of the largest number of each part."""
+    found: list[object] = [name]
+    for part in parts:
+        values = np.ascontiguousarray(part)
+        values = values.view(float) if np.iscomplexobj(values) else values
+        largest = float(np.abs(values).max(initial=0.0))
+        found += [f"{largest:.{DIGITS}e}", np.round(values / (largest or 1.0), DIGITS) + 0.0]  # no -0
+    return _hash(*found)

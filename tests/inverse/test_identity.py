@@ -67,6 +67,12 @@ def test_other_data(changes, words):
     assert bool(found) == bool(words)
 
 
+def test_last_bits_do_not_matter():
+    """Sums of several threads differ in them."""
+    almost = replace(data(), bulk=2e4 * (1 + 1e-13))
+    assert not differing(identity(problem(almost, start=2000.0 * (1 + 1e-13))), identity(problem(data())))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
