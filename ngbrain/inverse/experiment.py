@@ -272,16 +272,16 @@ class Experiment:
         observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
         ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(self.data.dim * observe.shape[1])
         waves = np.zeros((self.data.loads, body.fes.ndof), complex)
-        known, alike = ~np.isnan(self.measured), dict[tuple[float, bytes], Callable[[Array], Array]]()
+        known, case = ~np.isnan(self.measured), (np.nan, b"")
         for k, (wave, here) in enumerate(zip(body.waves, known, strict=True)):
             seen = [observe[each] for each in here.T]
-            case = (wave.omega, here.tobytes())
-            if case not in alike:
+            before, case = case, (wave.omega, here.tobytes())
+            if case != before:  # else the last factor serves again
                 squares = sp.block_diag([each.T @ each for each in seen])
-                alike[case] = definite(sp.coo_array(squares + ELASTIC * len(here) * elastic(body, k, order) + ground))
+                solve = definite(sp.coo_array(squares + ELASTIC * len(here) * elastic(body, k, order) + ground))
             values = [part[each] for part, each in zip(self.measured[k].T, here.T, strict=True)]
             b = np.concatenate([each.T @ part for each, part in zip(seen, values, strict=True)])
-            waves[k, : len(b)] = alike[case](b.real) + 1j * alike[case](b.imag)
+            waves[k, : len(b)] = solve(b.real) + 1j * solve(b.imag)
         return waves
 
 

@@ -119,8 +119,8 @@ class Iterative(GaussNewton):
     ) -> tuple[Array, Array]:
         """Unknowns and waves from where `descend` finds its way, from waves (loads, ndof) near the data that need not fit.
 
-        Steps of `from_waves`, each with weights lower by `FALL`, for so many rounds (of which some may be done, the last from the
-        misfit `before`) or until the misfit of the fields' own waves hardly falls (`SLOW`).
+        Steps of `from_waves`, each but the first with weights lower by `FALL`, for so many rounds or until the misfit of the
+        fields' own waves hardly falls (`SLOW`). Of the rounds some may be `done`, the last from the misfit `before`.
         """
         begun = time.process_time()
         for number in range(done, rounds):
@@ -130,10 +130,10 @@ class Iterative(GaussNewton):
             state.data = np.array([self.model.observed(u) for u in waves + moved])  # of waves that fit the fields
             own = self.misfit.value(state.data)
             if own > before / SLOW:
-                for name in self.reduced.weights:  # the next ones would fit noise before all is seen
-                    self.reduced.weights[name] *= FALL
                 break
             before = own
+            for name in self.reduced.weights if number else ():
+                self.reduced.weights[name] /= FALL
             normal, dx, _ = self._step(x, state, None)
             moved += state.along(normal.point.jacobian @ dx)
             step = self._bounded(dx)
@@ -141,8 +141,6 @@ class Iterative(GaussNewton):
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
             self.tell(Iteration("waves", 2 * own, self.misfit.count, weights, change, step, cpu_s))
-            for name in self.reduced.weights:
-                self.reduced.weights[name] /= FALL
             self._save(x, {"done": number + 1, "own": own}, waves)
         return x, waves
 
