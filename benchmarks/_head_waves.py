@@ -80,9 +80,10 @@ def waves_of_head(size: float, form: str, spacing: float) -> WaveData:
         x = _voxels(subject, mesh, spacing)
         observe = evaluation(ngs.H1(mesh, order=body.form.order), x)
         u = [(observe @ gfu.vec.FV().NumPy().reshape(3, -1).T) for gfu in body.solve()]
-        return {"points": x, "displacement": np.array(u), "unknowns": np.array(body.fes.ndof)}
+        return {"points": x, "displacement": np.array(u)}
 
-    made_from = [subject.labels.volume.digest(), size, form, spacing, list(map(str, MODULI)), BULK, CENTRE.tolist()]
+    body_of = [list(map(str, MODULI)), BULK, DENSITY, CENTRE.tolist(), RADIUS]
+    made_from = [subject.labels.volume.digest(), size, form, spacing, body_of, FREQUENCY, HINGE, NODDING, SIDEWAYS]
     made = kept("head-waves", made_from, (harmonic, points, inverse_labels), make)
     return _on_grid(subject, made["points"], made["displacement"], spacing)
 
