@@ -157,7 +157,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
 def convergence(result: Mapping[str, Any]) -> bytes:
     """Misfit over its expected level, and weights of the regularisers, round by round of each start."""
     starts = result["starts"]
-    styles = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
+    styles: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
     with style():
         page = figure(2.9)
         left, right = page.add_axes((0.075, 0.17, 0.37, 0.72)), page.add_axes((0.55, 0.17, 0.37, 0.72))
