@@ -115,7 +115,7 @@ def regulariser_alone(point: Point) -> dict[str, Apply]:
     found: dict[str, Apply] = {}
     for name, block in point.reduced.unknowns.blocks.items():
         matrix = point.reduced.weights[name] * point.reduced.regularisers[name].matrix(point.x[block])
-        found[name] = _factorised(sp.csc_array(matrix)).solve
+        found[name] = factorised(sp.csc_array(matrix)).solve
     return found
 
 
@@ -137,7 +137,7 @@ def _of_field(
     weighted = _assembled(space, body, ngs.sqrt(squared) * trial * test) @ inner
     S = _assembled(space, body, ngs.InnerProduct(ngs.Grad(trial), ngs.Grad(test)) + wave_number * trial * test)
     whole = sp.csc_array(sp.block_array([[regular, weighted.T], [weighted, -S]]))
-    factor, size = _factorised(whole), regular.shape[0]
+    factor, size = factorised(whole), regular.shape[0]
     rest = np.zeros(S.shape[0])
     return lambda r: factor.solve(np.concatenate([r, rest]))[:size]
 
@@ -186,7 +186,8 @@ def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFun
     return sparse(form.mat)
 
 
-def _factorised(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
+def factorised(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:
+    """LDLᵀ as LU with diagonal pivots, of a symmetric (quasi-)definite matrix; `SolverError` where it is neither."""
     try:
         return scipy.sparse.linalg.splu(
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}

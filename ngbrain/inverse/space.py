@@ -84,7 +84,7 @@ def invert_in_space(
     total = max(float(np.hypot(level, model_error)), LEAST)
     experiment = Experiment(data, elements, composition=composed(data, elements, labelled))
     problem = _problem(experiment, total, prior)
-    way = Iterative(problem, EvidenceOfNoise(FALL), checkpoint=checkpoint, tell=tell)
+    way = Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
     found = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
     rows = [row("both", experiment, problem, found)]
     return concluded(
@@ -100,6 +100,13 @@ def invert_in_space(
         history=found.history,
         notes=notes,
     )
+
+
+def _shared(experiment: Experiment) -> float:
+    """Points for each node of the elements."""
+    body = experiment.body
+    moved = body.fes.components[0] if body.mixed else body.fes
+    return len(experiment.model.points) * body.mesh.dim / moved.ndof
 
 
 def _problem(experiment: Experiment, noise: float, prior: Prior) -> Reduced:

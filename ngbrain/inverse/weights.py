@@ -97,12 +97,15 @@ class Evidence(Policy):
 class EvidenceOfNoise(Evidence):
     """The same where the model is off by more than the stated noise: what the misfit shows beyond it counts as noise.
 
-    Without it a weight falls until the fields fit errors of the discretisation.
+    Without it a weight falls until the fields fit errors of the discretisation. Those are alike at the `shared` points (in the
+    mean) that one node of the elements stands for, so that the mean of these points knows no more than one: they count so often.
     """
 
+    shared: float = 1.0
+
     def noise(self, level: Level) -> float:
-        """2Φ over its expected level, at least 1."""
-        return max(1.0, level.ratio)
+        """1 + `shared` times the excess of 2Φ over its expected level, at least 1."""
+        return 1.0 + max(1.0, self.shared) * max(0.0, level.ratio - 1.0)
 
 
 @dataclass

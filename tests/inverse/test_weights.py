@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from ngbrain.inverse.regularise import Quadratic
-from ngbrain.inverse.weights import LARGEST, Discrepancy, Evidence, Given, Level, corner
+from ngbrain.inverse.weights import LARGEST, Discrepancy, Evidence, EvidenceOfNoise, Given, Level, corner
 
 N = 200
 
@@ -44,6 +44,22 @@ class Diagonal:
 def test_evidence_finds_the_size_of_what_is_looked_for(rng):
     weight, level, turned = Diagonal(rng).run(Evidence(), 60)
     assert 2 < weight < 8 and turned < 1.001 and level.ratio == pytest.approx(1, abs=0.3)
+
+
+def test_errors_alike_at_many_points_are_no_structure(rng):
+    """Noise of 1 and as large an error that ten points share: in their means it is ten times the noise."""
+    shared, rest = 10, 200 * N
+    weights = {}
+    for policy in (EvidenceOfNoise(), EvidenceOfNoise(shared=shared)):
+        problem = Diagonal(np.random.default_rng(0))
+        problem.data += np.sqrt(shared) * rng.normal(size=N)  # what unknowns can follow: the means
+        for _ in range(60):
+            x = problem.s * problem.data / (problem.s**2 + problem.reduced.weights["x"])
+            misfit = float(np.sum((problem.s * x - problem.data) ** 2)) + 2.0 * rest  # the rest, point by point: 1 + 1
+            policy.update(problem.reduced, x, Level(misfit, N + rest - problem.determined(None)), problem, None)
+        weights[policy.shared] = problem.reduced.weights["x"] / (1 + shared)
+    assert 2 < weights[shared] < 8  # 4 is true, in units of all that is noise in the means
+    assert weights[1.0] < 1
 
 
 def test_discrepancy_ends_at_its_level_in_few_rounds(rng):
