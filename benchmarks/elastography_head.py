@@ -34,7 +34,7 @@ from ngbrain.threads import threads
 
 Record = dict
 Answer = Callable[[WaveData, bool], tuple[np.ndarray, Record]]
-NOISE, THREADS, ROUNDS = 0.02, 2, 2
+NOISE, THREADS, ROUNDS = 0.02, 2, 3
 FINE, COARSE = (12e-3, "P4", 2e-3), (20e-3, "P2", 4e-3)
 """Elements that waves are simulated with (m, form) and the distance of points (m); for `--quick`."""
 TISSUES = NAMES[:3]

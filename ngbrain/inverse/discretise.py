@@ -38,8 +38,8 @@ NEAR = 1.0
 """How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
 SAME, SPARSE = 0.01, 50.0
 """Points are of a grid if their coordinates, to so many of the nearest distance, cross at so many places for each, or fewer."""
-LARGEST = 90_000
-"""Displacements that elements in space may have, shared ones counted once: 84 645 of a head (96 033 in all) take 9.3 GiB."""
+LARGEST = 95_000
+"""Displacements that elements in space may have, shared ones counted once: 84 645 of a head (96 033 in all) took 9.3 GiB."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def test_a_ball_with_its_label(tmp_path):
     assert soft == pytest.approx(SOFT.real, rel=0.03)
     assert stiff / soft == pytest.approx(2, rel=0.15)
     assert medians(data, found.maps["loss"])[1] == pytest.approx(SOFT.imag, rel=0.05)
-    assert len(found.history) == 6
+    assert found.checks["converged"] and 3 <= len(found.history) <= 6
     assert [each.misfit for each in found.history[:2]] == [each.misfit for each in stopped.history]
     assert found.by_label["storage"][1]["median"] == pytest.approx(STIFF.real, rel=0.2)
     assert found.checks["misfit_over_expected"] < 1.5

@@ -1,7 +1,7 @@
 """Zones of elastography. Naive: boxes side by side, each inverted for itself. Ours: they overlap, and once more with neighbours.
 
 A bar of one material in two zones of one wave length, shear waves with 2 % noise. Where they meet the naive storage modulus
-jumps by 2.6 % (rms over the face), ours changes by 0.6 %; the loss modulus, which so little tells, by 2.9 and 2.8 %.
+jumps by 1.9 % (rms over the face), ours changes by 0.3 %; the loss modulus by 4.8 and 1.1 %.
 """
 
 import numpy as np
@@ -28,12 +28,12 @@ def jump(found, name):
 
 def test_naive_boxes_side_by_side_jump_where_they_meet():
     naive = invert_by_subzones(bar(), size=0.024, overlap=0.0, passes=0, rounds=6)
-    assert jump(naive, "storage") > 0.02
+    assert jump(naive, "storage") > 0.015 and jump(naive, "loss") > 0.035
     assert not naive.checks["disagreement_storage"]  # no two zones know a point
 
 
 def test_ours_do_not():
     ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, rounds=6)
-    assert jump(ours, "storage") < 0.01 and jump(ours, "loss") < 0.05
+    assert jump(ours, "storage") < 0.006 and jump(ours, "loss") < 0.02
     for name in ours.maps:
         assert ours.checks[f"disagreement_{name}"] < 0.7 * ours.checks[f"disagreement_{name}_first"]
