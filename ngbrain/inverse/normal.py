@@ -48,8 +48,7 @@ class Normal:
         self.point, self.forcing, self.most = point, forcing, most
         self.directions = Directions() if directions is None else directions
         self.iterations: list[int] = [] if counted is None else counted
-        self._known: dict[str, float] = {}
-        self._used_up = 0.0
+        self._drawn: tuple[float, dict[str, float]] | None = None
         self._regular = point.reduced.regular_matrix(point.x)
         self._jacobian = point.reduced.unknowns.jacobian(point.x)
         self.precondition = by_blocks(preconditioners(point, extensions or Extensions()), point.reduced)
@@ -84,8 +83,7 @@ class Normal:
 
     def determined(self, random: np.random.Generator) -> float:
         """How many of the real data the unknowns use up, tr (H⁻¹ Jᵀ W J), by the sample of `determined_of`."""
-        self._sample(random)
-        return self._used_up
+        return self._sample(random)[0]
 
     def determined_of(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
@@ -97,12 +95,13 @@ class Normal:
         What the noise does to held displacements, a hundred times the fields' share, does not enter. Iterations that are cut
         short leave too much of w, and count too much. The first call draws; later ones tell the same sample.
         """
-        self._sample(random)
-        return {name: self._known[name] for name in regular}
+        known = self._sample(random)[1]
+        return {name: known[name] for name in regular}
 
-    def _sample(self, random: np.random.Generator) -> None:
-        if self._known:
-            return
+    def _sample(self, random: np.random.Generator) -> tuple[float, dict[str, float]]:
+        """Numbers of all data that are used up, and block → numbers determined; drawn once."""
+        if self._drawn is not None:
+            return self._drawn
         reduced, state = self.point.reduced, self.point.state
         blocks = {name: reduced.unknowns.blocks[name] for name in reduced.regularisers}
         root = np.sqrt(reduced.misfit.weight(state.data))  # type: ignore[attr-defined]
@@ -113,11 +112,12 @@ class Normal:
             drawn, likely[block] = likely_field(self._regular[block, block], random)
             asked[block] += drawn
         left = self.solve(asked, PROBED, MOST_PROBED)
-        self._used_up = float(np.clip(-told @ left, 0.0, len(told)))
-        found = likely - left
+        found, known = likely - left, {}
         for name, block in blocks.items():
             energy = found[block] @ (self._regular[block, block] @ found[block])
-            self._known[name] = float(np.clip(energy, 0.0, block.stop - block.start))
+            known[name] = float(np.clip(energy, 0.0, block.stop - block.start))
+        self._drawn = float(np.clip(-told @ left, 0.0, len(told))), known
+        return self._drawn
 
 
 def likely_field(matrix: sp.csr_array, random: np.random.Generator) -> tuple[Array, Array]:
