@@ -5,6 +5,7 @@ from functools import cache
 import ngsolve as ngs
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from ball_in_block import MIDDLE, RADIUS, SOFT, STIFF, body, cube, label_at, measured
 
 from ngbrain.adjoint.reduced import Reduced
@@ -15,7 +16,7 @@ from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners, regul
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.labels import by_label, shares
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.normal import Normal
+from ngbrain.inverse.normal import Normal, likely_field
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.weights import Given
@@ -102,6 +103,19 @@ def test_directions_are_remembered():
     normal.solve(b)
     normal.solve(1.1 * b)
     assert normal.iterations[1] <= normal.iterations[0] / 4
+
+
+@pytest.mark.parametrize("held", [0.5, 0.0])
+def test_likely_fields_are_as_the_regulariser_says(held, rng):
+    """Differences between neighbours, one value held or none: then their mean is free, and energies are those of the rest."""
+    n = 8
+    differences = sp.csr_array(np.eye(n - 1, n) - np.eye(n - 1, n, 1))
+    matrix = sp.csr_array(differences.T @ differences + held * sp.diags_array(np.eye(n)[0]))
+    drawn, fields = np.array([likely_field(matrix, rng) for _ in range(4000)]).transpose(1, 0, 2)
+    apart = fields @ differences.T.toarray()
+    assert np.allclose(np.cov(apart.T), np.eye(n - 1), atol=0.1)
+    assert np.mean(np.einsum("ij,ij->i", fields @ matrix.toarray(), fields)) == pytest.approx(n - (held == 0), rel=0.05)
+    assert np.allclose(fields @ matrix.toarray(), drawn, atol=1e-3)
 
 
 def columns(weight, boundary):
