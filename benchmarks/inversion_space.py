@@ -15,26 +15,20 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-import ngsolve as ngs
 import numpy as np
+from _ball_waves import BallInBlock
 from _command import main
 from _front import figure
-from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation
 from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
 from ngbrain.inverse.discretise import Discretisation
-from ngbrain.inverse.labels import by_label, shares
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.io.waves import WaveData
-from ngbrain.materials import Shearing
 from ngbrain.mesh.grid import boxes
 
 Record = dict
-SIDE, CENTRE, RADIUS = 0.06, np.array([0.032, 0.028, 0.030]), 7.5e-3
-MODULI = np.array([2400 + 1000j, 4800 + 2000j])
+BLOCK = BallInBlock(0.06, (0.032, 0.028, 0.030), 7.5e-3, (2400 + 1000j, 4800 + 2000j), 50.0, 0.011)
 NOISE, TRUE, FAILED = 0.02, 2.0, 0.4
 CELLS = ((2, 4), (2, 6), (3, 4), (3, 5), (3, 6))
 """Order and hexahedra along a side."""
@@ -43,7 +37,7 @@ COLOURS = {"algebraic": "#D55E00", "local frequency": "#CC79A7", "order 2": "#56
 
 def measure(quick: bool) -> list[Record]:
     """One record for each way."""
-    data = block(2, 4e-3) if quick else block(4, 2e-3)
+    data = BLOCK.waves(*((2, 4e-3) if quick else (4, 2e-3)), NOISE)
     records = [
         direct(data, "algebraic", lambda each: helmholtz_of_curl(each, smoothed(each), 5e-3)),
         direct(data, "local frequency", local_frequency),
@@ -51,31 +45,6 @@ def measure(quick: bool) -> list[Record]:
     for order, cells in CELLS[:1] if quick else CELLS:
         records.append(inverted(data, order, cells, 1 if quick else 16))
     return records
-
-
-def block(order: int, spacing: float) -> WaveData:
-    """Noisy waves at points."""
-    geometry = CSGeometry()
-    geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(SIDE, SIDE, SIDE)).bc("all"))
-    mesh = ngs.Mesh(geometry.GenerateMesh(maxh=0.011))
-    parts = shares(mesh, order + 2, label_at, ["block", "ball"])
-    modulus = by_label(parts, dict(zip(("block", "ball"), (ngs.CF(1) * g for g in MODULI), strict=True)))
-    drives = [(1e-5 * ngs.z / SIDE, 0, 0), (0, 1e-5 * (1 - ngs.x / SIDE), 0.5e-5 * ngs.y / SIDE)]
-    waves = [Wave(50.0, {"all": drive}) for drive in drives]
-    body = Harmonic(mesh, Shearing(modulus), waves, bulk=2e5, form=f"P{order}", held="all", quadrature=order + 2)
-    line = np.linspace(0, SIDE, round(SIDE / spacing) + 1)
-    points = np.array([[x, y, z] for z in line for y in line for x in line])
-    observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, SIDE - 1e-9))
-    u = [observe @ gfu.vec.FV().NumPy().reshape(3, -1).T for gfu in body.solve()]
-    label = label_at(points)
-    truth = {"shear": MODULI[label]}
-    data = WaveData(points, u, [50.0] * 2, 1000.0, "isotropic", "viscoelastic", bulk=2e5, labels=label, truth=truth)
-    return data.with_noise(NOISE, seed=0)
-
-
-def label_at(x: np.ndarray) -> np.ndarray:
-    """1 in the ball."""
-    return (np.linalg.norm(x - CENTRE, axis=1) < RADIUS).astype(int)
 
 
 def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]) -> Record:
@@ -87,7 +56,7 @@ def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]
 
 def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
     """By `invert_in_space`."""
-    line = np.linspace(0, SIDE, cells + 1)
+    line = np.linspace(0, BLOCK.side, cells + 1)
     mesh = boxes(np.ones((cells,) * 3, bool), line, line, line)
     elements = Discretisation(mesh, f"P{order}", (order + 1) // 2, None, np.ones(len(data.points), bool))
     begun = time.process_time()
@@ -108,20 +77,18 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
 
 def judged(data: WaveData, modulus: np.ndarray) -> Record:
     """Against the truth, where there is an answer."""
-    away, known = np.linalg.norm(data.points - CENTRE, axis=1), np.isfinite(modulus) & (modulus != 0)
-    truth = MODULI[data.labels]
-    core, around = away < RADIUS - 2e-3, (away > RADIUS) & (away < RADIUS + 5e-3)
-    size = np.abs(modulus)
+    known = np.isfinite(modulus) & (modulus != 0)
+    size, truth = np.abs(modulus), np.array(BLOCK.moduli)[data.labels]
 
     def contrast(values: np.ndarray) -> float:
-        return float(np.median(values[core & known]) / np.median(values[around & known]))
+        return BLOCK.contrast(data.points, values, known)
 
     both = [contrast(modulus.real), contrast(modulus.imag) if np.abs(modulus.imag[known]).max() > 0 else None]
     return {
         "error": float(np.sqrt(np.mean(np.log(size[known] / np.abs(truth[known])) ** 2))),
         "contrast": contrast(size),
         "contrasts": both,
-        "block": float(np.median(size[known & (data.labels == 0)]) / abs(MODULI[0]) - 1),
+        "block": float(np.median(size[known & (data.labels == 0)]) / abs(BLOCK.moduli[0]) - 1),
         "failed": bool(abs(contrast(size) - TRUE) > FAILED),
     }
 

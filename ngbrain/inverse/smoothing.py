@@ -144,7 +144,7 @@ def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
     missed by their own size between points near the edge; with .3 by less than 1e-3 everywhere.
 
     Raises `InputError` if the points are no grid, or one of less than 8 points along an axis; or if a component is measured at
-    some points of the mask, but at less than 6 to the power of the dimension.
+    some points of the mask, but at no more than 6 to the power of the dimension, as many as the smallest spline has coefficients.
     """
     grid = data.structured
     if grid is None or min(grid.shape) < _DEGREE + 3:
@@ -171,8 +171,8 @@ def _best_spline(
 ) -> tuple[_Component, int]:
     """The spline, and its place in `_counts`, which are tried from the `first` on; from 0 on if that is the best of them."""
     n, best, least, waited, place = int(weight.sum()), None, np.inf, 0, first
-    if n < (wanted := (_DEGREE + 1) ** len(grid.shape)):
-        raise InputError("mask", f"true at {n} measured points", f"at least {wanted}")
+    if n <= (wanted := (_DEGREE + 1) ** len(grid.shape)):
+        raise InputError("mask", f"true at {n} measured points", f"more than {wanted}")
     for i, counts in enumerate(_counts(grid)[first:], first):
         fit = _Fit(grid, counts, weight)
         if (p := fit.size) > max(full * n, wanted):

@@ -98,7 +98,7 @@ def invert_by_subzones(
     level, note = noise_level(data, noise)
     zones = cut(data, size, overlap)
     if not zones:
-        raise InputError("mask", "of small pieces alone", f"one of {FEWEST} points or more that touch")
+        raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
     common = Common(
         max(level, LEAST), float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint)
     )

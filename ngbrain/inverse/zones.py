@@ -19,7 +19,7 @@ from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 FEWEST = 216
-"""Points of a zone, or of a piece of one that touches none of its others: with fewer no splines can be laid through them."""
+"""A zone, or a piece of one that touches none of its others, has more points than this: the smallest spline's coefficients."""
 WIDE = 8
 """Points along each side of a zone's grid at least, those outside of the zone too: splines want as many."""
 TOUCHING = 1.8
@@ -59,7 +59,7 @@ def cut(data: WaveData, size: float, overlap: float) -> list[Zone]:
     size     m, longest side of a zone, its overlaps with neighbours included
     overlap  m, how deep neighbours reach into each other; 0: not at all
 
-    Points in pieces of fewer than `FEWEST` are in no zone; the list is empty where all are.
+    Points in pieces of no more than `FEWEST` are in no zone; the list is empty where all are.
 
     >>> line = np.arange(20) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line[:8] for y in line[:8] for x in line])
@@ -173,11 +173,11 @@ def _within(points: Array, low: Array, high: Array, overlap: float) -> Array:
 
 
 def _in_large_pieces(points: Array, reach: float) -> Array:
-    """Which points are in a piece of `FEWEST` or more."""
+    """Which points are in a piece of more than `FEWEST`."""
     i, j = KDTree(points).query_pairs(reach, output_type="ndarray").T
     touch = sp.coo_array((np.ones(len(i)), (i, j)), shape=(len(points), len(points)))
     piece = connected_components(touch, directed=False)[1]
-    return np.bincount(piece)[piece] >= FEWEST
+    return np.bincount(piece)[piece] > FEWEST
 
 
 def _ramps(points: Array, low: Array, high: Array, overlap: float) -> Array:

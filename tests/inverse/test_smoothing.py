@@ -156,3 +156,7 @@ def test_what_cannot_be_fitted_is_named(rng):
     few[[0, 19, 380, 399, 210]] = True
     with pytest.raises(InputError, match="mask is true at 5"):
         fit_splines(waves(grid(20, 20), shear_waves(grid(20, 20), G), mask=few))
+    inner = grid(8, 8, 8)
+    few = np.all(inner < 6 * 2e-3 - 1e-9, axis=1)  # as many as the smallest spline has coefficients
+    with pytest.raises(InputError, match="mask is true at 216 measured points; wanted: more than 216"):
+        fit_splines(waves(inner, shear_waves(inner, G), mask=few))

@@ -66,6 +66,8 @@ def test_a_piece_of_few_points_is_in_no_zone():
     kept = np.concatenate([zone.points for zone in cut(data, 1.0, 0.0)])
     assert 3 * 8 * 8 < FEWEST < 20 * 8 * 8 and column[kept].max() == 19
     assert not cut(replace(data, mask=column > 26, dirichlet=None), 1.0, 0.0)
+    cube = np.all(points < 6 * SPACING - 1e-9, axis=1)  # 6 x 6 x 6: no spline can be laid through so few
+    assert cube.sum() == FEWEST and not cut(replace(data, mask=cube, dirichlet=None), 1.0, 0.0)
 
 
 def test_scattered_points(rng, egg):

@@ -1,0 +1,67 @@
+"""Waves of a block with a stiff ball in it, simulated with tetrahedra that know nothing of the elements that invert them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+from netgen.csg import CSGeometry, OrthoBrick, Pnt
+
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.points import evaluation
+from ngbrain.inverse.labels import by_label, shares
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing
+
+Array = np.ndarray
+BULK = 2e5
+
+
+@dataclass(frozen=True)
+class BallInBlock:
+    """A cube of `side` (m) with a ball at `centre`, moduli (Pa, complex) of block and ball; driven on all its faces in two ways.
+
+    element  size (m) of the tetrahedra that simulate it
+    """
+
+    side: float
+    centre: tuple[float, float, float]
+    radius: float
+    moduli: tuple[complex, complex]
+    hertz: float
+    element: float
+
+    def waves(self, order: int, spacing: float, noise: float) -> WaveData:
+        """Noisy displacements at points `spacing` (m) apart, simulated with elements of `order`."""
+        geometry = CSGeometry()
+        geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(*(self.side,) * 3)).bc("all"))
+        mesh = ngs.Mesh(geometry.GenerateMesh(maxh=self.element))
+        parts = shares(mesh, order + 2, self.label, ["block", "ball"])
+        modulus = by_label(parts, {name: ngs.CF(1) * g for name, g in zip(("block", "ball"), self.moduli, strict=True)})
+        drives = [(1e-5 * ngs.z / self.side, 0, 0), (0, 1e-5 * (1 - ngs.x / self.side), 0.5e-5 * ngs.y / self.side)]
+        loads = [Wave(self.hertz, {"all": drive}) for drive in drives]
+        form = {"form": f"P{order}", "held": "all", "quadrature": order + 2}
+        body = Harmonic(mesh, Shearing(modulus), loads, bulk=BULK, **form)
+        line = np.linspace(0, self.side, round(self.side / spacing) + 1)
+        points = np.array([[x, y, z] for z in line for y in line for x in line])
+        observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, self.side - 1e-9))
+        u = [observe @ gfu.vec.FV().NumPy().reshape(3, -1).T for gfu in body.solve()]
+        label = self.label(points)
+        about = {"bulk": BULK, "labels": label, "truth": {"shear": np.array(self.moduli)[label]}}
+        data = WaveData(points, u, [self.hertz] * 2, 1000.0, "isotropic", "viscoelastic", **about)
+        return data.with_noise(noise, seed=0)
+
+    def label(self, x: Array) -> Array:
+        """1 in the ball, for points (n, 3)."""
+        return (self.away(x) < self.radius).astype(int)
+
+    def away(self, x: Array) -> Array:
+        """From the ball's middle (m)."""
+        return np.asarray(np.linalg.norm(x - np.array(self.centre), axis=1))
+
+    def contrast(self, points: Array, values: Array, known: Array | bool = True) -> float:
+        """Median of the ball's core, 2 mm off its border, over that of the 5 mm around it."""
+        away = self.away(points)
+        core, around = away < self.radius - 2e-3, (away > self.radius) & (away < self.radius + 5e-3)
+        return float(np.median(values[core & known]) / np.median(values[around & known]))

@@ -1,0 +1,164 @@
+"""Zones against one inversion: how far their maps are from its map and from the truth, and what they cost, by the size of zones.
+
+A block of 6 cm with a ball of 20 mm, twice as stiff, in its middle, so that every cut goes through it; two loads at 80 Hz, 2.3
+wave lengths from side to side, simulated with fourth order on tetrahedra, points every 2.5 mm, 2 % noise, one seed. `off` is the
+rms of ln(modulus/that of one inversion) over all points, `error` that of ln(modulus/truth), storage and loss; a size is in wave
+lengths, and neighbours overlap by .4. `cpu_s` of a pass counts all before it. Memory is that of the largest process. Zones that
+are more than a tenth off have failed: a cross.
+
+    python benchmarks/inversion_zones.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/inversion_zones.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+from _ball_waves import BallInBlock
+from _command import main
+from _front import figure
+
+from ngbrain.inverse.direct import helmholtz_of_curl
+from ngbrain.inverse.inversion import Inversion
+from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.subzones import OVERLAP, invert_by_subzones
+from ngbrain.io.waves import WaveData
+from ngbrain.threads import set_threads
+
+Record = dict
+Maps = dict[str, np.ndarray]
+BLOCK = BallInBlock(0.06, (0.03, 0.03, 0.03), 0.010, (4000 + 1600j, 8000 + 3200j), 80.0, 0.009)
+NOISE, FAILED, PASSES = 0.02, 0.1, 2
+WAVE = 0.026
+"""Length of a wave of shear in the block (m)."""
+SIZES = (0.9, 1.3, 1.6)
+PARTS = ("storage", "loss")
+COLOURS = {"algebraic": "#D55E00", "one inversion": "#4d4d4d", 0.9: "#56B4E9", 1.3: "#0072B2", 1.6: "#009E73"}
+
+
+def measure(quick: bool) -> list[Record]:
+    """One record for each way, zones once for themselves and once after each pass."""
+    data = BLOCK.waves(*((2, 4e-3) if quick else (4, 2.5e-3)), NOISE)
+    rounds = 1 if quick else 16
+    whole, record = apart(one, data, rounds)
+    records = [direct(data, whole), record]
+    for size in SIZES[2:] if quick else SIZES:
+        records += apart(zones, data, rounds, size, whole)
+        print(line(records[-1]), file=sys.stderr, flush=True)
+    return records
+
+
+def apart(way, *arguments):
+    """In a process of its own, whose peak of memory is its own."""
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=set_threads, initargs=(1,)) as executor:
+        return executor.submit(way, *arguments).result()
+
+
+def direct(data: WaveData, whole: Maps) -> Record:
+    """Algebraic inversion, the peer."""
+    modulus = helmholtz_of_curl(data, smoothed(data), 5e-3)
+    maps = {"storage": np.maximum(modulus.real, 1.0), "loss": np.maximum(modulus.imag, 1.0)}
+    return {"method": "algebraic", **judged(data, maps, whole)}
+
+
+def one(data: WaveData, rounds: int) -> tuple[Maps, Record]:
+    """Of the whole block."""
+    found = invert_in_space(data, noise=NOISE, rounds=rounds)
+    record = {"method": "one inversion", **judged(data, found.maps, found.maps), **about(found, 0)}
+    return found.maps, record | {"misfit": found.checks["misfit_over_expected"]}
+
+
+def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]:
+    """Zones of a size in wave lengths, and their passes."""
+    lengths = {"size": size * WAVE, "overlap": min(OVERLAP, OVERLAP / 1.5 * size) * WAVE}
+    found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, rounds=rounds)
+    common = {"method": "zones", "size": size, "zones": found.model["zones"], "points": found.model["points_of_a_zone"]}
+    records = []
+    for i, row in enumerate(found.rows):
+        records.append({**common, "passes": i, **judged(data, row.maps, whole), **about(found, i)})
+    for name in PARTS:
+        records[0][f"disagreement_{name}"] = found.checks[f"disagreement_{name}_first"]
+        records[-1][f"disagreement_{name}"] = found.checks[f"disagreement_{name}"]
+    records[-1]["misfit_as_one_body"] = found.checks.get("misfit_as_one_body")
+    return records
+
+
+def about(found: Inversion, i: int) -> Record:
+    """Size and cost of a row."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    cpu = sum(row.cpu_s for row in found.rows[: i + 1])
+    return {"ndof": found.model["n_unknowns"], "converged": found.rows[i].converged, "cpu_s": cpu, "peak_gib": peak}
+
+
+def judged(data: WaveData, maps: Maps, whole: Maps) -> Record:
+    """Against one inversion and against the truth; medians of the ball's core and off it."""
+    truth = np.array(BLOCK.moduli)[data.labels]
+    true = {"storage": truth.real, "loss": truth.imag}
+
+    def rms(values: np.ndarray, others: np.ndarray) -> float:
+        return float(np.sqrt(np.nanmean(np.log(values / others) ** 2)))
+
+    off = [rms(maps[name], whole[name]) for name in PARTS]
+    return {
+        "off": off,
+        "off_by": [BLOCK.contrast(data.points, maps[n]) / BLOCK.contrast(data.points, whole[n]) - 1 for n in PARTS],
+        "error": [rms(maps[name], true[name]) for name in PARTS],
+        "contrast": [BLOCK.contrast(data.points, maps[name]) for name in PARTS],
+        "failed": bool(max(off) > FAILED),
+    }
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Distance from one inversion, and from the truth, against CPU time."""
+    plt, made, panels = figure(11, 4.8, 2)
+    ours = [r for r in records if "cpu_s" in r]
+    for axes, key, i in zip(panels, ("off", "error"), (1, 1), strict=True):
+        for size in dict.fromkeys(r["size"] for r in ours if "size" in r):
+            way = [r for r in ours if r.get("size") == size]
+            label = f"{way[0]['zones']} zones of {size:g} wave lengths"
+            axes.plot([r["cpu_s"] for r in way], [100 * r[key][i] for r in way], "-", color=COLOURS[size], label=label)
+            for r in way:
+                mark = "x" if r["failed"] else "o"
+                axes.plot(r["cpu_s"], 100 * r[key][i], mark, color=COLOURS[size], ms=9, mew=2.5)
+                axes.annotate(
+                    f"{r['passes']}", (r["cpu_s"], 100 * r[key][i]), textcoords="offset points", xytext=(7, 5)
+                )
+        axes.set(xscale="log", yscale="log", xlabel="CPU time, s")
+        axes.grid(True, alpha=0.3)
+        axes.margins(0.15)
+    left, right = panels
+    (single,) = (r for r in ours if r["method"] == "one inversion")
+    (algebraic,) = (r for r in records if r["method"] == "algebraic")
+    right.plot(
+        single["cpu_s"], 100 * single["error"][1], "s", color=COLOURS["one inversion"], ms=9, label="one inversion"
+    )
+    right.axhline(100 * algebraic["error"][1], color=COLOURS["algebraic"], ls=":", label="algebraic inversion")
+    left.axvline(single["cpu_s"], color=COLOURS["one inversion"], ls="--", lw=1, label="time of one inversion")
+    left.axhline(2, color="0.7", lw=1)
+    left.set_ylabel("loss modulus, rms of ln off one inversion's, %")
+    right.set_ylabel("loss modulus, rms of ln off the truth, %")
+    for axes in panels:
+        axes.legend(fontsize=8)
+    made.suptitle(
+        "A ball twice as stiff in a block of 2.3 wave lengths, 2 % noise; numbers: passes among neighbours; a cross: failed"
+    )
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    kind = f" of {r['size']:g} wave lengths, {r['passes']} passes" if "size" in r else ""
+    off, error, contrast = ("{:.3g}, {:.3g}".format(*r[key]) for key in ("off", "error", "contrast"))
+    return (
+        f"{r['method']}{kind}: off one inversion {off}, truth {error}; contrast {contrast}; {r.get('cpu_s', 0):.0f} s"
+    )
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
