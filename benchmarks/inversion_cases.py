@@ -67,7 +67,7 @@ def record(name: str, noise: float, nodes: int | None) -> Record:
         "converged": last.converged,
         "regulariser": inversion.regulariser,
         "misfit_over_expected": last.misfit / last.expected,
-        "rounds": sum(row.rounds for row in inversion.rows),
+        "rounds": sum(len(row.history) for row in inversion.rows),
     }
 
 

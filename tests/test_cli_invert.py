@@ -165,9 +165,11 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
 
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
     choices = ("--regulariser", "matern", "--weight", "l-curve", "--starts", starts, "--model-error", "0.01", "-q")
+    choices += ("--unknowns", "polar")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *choices)
     assert status == 3 and "seen enough" in lines[0]
     told = {"regulariser": "matern", "weight": "l-curve", "levels": levels, "model_error": 0.01, "noise": None}
+    told |= {"unknowns": "polar"}
     assert {name: chosen[name] for name in told} == told
 
 
@@ -179,6 +181,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
+        (["--subzones", "--unknowns", "polar"], ["--unknowns is polar", "moduli with --subzones"]),
         (["--subzones", "--weight", "l-curve"], ["--weight is l-curve", "evidence with --subzones"]),
         (["--subzones", "--discretisation", "data"], ["--discretisation is data", "left out with --subzones"]),
         (["--subzones"], ["waves.npz: points is in the plane"]),

@@ -17,6 +17,7 @@ from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.quantities import UNKNOWNS
 from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.io import write_json
@@ -36,6 +37,7 @@ IN_ZONES = {
     "--regulariser": ("smooth", "auto"),
     "--weight": ("evidence",),
     "--starts": ("all",),
+    "--unknowns": ("moduli",),
 }
 """What zones take of the other options."""
 SEED = 0
@@ -71,6 +73,12 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         choices=("all", *STARTS),
         default="all",
         help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many)",
+    )
+    parser.add_argument(
+        "--unknowns",
+        choices=tuple(UNKNOWNS),
+        default="moduli",
+        help="what is smooth: storage and loss (moduli), or magnitude and phase (polar)",
     )
     parser.add_argument(
         "--by-label",
@@ -132,6 +140,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         weight=arguments.weight,
         levels=STARTS.get(arguments.starts, (1.0,)),
         labelled=arguments.by_label,
+        unknowns=arguments.unknowns,
         tell=tell,
     )
 

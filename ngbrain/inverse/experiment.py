@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import ngsolve as ngs
 import numpy as np
@@ -18,61 +18,22 @@ from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.forward.stiffness import definite, elastic
 from ngbrain.inverse.composition import Composition, Whole
-from ngbrain.inverse.direct import uniform_modulus, uniform_shear
 from ngbrain.inverse.discretise import Discretisation
-from ngbrain.inverse.parameters import Fields, Log, Scaled, Transform, Unknown
+from ngbrain.inverse.parameters import Fields, Scaled, Transform, Unknown
+from ngbrain.inverse.quantities import MODULI, UNKNOWNS, Quantity, as_moduli, as_polar, quantities
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
 
 Array = np.ndarray
-LOSSY = 0.1
-FIBROUS = 0.5
-"""Loss tangent, and ζ and φ, to start from."""
 GUESSED = 1e-2
 """Weight of a smooth field against data: it says what waves are between the points."""
-MODULI = ("youngs", "storage", "loss", "mu")
 BETWEEN = 0.5
 """Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
 ELASTIC = 1e-6
 """Weight of elastic energy against data in space: it says what waves are where elements reach out of the data."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A property that is looked for: where it starts, and the least value it can take."""
-
-    name: str
-    start: float
-    floor: float = 0.0
-
-
-def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
-    """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
-
-    `shear` (Pa) is where moduli start; unasked the median of algebraic inversion.
-    """
-    stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
-    if data.rheology == "viscoelastic":
-        moduli = [Quantity("storage", stiff), Quantity("loss", loss)]
-    elif data.symmetry == "isotropic":
-        moduli = [Quantity("youngs", float(np.real(data.youngs_of(stiff))))]
-    else:
-        moduli = [Quantity("mu", stiff)]
-    if data.symmetry == "transversely_isotropic":
-        moduli += [Quantity("zeta", FIBROUS, -0.75), Quantity("phi", FIBROUS, -1.0)]
-    return tuple(moduli)
-
-
-def _start(data: WaveData) -> tuple[float, float]:
-    """Storage and loss modulus (Pa) that waves suggest."""
-    if data.dim == 2 or not np.any(data.frequency > 0):
-        stiff = uniform_shear(data)
-        return stiff, LOSSY * stiff
-    modulus = uniform_modulus(data)
-    return modulus.real, max(modulus.imag, LOSSY * modulus.real)
 
 
 class Experiment:
@@ -99,8 +60,8 @@ class Experiment:
         self.inside = elements.inside & data.mask
         self.space = ngs.H1(elements.mesh, order=elements.fields)
         self._fields = {name: self._uniform(quantity) for name, quantity in self._by_field.items()}
-        self.values = {quantity.name: self._value(quantity) for quantity in self.sought}
-        """Each quantity as a CoefficientFunction of the fields."""
+        self.values = as_moduli({quantity.name: self._value(quantity) for quantity in self.sought}, ngs)
+        """Each property of the material as a CoefficientFunction of the fields."""
         self.squeeze = ngs.Parameter(1.0)
         """Factor of the bulk modulus."""
         loads = [Wave(float(f)) for f in data.frequency]
@@ -143,7 +104,7 @@ class Experiment:
         return Fields(theta, self.model.blocks, unknowns)
 
     def maps(self, unknowns: Fields, x: Array) -> dict[str, Array]:
-        """Each quantity at all points of the data (n,), NaN where they are left out."""
+        """Each property of the material at all points of the data (n,), NaN where they are left out."""
         theta = unknowns.theta(x)
         at = evaluation(self.space, self.model.points)
         maps = {}
@@ -151,12 +112,12 @@ class Experiment:
             names = self.composition.fields(quantity.name)
             found = self.composition.at_points({name: at @ theta[self.model.blocks[name]] for name in names})
             maps[quantity.name] = np.full(len(self.data.points), np.nan)
-            maps[quantity.name][self.inside] = found if self.elements.nodal else quantity.floor + np.exp(found)
-        return maps
+            maps[quantity.name][self.inside] = found if self.elements.nodal else quantity.transform.value(found)
+        return as_moduli(maps)
 
     def of_truth(self) -> Array | None:
         """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary."""
-        truths = self.data.truth_views
+        truths = as_polar(self.data.truth_views)
         if not all(quantity.name in truths for quantity in self.sought):
             return None
         unknowns = self.unknowns(np.ones(1))
@@ -164,7 +125,7 @@ class Experiment:
         fitted = self._fit()
         for quantity in self.sought:
             truth = np.real(truths[quantity.name][self.inside])
-            field = truth if self.elements.nodal else fitted(np.log(truth - quantity.floor))
+            field = truth if self.elements.nodal else fitted(quantity.transform.inverse(truth))
             for name in self.composition.fields(quantity.name):
                 theta[self.model.blocks[name]] = field
         return self.model.at(theta).data
@@ -173,15 +134,17 @@ class Experiment:
         names = self.composition.fields(quantity.name)
         field = self.composition.function({name: self._fields[name] for name in names})
         # Nodal values are moduli on the grid of the data; elsewhere the field is the logarithm, positive everywhere.
-        return field if self.elements.nodal else quantity.floor + ngs.exp(field)
+        return field if self.elements.nodal else quantity.transform.function(field)
 
     def _start(self, quantity: Quantity) -> tuple[Array, Transform]:
         start = self._uniform(quantity).vec.FV().NumPy().copy()
-        return start, Log(quantity.floor) if self.elements.nodal else Scaled()
+        return start, quantity.transform if self.elements.nodal else Scaled()
 
     def _uniform(self, quantity: Quantity) -> ngs.GridFunction:
         uniform = ngs.GridFunction(self.space)  # of a higher order not all unknowns are values
-        uniform.Set(quantity.start if self.elements.nodal else float(np.log(quantity.start - quantity.floor)))
+        uniform.Set(
+            quantity.start if self.elements.nodal else float(quantity.transform.inverse(np.array(quantity.start)))
+        )
         return uniform
 
     def _material(self) -> tuple[OfSmallStrain, CoefficientFunction | complex]:
@@ -286,12 +249,15 @@ class Experiment:
 
 
 def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
-    names, known = [quantity.name for quantity in sought], [quantity.name for quantity in quantities(data, 1.0)]
+    names = [quantity.name for quantity in sought]
+    kinds = [UNKNOWNS[kind](data, 1.0) for kind in (UNKNOWNS if data.rheology == "viscoelastic" else ("moduli",))]
+    known = [[quantity.name for quantity in each] for each in kinds]
+    wanted = ", or ".join(", ".join(each) for each in known)
     if "bulk" in names:
-        wanted = f"{', '.join(known)}: the bulk modulus is given, as waves of shear tell next to nothing of it"
+        wanted = f"{wanted}: the bulk modulus is given, as waves of shear tell next to nothing of it"
         raise InputError("sought", "bulk", wanted)
-    if names != known:
-        raise InputError("sought", ", ".join(names), ", ".join(known))
+    if names not in known:
+        raise InputError("sought", ", ".join(names), wanted)
     return sought
 
 

@@ -24,6 +24,7 @@ from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
@@ -65,6 +66,7 @@ def invert(
     uniform: bool = True,
     levels: Sequence[float] = (1.0,),
     labelled: bool = False,
+    unknowns: str = "moduli",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
@@ -77,8 +79,9 @@ def invert(
     uniform      whether to try uniform fields as a start too
     levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept
     labelled     whether each label of the data has fields of its own, which jump where labels meet
+    unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
 
-    Raises `InputError` for a regulariser or weight that is none, negative noise, data that cannot be inverted.
+    Raises `InputError` for a regulariser, unknowns or weight that is none, negative noise, data that cannot be inverted.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -96,15 +99,15 @@ def invert(
     if not all(0 < each < np.inf for each in levels):
         raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
     if data.dim == 3:
-        return _in_space(data, elements, noise, model_error, regulariser, weight, levels, labelled, tell)
-    notes: list[str] = []
+        return _in_space(data, elements, noise, model_error, regulariser, weight, levels, labelled, unknowns, tell)
+    sought, notes = unknowns_of(data, unknowns), list[str]()
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
     level, note = noise_level(data, noise)
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
     total = max(float(np.hypot(level, model_error)), floor)
-    experiment = Experiment(data, elements, composition=composed(data, elements, labelled))
+    experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
     search = _Search(experiment, total, settling, tell)
     tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
@@ -168,6 +171,7 @@ def _in_space(
     weight: str,
     levels: Sequence[float],
     labelled: bool,
+    unknowns: str,
     tell: Callable[[Iteration], None],
 ) -> Inversion:
     if weight != "evidence":
@@ -178,7 +182,14 @@ def _in_space(
         )
     chosen = "smooth" if regulariser == "auto" else regulariser
     return invert_in_space(
-        data, elements, noise=noise, model_error=model_error, regulariser=chosen, labelled=labelled, tell=tell
+        data,
+        elements,
+        noise=noise,
+        model_error=model_error,
+        regulariser=chosen,
+        labelled=labelled,
+        unknowns=unknowns,
+        tell=tell,
     )
 
 

@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
+from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 
@@ -45,6 +47,10 @@ class Log:
         """θ."""
         return self.floor + np.exp(x)
 
+    def function(self, x: CoefficientFunction) -> CoefficientFunction:
+        """The same of a field, in integrals."""
+        return self.floor + ngs.exp(x)
+
     def slope(self, x: Array) -> Array:
         """dθ/dx."""
         return np.exp(x)
@@ -70,6 +76,10 @@ class Bounded:
     def value(self, x: Array) -> Array:
         """θ."""
         return self.low + (self.high - self.low) / (1 + np.exp(-x))
+
+    def function(self, x: CoefficientFunction) -> CoefficientFunction:
+        """The same of a field, in integrals."""
+        return self.low + (self.high - self.low) / (1 + ngs.exp(-x))
 
     def slope(self, x: Array) -> Array:
         """dθ/dx."""

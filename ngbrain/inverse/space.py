@@ -24,6 +24,7 @@ from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.io.waves import WaveData
 
@@ -45,6 +46,7 @@ def invert_in_space(
     model_error: float = 0.0,
     regulariser: str | Prior = "smooth",
     labelled: bool = False,
+    unknowns: str = "moduli",
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
     tell: Callable[[Iteration], None] = lambda _: None,
@@ -56,10 +58,11 @@ def invert_in_space(
     model_error  of the same kind: what the model cannot fit
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
+    unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     rounds       iterations at most, those from the measured waves apart
     checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it
 
-    Raises `InputError` for data in the plane, negative noise, a regulariser that is none, labels that are not there.
+    Raises `InputError` for data in the plane, negative noise, a regulariser or unknowns that are none, labels that are not there.
 
     >>> line = np.linspace(0, 0.03, 11)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -78,11 +81,11 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    elements = elements or elements_in_space(data, labelled)
+    sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     level, note = noise_level(data, noise)
     notes = [note] if note else []
     total = max(float(np.hypot(level, model_error)), LEAST)
-    experiment = Experiment(data, elements, composition=composed(data, elements, labelled))
+    experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
     problem = _problem(experiment, total, prior)
     way = Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
     found = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)

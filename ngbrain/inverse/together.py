@@ -10,11 +10,11 @@ import numpy as np
 
 from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.answer import Answer
-from ngbrain.inverse.experiment import quantities
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.one_body import level_as_one_body
 from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution
+from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
 from ngbrain.inverse.weights import Level
 from ngbrain.inverse.zones import Zone, disagreement, joined, spacing

@@ -11,12 +11,13 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import ByLabel
 from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment, quantities
+from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.misfit import Huber, LeastSquares
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.priors import priors
 from ngbrain.inverse.quality import noise_of
+from ngbrain.inverse.quantities import quantities
 from ngbrain.io.waves import WaveData
 
 START, MATERIAL = "unknowns or their start", ["material, density or fibres"]

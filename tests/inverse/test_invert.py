@@ -9,9 +9,10 @@ from simulated import waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.discretise import as_made, bulk_ratio, in_elements
-from ngbrain.inverse.experiment import Experiment, quantities
+from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.invert import ASTRAY, OURS, invert
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.unseen import moduli_of_fibres
 
 BODIES = [

@@ -11,8 +11,9 @@ from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment, quantities
+from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.invert import invert
+from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.io.waves import WaveData
 

@@ -9,9 +9,10 @@ from simulated import waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.discretise import in_elements
-from ngbrain.inverse.experiment import Experiment, Quantity, quantities
+from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.quantities import Quantity, quantities
 from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
 from ngbrain.materials import TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles

@@ -1,0 +1,107 @@
+"""The quantities that are looked for in a material: where they start, between which bounds, and the modulus that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.inverse.direct import uniform_modulus, uniform_shear
+from ngbrain.inverse.parameters import Bounded, Log
+from ngbrain.io.waves import WaveData
+
+LOSSY = 0.1
+FIBROUS = 0.5
+"""Loss tangent, and ζ and φ, to start from."""
+MODULI = ("youngs", "storage", "loss", "mu", "magnitude")
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A property that is looked for: where it starts, and the bounds that it stays within."""
+
+    name: str
+    start: float
+    floor: float = 0.0
+    ceiling: float = np.inf
+
+    @property
+    def transform(self) -> Log | Bounded:
+        """The variable that can take any value: ln(θ - floor), or one for both bounds."""
+        return Log(self.floor) if self.ceiling == np.inf else Bounded(self.floor, self.ceiling)
+
+
+def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
+    """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
+
+    `shear` (Pa) is where moduli start; unasked what the waves suggest.
+    """
+    stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
+    if data.rheology == "viscoelastic":
+        moduli = [Quantity("storage", stiff), Quantity("loss", loss)]
+    elif data.symmetry == "isotropic":
+        moduli = [Quantity("youngs", float(np.real(data.youngs_of(stiff))))]
+    else:
+        moduli = [Quantity("mu", stiff)]
+    if data.symmetry == "transversely_isotropic":
+        moduli += [Quantity("zeta", FIBROUS, -0.75), Quantity("phi", FIBROUS, -1.0)]
+    return tuple(moduli)
+
+
+def polar(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
+    """The same with magnitude |G*| (Pa) and phase (rad, 0 to π/2) in place of storage and loss: ln G* = ln |G*| + i phase.
+
+    Regularisers then hold the loss angle even where the modulus is not, and the other way round. Raises `InputError` for
+    elastic data.
+    """
+    if data.rheology != "viscoelastic":
+        raise InputError("unknowns", "'polar'", "moduli: elastic data have no phase")
+    storage, loss, *others = quantities(data, shear)
+    modulus = complex(storage.start, loss.start)
+    size, phase = Quantity("magnitude", abs(modulus)), Quantity("phase", float(np.angle(modulus)), 0.0, np.pi / 2)
+    return size, phase, *others
+
+
+UNKNOWNS: dict[str, Callable[..., tuple[Quantity, ...]]] = {"moduli": quantities, "polar": polar}
+"""Ways of looking for a complex modulus, as `invert` offers them."""
+
+
+def unknowns_of(data: WaveData, chosen: str) -> tuple[Quantity, ...]:
+    """Those of a name in `UNKNOWNS`; `InputError` for another one."""
+    if chosen not in UNKNOWNS:
+        raise InputError("unknowns", repr(chosen), nearest(chosen, tuple(UNKNOWNS)))
+    return UNKNOWNS[chosen](data)
+
+
+def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value]:
+    """Storage and loss from magnitude and phase, where there are some; `library` has cos and sin of such values.
+
+    >>> {name: round(value, 6) for name, value in as_moduli({"magnitude": 2.0, "phase": np.pi / 6}).items()}
+    {'storage': 1.732051, 'loss': 1.0}
+    """
+    if "magnitude" not in values:
+        return dict(values)
+    rest: dict[str, Any] = dict(values)
+    size, phase = rest.pop("magnitude"), rest.pop("phase")
+    return {"storage": size * library.cos(phase), "loss": size * library.sin(phase), **rest}
+
+
+def as_polar(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values with the magnitude and phase of storage and loss beside them, where there are some."""
+    if "storage" not in values:
+        return dict(values)
+    modulus = values["storage"] + 1j * values["loss"]
+    return {**values, "magnitude": np.abs(modulus), "phase": np.angle(modulus)}
+
+
+def _start(data: WaveData) -> tuple[float, float]:
+    """Storage and loss modulus (Pa) that waves suggest."""
+    if data.dim == 2 or not np.any(data.frequency > 0):
+        stiff = uniform_shear(data)
+        return stiff, LOSSY * stiff
+    modulus = uniform_modulus(data)
+    return modulus.real, max(modulus.imag, LOSSY * modulus.real)
