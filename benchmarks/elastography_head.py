@@ -83,7 +83,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
         "elements": found.model["n_elements"],
         "misfit": found.checks["misfit_over_expected"],
         "converged": found.checks["converged"],
-        "rounds": len(found.history),
+        "rounds": len(found.rows[-1].history),
     }
     return found.maps["storage"] + 1j * found.maps["loss"], more
 

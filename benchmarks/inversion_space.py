@@ -70,7 +70,7 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
         **judged(data, found.maps["storage"] + 1j * found.maps["loss"]),
         "misfit": found.checks["misfit_over_expected"],
         "converged": found.checks["converged"],
-        "rounds": len(found.history),
+        "rounds": len(found.rows[-1].history),
         "cpu_s": cpu_s,
     }
 

@@ -155,7 +155,9 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
     assert {name: chosen[name] for name in told} == told
 
 
-@pytest.mark.parametrize(("starts", "levels"), [("waves", ()), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))])
+@pytest.mark.parametrize(
+    ("starts", "levels"), [("waves", ()), ("auto", None), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))]
+)
 def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, starts, levels):
     chosen = {}
 

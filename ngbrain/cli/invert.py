@@ -29,14 +29,19 @@ from ngbrain.report import parameters
 from ngbrain.threads import threads
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
-STARTS = {"waves": (), "many": (0.5, 0.7, 1.0, 1.4, 2.0)}
+STARTS: dict[str, tuple[float, ...] | None] = {
+    "auto": None,
+    "waves": (),
+    "all": (1.0,),
+    "many": (0.5, 0.7, 1.0, 1.4, 2.0),
+}
 """Levels of uniform fields to start from, see `invert`."""
 IN_ZONES = {
     "--model-error": (0.0,),
     "--discretisation": (None, "fe"),
     "--regulariser": ("smooth", "auto"),
     "--weight": ("evidence",),
-    "--starts": ("all",),
+    "--starts": ("auto",),
     "--unknowns": ("moduli",),
 }
 """What zones take of the other options."""
@@ -70,9 +75,10 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--starts",
-        choices=("all", *STARTS),
-        default="all",
-        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many)",
+        choices=tuple(STARTS),
+        default="auto",
+        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many); auto: all in the plane, "
+        "waves in space",
     )
     parser.add_argument(
         "--unknowns",
@@ -138,7 +144,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         model_error=arguments.model_error,
         regulariser=arguments.regulariser,
         weight=arguments.weight,
-        levels=STARTS.get(arguments.starts, (1.0,)),
+        levels=STARTS[arguments.starts],
         labelled=arguments.by_label,
         unknowns=arguments.unknowns,
         tell=tell,

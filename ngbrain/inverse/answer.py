@@ -48,7 +48,7 @@ class Answer:
     @staticmethod
     def of(inversion: Inversion) -> Answer:
         """What is needed of a zone's inversion."""
-        mask, (row,) = inversion.data.mask, inversion.rows
+        mask, row = inversion.data.mask, inversion.rows[-1]
         return Answer(
             maps={name: values[mask] for name, values in inversion.maps.items()},
             predicted=inversion.predicted[:, mask],

@@ -83,10 +83,9 @@ class GaussNewton:
 
     def descend(self, x: Array, rounds: int = 4 * ROUNDS) -> FoundWaves:
         """From fields down to a minimum of J, at weights that settle with it."""
-        return self._down(x, rounds, [])
+        return self._down(self.reduced.at(x), rounds, [])
 
-    def _down(self, x: Array, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
-        point = self.reduced.at(x)
+    def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
         for _ in range(0 if settled else rounds):
             conditions, dx, du = self._step(point.x, self._state(point), None)
             step, lower = self._lower(point, dx, du)

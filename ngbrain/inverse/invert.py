@@ -26,6 +26,7 @@ from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.starts import compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -64,7 +65,7 @@ def invert(
     regulariser: str | Prior = "auto",
     weight: str = "evidence",
     uniform: bool = True,
-    levels: Sequence[float] = (1.0,),
+    levels: Sequence[float] | None = None,
     labelled: bool = False,
     unknowns: str = "moduli",
     tell: Callable[[Iteration], None] = lambda _: None,
@@ -77,7 +78,8 @@ def invert(
     regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation
     weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
     uniform      whether to try uniform fields as a start too
-    levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept
+    levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept. By default at 1 in the
+                 plane, and nowhere in space, where each takes as long as the rest
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
 
@@ -96,10 +98,21 @@ def invert(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    if not all(0 < each < np.inf for each in levels):
-        raise InputError("levels", list(levels), "positive multiples of the modulus that the waves suggest")
     if data.dim == 3:
-        return _in_space(data, elements, noise, model_error, regulariser, weight, levels, labelled, unknowns, tell)
+        if weight != "evidence":
+            raise InputError("weight", repr(weight), "evidence: in space there is no other")
+        return invert_in_space(
+            data,
+            elements,
+            noise=noise,
+            model_error=model_error,
+            regulariser="smooth" if regulariser == "auto" else regulariser,
+            labelled=labelled,
+            unknowns=unknowns,
+            levels=(levels or ()) if uniform else (),
+            tell=tell,
+        )
+    multiples = multiples_of(((1.0,) if levels is None else levels) if uniform else ())
     sought, notes = unknowns_of(data, unknowns), list[str]()
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
@@ -128,68 +141,23 @@ def invert(
         problem, start = search.from_waves(kinds[kind], before)
         both = search.descend(problem, start)
     rows = [row("waves", experiment, problem, start)]
-    best, chosen = both, "both"
-    if uniform and levels:
-        ends = {level: search.uniform(kinds[kind], problem, level) for level in levels}
-        arrived = {level: end for level, end in ends.items() if end is not None}
-        if arrived:
-            least = min(arrived, key=lambda level: arrived[level].value)
-            far = arrived[least]
-            if len(levels) > 1:
-                values = ", ".join(f"{end.value:.5g} from {level:g}" for level, end in arrived.items())
-                notes.append(
-                    f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
-                )
-            rows.append(row("uniform", experiment, problem, far))
-            if far.value < both.value * (1 - 1e-6):
-                best, chosen = far, "uniform"
-                notes.append("uniform fields led to a lower objective than measured waves did")
-        else:
-            notes.append("from uniform fields no step lowered the objective")
+    kept = compared(both, {level: search.uniform(kinds[kind], problem, level) for level in multiples})
+    notes += kept.notes
+    if kept.uniform:
+        rows.append(row("uniform", experiment, problem, kept.uniform))
     rows.append(row("both", experiment, problem, both))
     return concluded(
         experiment,
         problem,
-        best,
+        kept.best,
         rows,
-        chosen,
+        kept.chosen,
         noise=total,
         floor=floor,
         regulariser=kind,
         weight=weight,
         history=search.history,
         notes=notes,
-    )
-
-
-def _in_space(
-    data: WaveData,
-    elements: Discretisation | None,
-    noise: float | None,
-    model_error: float,
-    regulariser: str | Prior,
-    weight: str,
-    levels: Sequence[float],
-    labelled: bool,
-    unknowns: str,
-    tell: Callable[[Iteration], None],
-) -> Inversion:
-    if weight != "evidence":
-        raise InputError("weight", repr(weight), "evidence: in space there is no other")
-    if tuple(levels) not in ((), (1.0,)):
-        raise InputError(
-            "levels", list(levels), "one start, of the modulus that the waves suggest: in space there is no other"
-        )
-    chosen = "smooth" if regulariser == "auto" else regulariser
-    return invert_in_space(
-        data,
-        elements,
-        noise=noise,
-        model_error=model_error,
-        regulariser=chosen,
-        labelled=labelled,
-        unknowns=unknowns,
-        tell=tell,
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,11 +25,11 @@ from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import Linearised
 from ngbrain.inverse.blocks import Extensions
-from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
-from ngbrain.inverse.weights import Evidence, Policy
+from ngbrain.inverse.weights import Evidence, Level, Policy
 from ngbrain.solvers.directions import Directions
 
 Array = np.ndarray
@@ -72,6 +72,8 @@ class Iterative(GaussNewton):
         self.directions, self.extensions = Directions(), Extensions()
         self.iterations: list[int] = []
         """Of conjugate gradients, for each solve: steps and probes in turn."""
+        self.arrived: Found | None = None
+        """Where `approach` ended, if there was one; its misfit is expected to be the number of data."""
 
     @property
     def started(self) -> bool:
@@ -88,23 +90,22 @@ class Iterative(GaussNewton):
         x, waves, notes = self._saved()
         if len(waves):
             raise InputError("checkpoint", f"{self.checkpoint}, on the way from measured waves", "one of a descent")
-        history = [Iteration(**entry) for entry in notes["history"]]
+        history = _history(notes["history"])
         self._ledger.begun -= history[-1].cpu_s
-        return self._down(x, rounds - len(history), history, notes["settled"])
+        return self._down(self.reduced.at(x), rounds - len(history), history, notes["settled"])
 
     def from_measured(self, x: Array, waves: Array, approach: int, rounds: int) -> FoundWaves:
         """`approach` in so many rounds at most, then `descend`; from the checkpoint, if there is one, on either way.
 
         On the way, preconditioners are made anew: what follows is as good, but not the same to the last bit.
         """
-        done, own = 0, np.inf
+        done, own = list[Iteration](), np.inf
         if self.started:
             saved, on_the_way, notes = self._saved()
             if not len(on_the_way):
                 return self.resume(rounds)
-            x, waves, done, own = saved, on_the_way, notes["done"], notes["own"]
-        x, _ = self.approach(x, waves, approach, done, own)
-        return self.descend(x, rounds)
+            x, waves, done, own = saved, on_the_way, _history(notes["done"]), notes["own"]
+        return self._down(self.approach(x, waves, approach, done, own), rounds, [])
 
     def _step(self, x: Array, state: Linearised, balance: Array | None) -> tuple[Normal, Array, Array]:
         point = Point(self.reduced, x, state)
@@ -115,23 +116,24 @@ class Iterative(GaussNewton):
         return x + dx, waves
 
     def approach(
-        self, x: Array, waves: Array, rounds: int, done: int = 0, before: float = np.inf
-    ) -> tuple[Array, Array]:
-        """Unknowns and waves from where `descend` finds its way, from waves (loads, ndof) near the data that need not fit.
+        self, x: Array, waves: Array, rounds: int, done: Sequence[Iteration] = (), before: float = np.inf
+    ) -> Point:
+        """Where `descend` finds its way, from waves (loads, ndof) near the data that need not fit the fields.
 
         Steps of `from_waves`, each but the first with weights lower by `FALL`, for so many rounds or until the misfit of the
         fields' own waves hardly falls (`SLOW`). Of the rounds some may be `done`, the last from the misfit `before`.
         """
-        begun = time.process_time()
-        for number in range(done, rounds):
+        begun, history, point = time.process_time(), list(done), None
+        for number in range(len(history), rounds):
             state = self.model.around(self.unknowns.theta(x), waves)
             balance = [self.model.body.pushed(k) - state.factors.apply(k, u) for k, u in enumerate(waves)]
             moved = np.array([state.factors.solve(k, b) for k, b in enumerate(balance)])
-            state.data = np.array([self.model.observed(u) for u in waves + moved])  # of waves that fit the fields
-            own = self.misfit.value(state.data)
-            if own > before / SLOW:
+            own = Linearised(self.model, state.factors, waves + moved)  # of waves that fit the fields
+            misfit = self.misfit.value(own.data)
+            if misfit > before / SLOW:
+                point = Point(self.reduced, x, own)
                 break
-            before = own
+            before, state.data = misfit, own.data
             for name in self.reduced.weights if number else ():
                 self.reduced.weights[name] /= FALL
             normal, dx, _ = self._step(x, state, None)
@@ -140,9 +142,13 @@ class Iterative(GaussNewton):
             x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
-            self.tell(Iteration("waves", 2 * own, self.misfit.count, weights, change, step, cpu_s))
-            self._save(x, {"done": number + 1, "own": own}, waves)
-        return x, waves
+            history.append(Iteration("waves", 2 * misfit, self.misfit.count, weights, change, step, cpu_s))
+            self.tell(history[-1])
+            self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
+        point = point or self.reduced.at(x)
+        level, weights = Level(2 * point.misfit, self.misfit.count), dict(self.reduced.weights)
+        self.arrived = Found(point.x, point.value, level, weights, False, self.misfit.count, history)
+        return point
 
     def _bounded(self, dx: Array) -> float:
         # By values at the points of the data: of higher order, unknowns are no values.
@@ -181,9 +187,13 @@ class Iterative(GaussNewton):
         if self.checkpoint is None:
             return
         notes = {"problem": self._problem, "weights": self.reduced.weights, **more}
+        begun = NOWHERE.real
+        if self.arrived:
+            begun, rest = self.arrived.x, vars(self.arrived) | {"x": None, "level": vars(self.arrived.level)}
+            notes["arrived"] = rest | {"history": [asdict(entry) for entry in self.arrived.history]}
         part = self.checkpoint.with_name(f".{self.checkpoint.name}.{os.getpid()}.part")
         with part.open("wb") as file:
-            np.savez(file, x=x, waves=waves, notes=json.dumps(notes), directions=self.directions.arrays)
+            np.savez(file, x=x, waves=waves, begun=begun, notes=json.dumps(notes), directions=self.directions.arrays)
         os.replace(part, self.checkpoint)
 
     def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
@@ -193,7 +203,7 @@ class Iterative(GaussNewton):
             raise InputError("checkpoint", str(self.checkpoint), wanted)
         try:
             with np.load(self.checkpoint) as saved:
-                x, waves, directions = saved["x"], saved["waves"], saved["directions"]
+                x, waves, begun, directions = saved["x"], saved["waves"], saved["begun"], saved["directions"]
                 notes = json.loads(str(saved["notes"]))
         except (KeyError, ValueError, OSError, BadZipFile) as error:
             raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
@@ -201,7 +211,14 @@ class Iterative(GaussNewton):
             found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
             raise InputError("checkpoint", found, "one of the same problem, or no file there")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
+        if arrived := notes.get("arrived"):
+            more = {"x": begun, "level": Level(**arrived["level"]), "history": _history(arrived["history"])}
+            self.arrived = Found(**(arrived | more))
         return x, waves, notes
+
+
+def _history(entries: Sequence[dict[str, Any]]) -> list[Iteration]:
+    return [Iteration(**entry) for entry in entries]
 
 
 @dataclass(frozen=True)

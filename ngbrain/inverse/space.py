@@ -8,26 +8,30 @@ waves, from where the weight falls while fields and waves find each other; then 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import InputError
+from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.found import Iteration
+from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
-from ngbrain.inverse.weights import EvidenceOfNoise
+from ngbrain.inverse.starts import compared, multiples_of
+from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.io.waves import WaveData
 
+Array = np.ndarray
 FIRST, APPROACH = 1.0, 8
 """Weight to begin with, for each real datum, and how many iterations at most from the measured waves."""
 FALL = 10.0
@@ -47,6 +51,7 @@ def invert_in_space(
     regulariser: str | Prior = "smooth",
     labelled: bool = False,
     unknowns: str = "moduli",
+    levels: Sequence[float] = (),
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
     tell: Callable[[Iteration], None] = lambda _: None,
@@ -59,8 +64,13 @@ def invert_in_space(
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    rounds       iterations at most, those from the measured waves apart
-    checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it
+    levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
+                 the start from measured waves. The lowest J at equal weights is kept
+    rounds       iterations of a start at most, those from the measured waves apart
+    checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it. Uniform fields
+                 have files of their own beside it
+
+    `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
 
     Raises `InputError` for data in the plane, negative noise, a regulariser or unknowns that are none, labels that are not there.
 
@@ -81,28 +91,61 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
+    multiples = multiples_of(levels)
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
-    level, note = noise_level(data, noise)
+    found_noise, note = noise_level(data, noise)
     notes = [note] if note else []
-    total = max(float(np.hypot(level, model_error)), LEAST)
+    total = max(float(np.hypot(found_noise, model_error)), LEAST)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
     problem = _problem(experiment, total, prior)
-    way = Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
-    found = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
-    rows = [row("both", experiment, problem, found)]
+    shared = _shared(experiment)
+    way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)
+    both = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
+    start = way.arrived
+    assert start is not None  # from measured waves there is no other way
+    history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
+    ends: dict[float, Found | None] = {}
+    for level in multiples:
+        again = _problem(experiment, total, prior)
+        way = Iterative(again, EvidenceOfNoise(FALL, shared), checkpoint=_beside(checkpoint, level), tell=tell)
+        ends[level] = _judged(problem, way, experiment.uniform(way.unknowns, level), rounds)
+    kept = compared(both, ends)
+    notes += kept.notes
+    if kept.uniform:
+        history += [each for end in ends.values() if end for each in end.history]
+        rows.append(row("uniform", experiment, problem, kept.uniform))
+    rows.append(row("both", experiment, problem, both))
     return concluded(
         experiment,
         problem,
-        found,
+        kept.best,
         rows,
-        "both",
+        kept.chosen,
         noise=total,
         floor=LEAST,
         regulariser=kind,
         weight="evidence",
-        history=found.history,
+        history=history,
         notes=notes,
     )
+
+
+def _judged(judge: Reduced, way: Iterative, x: Array, rounds: int) -> Found | None:
+    """Where a way from x ended, with misfit and J as `judge` has them; None where no step is lower."""
+    try:
+        found = way.resume(rounds) if way.started else way.descend(x, rounds)
+    except ConvergenceError:
+        return None
+    point = judge.at(found.x)
+    return replace(found, value=point.value, level=Level(2 * point.misfit, found.level.expected))
+
+
+def _beside(checkpoint: str | os.PathLike[str] | None, level: float) -> Path | None:
+    """The checkpoint of uniform fields, next to that of measured waves."""
+    if checkpoint is None:
+        return None
+    path = Path(checkpoint)
+    return path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
 
 
 def _shared(experiment: Experiment) -> float:

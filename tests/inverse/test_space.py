@@ -33,8 +33,12 @@ def test_a_ball_with_its_label(tmp_path):
     assert soft == pytest.approx(SOFT.real, rel=0.03)
     assert stiff / soft == pytest.approx(2, rel=0.15)
     assert medians(data, found.maps["loss"])[1] == pytest.approx(SOFT.imag, rel=0.05)
-    assert found.checks["converged"] and 3 <= len(found.history) <= 6
-    assert [each.misfit for each in found.history[:2]] == [each.misfit for each in stopped.history]
+    ways = {name: {row.name: row for row in each.rows} for name, each in (("stopped", stopped), ("found", found))}
+    assert found.checks["converged"] and 3 <= len(ways["found"]["both"].history) <= 6
+    before = ways["stopped"]["both"].history
+    assert [each.misfit for each in ways["found"]["both"].history[:2]] == [each.misfit for each in before]
+    np.testing.assert_array_equal(ways["found"]["waves"].maps["loss"], ways["stopped"]["waves"].maps["loss"])
+    assert ways["found"]["waves"].misfit > ways["found"]["both"].misfit and ways["found"]["waves"].history
     assert found.by_label["storage"][1]["median"] == pytest.approx(STIFF.real, rel=0.2)
     assert found.checks["misfit_over_expected"] < 1.5
 
@@ -44,6 +48,21 @@ def test_from_measured_waves_fields_and_waves_find_each_other():
     invert_in_space(data, in_elements(data, order=2), rounds=1, tell=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
     assert way[0] > 20 and way[-1] < 3
+
+
+def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
+    data, path = wave_data(), tmp_path / "part.npz"
+    elements = in_elements(data, order=2)
+    found = invert_in_space(data, elements, levels=(0.7, 1.0), rounds=4, checkpoint=path)
+    assert [row.name for row in found.rows] == ["waves", "uniform", "both"]
+    _, uniform, both = found.rows
+    assert uniform.value == pytest.approx(both.value, rel=0.1)
+    assert found.chosen == ("uniform" if uniform.value < both.value else "both")
+    assert np.median(uniform.maps["storage"]) == pytest.approx(np.median(both.maps["storage"]), rel=0.05)
+    assert any("uniform fields ended at" in note for note in found.notes)
+    assert {each.name for each in tmp_path.iterdir()} == {
+        f"part{stage}.npz" for stage in ("", "-uniform-0.7", "-uniform-1")
+    }
 
 
 def test_loads_start_each_by_what_is_measured_of_it():
@@ -117,7 +136,6 @@ def no_work(monkeypatch):
     "choices, words",
     [
         ({"weight": "l-curve"}, "weight"),
-        ({"levels": (0.5, 2.0)}, "levels"),
         ({"noise": -1.0}, "noise"),
         ({"regulariser": "smoth"}, "regulariser"),
     ],
@@ -133,6 +151,7 @@ def test_bad_choices(no_work, choices, words):
         ({"noise": -1.0}, "noise"),
         ({"model_error": np.nan}, "model_error"),
         ({"regulariser": "auto"}, "regulariser is 'auto'"),
+        ({"levels": (0.5, -2.0)}, "levels"),
         ({"regulariser": "smoth"}, "regulariser is 'smoth'"),
     ],
 )
