@@ -16,6 +16,8 @@ from ngbrain.inverse.files import finite, write_inversion
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
+from ngbrain.inverse.misfit import MISFITS
+from ngbrain.inverse.outliers import without_outliers
 from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quantities import UNKNOWNS
 from ngbrain.inverse.subzones import invert_by_subzones
@@ -43,6 +45,7 @@ IN_ZONES = {
     "--weight": ("evidence",),
     "--starts": ("auto",),
     "--unknowns": ("moduli",),
+    "--misfit": ("squares",),
 }
 """What zones take of the other options."""
 SEED = 0
@@ -87,6 +90,17 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         help="what is smooth: storage and loss (moduli), or magnitude and phase (polar)",
     )
     parser.add_argument(
+        "--misfit",
+        choices=tuple(MISFITS),
+        default="squares",
+        help="squares, or huber, in which points that are far off hardly count (squares)",
+    )
+    parser.add_argument(
+        "--drop-outliers",
+        action="store_true",
+        help="leave out displacements that are far off a smooth field",
+    )
+    parser.add_argument(
         "--by-label",
         action="store_true",
         help="fields of their own for each label of DATA, which jump where labels meet",
@@ -113,11 +127,16 @@ def run(arguments: argparse.Namespace) -> None:
             line.tell(_round(iteration, len(rounds)))
 
         line.tell("reading")
+        given = int(data.measured.sum())
+        data = without_outliers(data) if arguments.drop_outliers else data
         try:
             inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
+    if arguments.drop_outliers:
+        left_out = given - int(data.measured.sum())
+        inversion.notes.append(f"{left_out} of {given} displacements are far off a smooth field and left out")
     result = write_inversion(
         folder,
         inversion,
@@ -147,6 +166,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         levels=STARTS[arguments.starts],
         labelled=arguments.by_label,
         unknowns=arguments.unknowns,
+        misfit=arguments.misfit,
         tell=tell,
     )
 

@@ -93,7 +93,7 @@ class Ledger:
         step  how far it is to be trusted: the cut of a step, or what it left of J; at `FAST` or less the weights wait
         """
         probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
-        misfit = 2 * self.misfit.value(data)
+        misfit = self.misfit.squares(data)
         level = Level(misfit, self.misfit.count - factor.determined(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun

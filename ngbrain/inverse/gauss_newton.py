@@ -152,7 +152,6 @@ class GaussNewton:
         return min(1.0, LONGEST / max(float(np.abs(dx).max()), 1e-300))
 
     def _found(self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool) -> FoundWaves:
-        misfit = self.misfit.value(data)
-        level, weights = Level(2 * misfit, history[-1].expected), dict(self.reduced.weights)
-        value = misfit + self.reduced.regular(x)
+        level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
+        value = self.misfit.value(data) + self.reduced.regular(x)
         return FoundWaves(x, value, level, weights, settled, self.misfit.count, history, waves)

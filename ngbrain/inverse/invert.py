@@ -21,7 +21,7 @@ from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
-from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.misfit import Kind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
@@ -68,6 +68,7 @@ def invert(
     levels: Sequence[float] | None = None,
     labelled: bool = False,
     unknowns: str = "moduli",
+    misfit: str | Kind = "squares",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
@@ -82,8 +83,9 @@ def invert(
                  plane, and nowhere in space, where each takes as long as the rest
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber, in which a point that is far off hardly counts
 
-    Raises `InputError` for a regulariser, unknowns or weight that is none, negative noise, data that cannot be inverted.
+    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -94,7 +96,7 @@ def invert(
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
-    kinds, settling = priors(regulariser), weighting(weight)
+    kinds, settling, made = priors(regulariser), weighting(weight), misfit_of(misfit)
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
@@ -109,6 +111,7 @@ def invert(
             regulariser="smooth" if regulariser == "auto" else regulariser,
             labelled=labelled,
             unknowns=unknowns,
+            misfit=misfit,
             levels=(levels or ()) if uniform else (),
             tell=tell,
         )
@@ -121,7 +124,7 @@ def invert(
     floor = FLOOR if elements.nodal else OURS
     total = max(float(np.hypot(level, model_error)), floor)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
-    search = _Search(experiment, total, settling, tell)
+    search = _Search(experiment, made, total, settling, tell)
     tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, start = tried[kind]
@@ -137,7 +140,7 @@ def invert(
             notes.append(f"{note}: the rest counts as model error")
         before = both.x if found < total else None  # what was fitted too closely is no start
         total = found
-        search = _Search(experiment, total, settling, tell, search)
+        search = _Search(experiment, made, total, settling, tell, search)
         problem, start = search.from_waves(kinds[kind], before)
         both = search.descend(problem, start)
     rows = [row("waves", experiment, problem, start)]
@@ -167,6 +170,7 @@ class _Search:
     def __init__(
         self,
         experiment: Experiment,
+        made: Kind,
         noise: float,
         settling: Settling,
         tell: Callable[[Iteration], None],
@@ -174,10 +178,10 @@ class _Search:
     ) -> None:
         self.experiment, self.noise, self.settling = experiment, noise, settling
         self.history: list[Iteration] = before.history if before else []
-        self._told = tell
+        self._made, self._told = made, tell
         self.sigma = noise_of(experiment.data, noise)
         self.unknowns = experiment.unknowns(self.sigma)
-        self.misfit = LeastSquares(experiment.measured, self.sigma)
+        self.misfit = made(experiment.measured, self.sigma)
 
     def problem(self, prior: Prior) -> Reduced:
         """With a regulariser, at the first weight."""
@@ -199,7 +203,7 @@ class _Search:
     def descend(self, problem: Reduced, start: Found) -> Found:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
         point = problem.at(start.x)
-        level = Level(2 * point.misfit, start.level.expected)
+        level = Level(self.misfit.squares(point.state.data), start.level.expected)
         if level.ratio < ASTRAY:
             try:
                 return self.settling.descend(problem, start.x, self._tell)
@@ -209,7 +213,9 @@ class _Search:
 
     def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
-        easy = self if self.noise >= EASY else _Search(self.experiment, EASY, self.settling, self._told, self)
+        easy = (
+            self if self.noise >= EASY else _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
+        )
         problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
@@ -220,7 +226,8 @@ class _Search:
         x = found.x.copy()
         x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
         point = judge.at(x)
-        return replace(found, x=x, value=point.value, level=Level(2 * point.misfit, found.level.expected))
+        end = Level(self.misfit.squares(point.state.data), found.level.expected)
+        return replace(found, x=x, value=point.value, level=end)
 
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)

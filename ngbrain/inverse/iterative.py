@@ -146,7 +146,7 @@ class Iterative(GaussNewton):
             self.tell(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.at(x)
-        level, weights = Level(2 * point.misfit, self.misfit.count), dict(self.reduced.weights)
+        level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)
         self.arrived = Found(point.x, point.value, level, weights, False, self.misfit.count, history)
         return point
 

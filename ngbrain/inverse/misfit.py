@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, nearest
 
 Array = np.ndarray
 
@@ -33,6 +36,10 @@ class LeastSquares:
     def value(self, data: Array) -> float:
         """Φ."""
         return 0.5 * float(np.sum(np.abs(self.residual(data)) ** 2))
+
+    def squares(self, data: Array) -> float:
+        """Σ |(d - m)/σ|², by which noise and weights are judged: 2Φ."""
+        return 2 * self.value(data)
 
     def slope(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δd (1/m)."""
@@ -64,6 +71,10 @@ class Huber(LeastSquares):
         size, k = np.abs(self.residual(data)), self.threshold
         return float(np.sum(np.where(size <= k, 0.5 * size**2, k * size - 0.5 * k**2)))
 
+    def squares(self, data: Array) -> float:
+        """What the sum of squares would be without outliers: by the median of |(d - m)/σ|², 2 ln 2 where noise is Gaussian."""
+        return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / (2 * np.log(2))
+
     def slope(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δd (1/m)."""
         return self._share(data) * super().slope(data)
@@ -74,3 +85,22 @@ class Huber(LeastSquares):
 
     def _share(self, data: Array) -> Array:
         return self.threshold / np.maximum(np.abs(self.residual(data)), self.threshold)
+
+
+Kind: TypeAlias = Callable[[Array, Array], LeastSquares]
+"""Measured displacements and σ → a misfit."""
+MISFITS: dict[str, Kind] = {"squares": LeastSquares, "huber": Huber}
+"""Misfits by name, as `invert` offers them."""
+
+
+def misfit_of(chosen: str | Kind) -> Kind:
+    """That of a name in `MISFITS`, or one of one's own; `InputError` for another name.
+
+    >>> misfit_of("huber").__name__
+    'Huber'
+    """
+    if callable(chosen):
+        return chosen
+    if chosen not in MISFITS:
+        raise InputError("misfit", repr(chosen), nearest(chosen, MISFITS))
+    return MISFITS[chosen]

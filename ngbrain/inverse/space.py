@@ -23,7 +23,7 @@ from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
-from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.misfit import Kind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
@@ -51,6 +51,7 @@ def invert_in_space(
     regulariser: str | Prior = "smooth",
     labelled: bool = False,
     unknowns: str = "moduli",
+    misfit: str | Kind = "squares",
     levels: Sequence[float] = (),
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -64,6 +65,7 @@ def invert_in_space(
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber, in which a point that is far off hardly counts
     levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
                  the start from measured waves. The lowest J at equal weights is kept
     rounds       iterations of a start at most, those from the measured waves apart
@@ -72,7 +74,8 @@ def invert_in_space(
 
     `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
 
-    Raises `InputError` for data in the plane, negative noise, a regulariser or unknowns that are none, labels that are not there.
+    Raises `InputError` for data in the plane, negative noise, a regulariser, unknowns or misfit that are none, labels that are not
+    there.
 
     >>> line = np.linspace(0, 0.03, 11)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -91,13 +94,13 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    multiples = multiples_of(levels)
+    multiples, made = multiples_of(levels), misfit_of(misfit)
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     found_noise, note = noise_level(data, noise)
     notes = [note] if note else []
     total = max(float(np.hypot(found_noise, model_error)), LEAST)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
-    problem = _problem(experiment, total, prior)
+    problem = _problem(experiment, made, total, prior)
     shared = _shared(experiment)
     way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)
     both = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
@@ -106,7 +109,7 @@ def invert_in_space(
     history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
     ends: dict[float, Found | None] = {}
     for level in multiples:
-        again = _problem(experiment, total, prior)
+        again = _problem(experiment, made, total, prior)
         way = Iterative(again, EvidenceOfNoise(FALL, shared), checkpoint=_beside(checkpoint, level), tell=tell)
         ends[level] = _judged(problem, way, experiment.uniform(way.unknowns, level), rounds)
     kept = compared(both, ends)
@@ -137,7 +140,8 @@ def _judged(judge: Reduced, way: Iterative, x: Array, rounds: int) -> Found | No
     except ConvergenceError:
         return None
     point = judge.at(found.x)
-    return replace(found, value=point.value, level=Level(2 * point.misfit, found.level.expected))
+    level = Level(way.misfit.squares(point.state.data), found.level.expected)
+    return replace(found, value=point.value, level=level)
 
 
 def _beside(checkpoint: str | os.PathLike[str] | None, level: float) -> Path | None:
@@ -155,9 +159,9 @@ def _shared(experiment: Experiment) -> float:
     return len(experiment.model.points) * body.mesh.dim / moved.ndof
 
 
-def _problem(experiment: Experiment, noise: float, prior: Prior) -> Reduced:
+def _problem(experiment: Experiment, made: Kind, noise: float, prior: Prior) -> Reduced:
     sigma = noise_of(experiment.data, noise)
-    unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)
+    unknowns, misfit = experiment.unknowns(sigma), made(experiment.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}
     return Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(blocks, FIRST * misfit.count))

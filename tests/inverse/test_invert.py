@@ -233,6 +233,7 @@ def test_edges_are_told_from_smooth_fields(name, nodes, kind):
     "options, wanted",
     [
         ({"regulariser": "smoth"}, "smooth"),
+        ({"misfit": "hubr"}, "misfit is 'hubr'; wanted: did you mean 'huber'"),
         ({"noise": -0.1}, "at least 0"),
         ({"model_error": float("nan")}, "at least 0"),
         ({"levels": (1.0, -2.0)}, "levels"),

@@ -42,6 +42,13 @@ def test_huber_is_least_squares_inside_and_bounded_outside(data):
     assert np.all(far.weight(data[0]) <= near.weight(data[0]))
 
 
+def test_huber_tells_the_noise_in_spite_of_outliers(data):
+    spoilt = data[1].copy()
+    spoilt[:, ::20] += 100.0
+    squares, robust = (kind(spoilt, 0.1).squares(data[0]) / 4000 for kind in (LeastSquares, Huber))
+    assert squares > 1e4 and robust == pytest.approx(1, abs=0.15)
+
+
 @pytest.mark.parametrize("sigma", [0.0, -1.0, np.nan])
 def test_no_noise_level_is_refused(sigma):
     with pytest.raises(InputError, match="sigma"):

@@ -1,0 +1,53 @@
+"""Displacements that no smooth field explains: found, nothing else is, missing ones stay so; bad input."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planewaves import grid, shear_waves, waves
+from spoiled import spoiled
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.outliers import without_outliers
+
+G = 2000 + 800j
+
+
+@pytest.mark.parametrize("shape", [(24, 20), (10, 9, 11)])
+def test_they_are_found_and_nothing_else_is(shape):
+    points = grid(*shape)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    bad, where = spoiled(data, 0.03, 0.5, seed=2)
+    found = np.isnan(without_outliers(bad).displacement)
+    assert found[:, ~where].mean() < 0.003
+    assert found[:, where].mean() > 0.9  # some are as small as noise is
+
+
+def test_of_good_data_every_datum_stays():
+    points = grid(24, 20)
+    for noise in (0.0, 0.02):
+        data = waves(points, shear_waves(points, G)).with_noise(noise, seed=1)
+        np.testing.assert_array_equal(without_outliers(data).displacement, data.displacement)
+
+
+def test_scattered_points(rng):
+    points = rng.uniform(0, 0.05, (500, 2))
+    bad, where = spoiled(waves(points, shear_waves(points, G)).with_noise(0.01, seed=1), 0.02, 1.0, seed=2)
+    found = np.isnan(without_outliers(bad).displacement)
+    assert found[:, where].mean() > 0.8 and found[:, ~where].mean() < 0.01
+
+
+def test_what_is_not_measured_or_outside_stays_as_it_is():
+    points = grid(20, 20)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    u, mask = data.displacement.copy(), points[:, 0] > 4e-3
+    u[:, :, 1] = np.nan
+    u[0, 0, 0] = 1e-3
+    found = without_outliers(replace(data, displacement=u, mask=mask, dirichlet=None))
+    np.testing.assert_array_equal(found.displacement, u)
+
+
+def test_bad_input():
+    points = grid(20, 20)
+    with pytest.raises(InputError, match="far is 0"):
+        without_outliers(waves(points, shear_waves(points, G)), far=0)

@@ -1,0 +1,33 @@
+"""Gross errors at 2 % of the points, as large as the waves. Naive: squares count them as noise. Ours: they are found and left out.
+
+The published CV-G on half of its points with 1 % noise: without gross errors G' is 1.5 % off; with them 6.8 %, and the noise
+is said to be 23 %; found and left out 1.5 and 1 %.
+"""
+
+import numpy as np
+import pytest
+from spoiled import spoiled
+
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.outliers import without_outliers
+from ngbrain.inverse.phantoms import Phantom
+
+
+@pytest.fixture(scope="module")
+def data():
+    return spoiled(Phantom.named("CV-G", 25).measured(0.01).data(), 0.02, 1.0, seed=3)[0]
+
+
+def error(found):
+    return found.answers["storage"]["relative_l2_error"]
+
+
+def test_naive_gross_errors_become_noise(data):
+    naive = invert(data, noise=0.01, uniform=False, regulariser="smooth")
+    assert error(naive) > 0.04 and naive.noise > 0.1
+
+
+def test_left_out_they_do_no_harm(data):
+    ours = invert(without_outliers(data), noise=0.01, uniform=False, regulariser="smooth")
+    assert error(ours) < 0.02 and ours.noise == pytest.approx(0.01)
+    assert np.isfinite(ours.maps["storage"]).all()
