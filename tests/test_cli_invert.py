@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from planewaves import RHO, grid, shear_waves
+from spoiled import spoiled
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
@@ -155,6 +156,21 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
     assert {name: chosen[name] for name in told} == told
 
 
+@pytest.mark.parametrize(("options", "left"), [((), None), (("--drop-outliers",), range(6, 16))])
+def test_outliers_are_left_out_where_that_is_asked_for(tmp_path, capsys, options, left):
+    data, where = spoiled(plane(), 0.05, 1.0, seed=3)
+    write_waves(tmp_path / "waves.npz", data)
+    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *options, *ROUGH)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    error = result["answers"]["storage"]["relative_l2_error"]
+    said = [note for note in result["notes"] if "far off a smooth field" in note]
+    assert status == 0 and where.sum() == 2
+    if left is None:
+        assert error > 0.06 and not said
+    else:
+        assert error < 0.04 and int(said[0].split()[0]) in left and "of 360 displacements" in said[0]
+
+
 @pytest.mark.parametrize(
     ("starts", "levels"), [("waves", ()), ("auto", None), ("all", (1.0,)), ("many", (0.5, 0.7, 1.0, 1.4, 2.0))]
 )
@@ -167,11 +183,11 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
 
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
     choices = ("--regulariser", "matern", "--weight", "l-curve", "--starts", starts, "--model-error", "0.01", "-q")
-    choices += ("--unknowns", "polar")
+    choices += ("--unknowns", "polar", "--misfit", "huber")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *choices)
     assert status == 3 and "seen enough" in lines[0]
     told = {"regulariser": "matern", "weight": "l-curve", "levels": levels, "model_error": 0.01, "noise": None}
-    told |= {"unknowns": "polar"}
+    told |= {"unknowns": "polar", "misfit": "huber"}
     assert {name: chosen[name] for name in told} == told
 
 
