@@ -30,7 +30,7 @@ from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 Record = dict
 CASE = "CV-G"
 NOISES = (0.0, 0.01, 0.02, 0.05)
-LONG, SHORT = 20.0, 4.0
+LONG, SHORT = 90.0, 4.0
 """CPU seconds after which a descent is stopped."""
 PUBLISHED = "MatNLI BFGS"
 WATCHED = (10, 30, 100, 300)
