@@ -74,7 +74,8 @@ def uniform_modulus(data: WaveData) -> complex:
     stretch = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2
     counts = data.mask
     q, bent = field.curl(data.points)[moving][:, counts], field.curl_laplacian(data.points)[moving][:, counts]
-    softness = -np.nansum(stretch * np.conj(q) * bent) / np.nansum(stretch**2 * np.abs(q) ** 2)
+    against = np.nansum(stretch**2 * np.abs(q) ** 2)
+    softness = -np.nansum(stretch * np.conj(q) * bent) / against if against else 0j
     if not (np.isfinite(softness) and softness.real > 0):
         return complex(STIFF)
     return complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real)

@@ -31,7 +31,7 @@ GUESSED = 1e-2
 BETWEEN = 0.5
 """Coefficients for each point of that smooth field: with as many as `smoothed` takes, exact data are missed between points."""
 ELASTIC = 1e-6
-"""Weight of elastic energy against data in space: it says what waves are where elements reach out of the data."""
+"""Weight of elastic energy against data: it says what waves are where elements reach out of the data, or a component is missing."""
 HELD = 1e-9
 """Keeps a fit of a field definite where no point is."""
 
@@ -210,11 +210,11 @@ class Experiment:
             for k, values in enumerate(self.measured):
                 waves[k, : values.size] = values.T.ravel()
             return waves
-        if not all(np.isfinite(self.measured[:, :, i]).any() for i in range(self.data.dim)):
-            raise InputError(
-                "displacement", "of which a component is never measured", "all components, or a start of fields"
-            )
-        if self.data.dim == 3:
+        every = np.isfinite(self.measured).any(axis=1).all(axis=1)
+        if not np.all(every | ((self.data.dim == 2) & (self.data.frequency > 0))):
+            wanted = "all of them for each load in space or at rest: there one alone tells too little"
+            raise InputError("displacement", "of which a component is never measured", wanted)
+        if self.data.dim == 3 or not every.all():
             return self._extended()
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))
@@ -230,7 +230,7 @@ class Experiment:
         return waves
 
     def _extended(self) -> Array:
-        """Waves with least squares to what is measured, and elastic where elements reach out of the data."""
+        """Waves with least squares to what is measured; elastic where elements reach out of it or a component is missing."""
         body, order = self.body, self.body.form.order
         observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
         ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(self.data.dim * observe.shape[1])

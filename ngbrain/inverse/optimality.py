@@ -29,6 +29,8 @@ SHIFT = 1e-8
 10.1137/0805005), and refinement takes it off again."""
 TIED = 1e-6
 """Weight, in squared deviations of the data, of changes on the boundary: an edge between points is held by little else."""
+FAINT = 1e-3
+"""The same of a component that is never measured: a change as large as the waves costs about as much as one datum."""
 REFINEMENTS = 6
 ROUGH = 1e-6
 
@@ -55,7 +57,6 @@ class Optimality:
         observe = state.model.observation
         self.observe = observe[:, self.active]
         self._root = [np.sqrt(part.T.ravel()) for part in weight]
-        tied = sp.diags_array(np.where(self.free[self.active], 0.0, TIED))
         hessians: list[sp.csr_array] = [regular]
         rows: list[list[sp.csr_array | None]] = []
         self._columns, self._rows = [], []
@@ -64,6 +65,7 @@ class Optimality:
             square = sp.csr_array(seen.T @ seen)
             matrix = state.factors.matrix(k)[self.free][:, self.active]
             column = _column_scale(square, matrix)
+            tied = sp.diags_array(np.where(self.free, 0.0, self._ties(weight[k]))[self.active])
             matrix = matrix @ sp.diags_array(column)
             row = 1 / np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=1)).ravel())
             matrix = sp.diags_array(row) @ matrix
@@ -87,6 +89,14 @@ class Optimality:
         except Exception as error:  # NGSolve raises bare exceptions of several kinds here
             raise SolverError(f"the optimality conditions cannot be factorised: {error}") from error
         self._in, self._out = self._shifted.CreateColVector(), self._shifted.CreateColVector()
+
+    def _ties(self, weight: Array) -> Array:
+        """Of each of a wave's unknowns, were it on the boundary."""
+        ties = np.full(len(self.free), TIED)
+        body = self.state.model.body
+        moved = body.fes.components[0].ndof if body.mixed else body.fes.ndof
+        ties[:moved].reshape(weight.shape[1], -1)[~np.any(weight > 0, axis=0)] = FAINT  # components one after the other
+        return ties
 
     def step(self, slope: Array, residual: Array, imbalance: Array | None = None) -> tuple[Array, Array]:
         """δx and δu (loads, ndof).

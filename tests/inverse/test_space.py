@@ -165,6 +165,15 @@ def test_data_in_the_plane_are_not_for_it(no_work):
         invert_in_space(waves(n=9))
 
 
+@pytest.mark.parametrize("loads", [0, slice(None)])
+def test_one_component_is_not_enough(loads):
+    data = wave_data()
+    axial = data.displacement.copy()
+    axial[loads, :, :2] = np.nan
+    with pytest.raises(InputError, match="never measured"):
+        invert_in_space(replace(data, displacement=axial), in_elements(data, order=1))
+
+
 def test_labels_that_are_not_there():
     with pytest.raises(InputError, match="labels"):
         invert(replace(wave_data(), labels=None), labelled=True)
