@@ -3,8 +3,8 @@
 A block of 6 cm with a ball of 20 mm, twice as stiff, in its middle, so that every cut goes through it; two loads at 80 Hz, 2.3
 wave lengths from side to side, simulated with fourth order on tetrahedra, points every 2.5 mm, 2 % noise, one seed. `off` is the
 rms of ln(modulus/that of one inversion) over all points, `error` that of ln(modulus/truth), storage and loss; a size is in wave
-lengths, and neighbours overlap by .4. `cpu_s` of a pass counts all before it. Memory is that of the largest process. Zones that
-are more than a tenth off have failed: a cross.
+lengths, the most that is allowed (`side` is what came of it), and neighbours overlap by .4. `cpu_s` of a pass counts all before
+it. Memory is that of the largest process. Zones that are more than a tenth off have failed: a cross.
 
     python benchmarks/inversion_zones.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/inversion_zones.py --chart FILE.png < records.json
@@ -27,6 +27,7 @@ from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.subzones import OVERLAP, invert_by_subzones
+from ngbrain.inverse.zones import spacing
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import set_threads
 
@@ -77,7 +78,9 @@ def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]
     """Zones of a size in wave lengths, and their passes."""
     lengths = {"size": size * WAVE, "overlap": min(OVERLAP, OVERLAP / 1.5 * size) * WAVE}
     found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, rounds=rounds)
-    common = {"method": "zones", "size": size, "zones": found.model["zones"], "points": found.model["points_of_a_zone"]}
+    points = found.model["points_of_a_zone"]
+    side = max(points) ** (1 / 3) * spacing(data) / WAVE
+    common = {"method": "zones", "size": size, "side": side, "zones": found.model["zones"], "points": points}
     records = []
     for i, row in enumerate(found.rows):
         records.append({**common, "passes": i, **judged(data, row.maps, whole), **about(found, i)})
@@ -120,7 +123,7 @@ def chart(records: list[Record], png: str) -> None:
     for axes, key, i in zip(panels, ("off", "error"), (1, 1), strict=True):
         for size in dict.fromkeys(r["size"] for r in ours if "size" in r):
             way = [r for r in ours if r.get("size") == size]
-            label = f"{way[0]['zones']} zones of {size:g} wave lengths"
+            label = f"{way[0]['zones']} zones, up to {way[0]['side']:.2g} wave lengths wide"
             axes.plot([r["cpu_s"] for r in way], [100 * r[key][i] for r in way], "-", color=COLOURS[size], label=label)
             for r in way:
                 mark = "x" if r["failed"] else "o"
@@ -129,6 +132,9 @@ def chart(records: list[Record], png: str) -> None:
                     f"{r['passes']}", (r["cpu_s"], 100 * r[key][i]), textcoords="offset points", xytext=(7, 5)
                 )
         axes.set(xscale="log", yscale="log", xlabel="CPU time, s")
+        for axis, ticks in ((axes.xaxis, (200, 400, 800, 1600)), (axes.yaxis, (2, 3, 5, 10, 20, 50, 100, 200))):
+            axis.set_ticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
         axes.grid(True, alpha=0.3)
         axes.margins(0.15)
     left, right = panels
@@ -139,11 +145,10 @@ def chart(records: list[Record], png: str) -> None:
     )
     right.axhline(100 * algebraic["error"][1], color=COLOURS["algebraic"], ls=":", label="algebraic inversion")
     left.axvline(single["cpu_s"], color=COLOURS["one inversion"], ls="--", lw=1, label="time of one inversion")
-    left.axhline(2, color="0.7", lw=1)
     left.set_ylabel("loss modulus, rms of ln off one inversion's, %")
     right.set_ylabel("loss modulus, rms of ln off the truth, %")
-    for axes in panels:
-        axes.legend(fontsize=8)
+    entries = {text: mark for axes in panels for mark, text in zip(*axes.get_legend_handles_labels(), strict=True)}
+    made.legend(entries.values(), entries.keys(), fontsize=8, ncols=3, loc="outside lower center")
     made.suptitle(
         "A ball twice as stiff in a block of 2.3 wave lengths, 2 % noise; numbers: passes among neighbours; a cross: failed"
     )
