@@ -96,6 +96,7 @@ def published(measured: Measured, limit: float) -> Iterator[Record]:
 def _published(measured: Measured, iterate, cpu_s: float) -> Record:  # type: ignore[no-untyped-def]
     found = judged(measured, iterate.fields)
     known = {"cpu_s": cpu_s, "converged": found["error"] < 1, "iterations": iterate.number}
+    known |= {} if known["converged"] else {"reason": "off by more than the modulus"}
     return blank(measured, PUBLISHED, "uniform") | found | known
 
 
