@@ -37,15 +37,12 @@ BOUNDS = {
     ("CE-B", 0.01): {"youngs": 0.06},
 }
 """What was asked for."""
-COSTLY, ENOUGH = ("NE-G", "CE-B"), 3
-"""Cases whose uniform start takes most of the time and ends alike with every noise (CE-B's in a local minimum): so many seeds of
-it do."""
 COLOURS = {"waves": "#0072B2", "uniform": "#E69F00", "both": "#009E73"}
 SYMBOLS = {"youngs": "E", "storage": "G′", "loss": "G″"}
 
 
 def measure(quick: bool) -> list[Record]:
-    """Three records for each case, noise and seed (two where a start is costly)."""
+    """Three records for each case, noise and seed."""
     cases, seeds, nodes = (CASES[:1], 2, 17) if quick else (CASES, SEEDS, None)
     return [r for name, noise in cases for seed in range(seeds) for r in rows(name, noise, seed, nodes)]
 
@@ -73,8 +70,6 @@ def rows(name: str, noise: float, seed: int, nodes: int | None) -> list[Record]:
     begin, waves = (inversion := measured.inversion()).start, inversion.waves
     first, x = record("waves", lambda search: search.from_waves(begin, waves))
     third, _ = record("both", lambda search: search.descend(x), x)
-    if name in COSTLY and seed >= ENOUGH:
-        return [first, third]
     second, _ = record("uniform", lambda search: search.descend(begin, SHORT))
     return [first, second, third]
 
