@@ -116,15 +116,18 @@ class Experiment:
         return as_moduli(maps)
 
     def of_truth(self) -> Array | None:
-        """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary."""
-        truths = as_polar(self.data.truth_views)
-        if not all(quantity.name in truths for quantity in self.sought):
+        """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary.
+
+        None where a property is not known or beyond what the fields can be, such as a loss of nothing.
+        """
+        truths = {name: np.real(values[self.inside]) for name, values in as_polar(self.data.truth_views).items()}
+        if not all(quantity.name in truths and quantity.within(truths[quantity.name]) for quantity in self.sought):
             return None
         unknowns = self.unknowns(np.ones(1))
         theta = unknowns.theta(unknowns.start)
         fitted = self._fit()
         for quantity in self.sought:
-            truth = np.real(truths[quantity.name][self.inside])
+            truth = truths[quantity.name]
             field = truth if self.elements.nodal else fitted(quantity.transform.inverse(truth))
             for name in self.composition.fields(quantity.name):
                 theta[self.model.blocks[name]] = field

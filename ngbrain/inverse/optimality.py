@@ -30,7 +30,7 @@ SHIFT = 1e-8
 TIED = 1e-6
 """Weight, in squared deviations of the data, of changes on the boundary: an edge between points is held by little else."""
 FAINT = 1e-3
-"""The same of a component that is never measured: a change as large as the waves costs about as much as one datum."""
+"""The same of a component that is never measured: with 2 % noise a change as large as the waves costs as much as a few data."""
 REFINEMENTS = 6
 ROUGH = 1e-6
 

@@ -29,6 +29,10 @@ class Quantity:
     floor: float = 0.0
     ceiling: float = np.inf
 
+    def within(self, values: np.ndarray) -> bool:
+        """Whether all these lie between the bounds."""
+        return bool(np.all((values > self.floor) & (values < self.ceiling)))
+
     @property
     def transform(self) -> Log | Bounded:
         """The variable that can take any value: ln(θ - floor), or one for both bounds."""

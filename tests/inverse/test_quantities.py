@@ -1,5 +1,7 @@
 """Storage and loss, or magnitude and phase: bounds, the modulus that they make, derivatives, what is gained, bad input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planewaves import RHO, grid, wave_number
@@ -62,6 +64,13 @@ def test_the_true_phase_predicts_the_data():
     experiment = Experiment(data, in_elements(data), polar(data))
     off = experiment.of_truth() - experiment.measured
     assert np.linalg.norm(off) < 0.01 * np.linalg.norm(experiment.measured)
+
+
+def test_a_truth_without_loss_predicts_nothing():
+    data = waves(n=9)
+    lossless = replace(data, truth={"shear": np.real(data.truth["shear"]) + 0j})
+    for kind in (quantities, polar):
+        assert Experiment(lossless, in_elements(data), kind(data)).of_truth() is None
 
 
 def test_where_the_loss_angle_is_the_same_everywhere_polar_unknowns_find_it():
