@@ -152,6 +152,15 @@ def test_preconditioner_of_a_transversely_isotropic_law():
     assert normal.iterations[0] < 40
 
 
+def test_what_is_determined_is_drawn_once():
+    reduced, search = problem()
+    normal = Normal(reduced.at(search.start), most=5)
+    whole, regular = normal.determined(np.random.default_rng(0)), reduced.regularisers
+    first = normal.determined_of(search.blocks, regular, np.random.default_rng(1))
+    assert normal.determined_of(search.blocks, regular, np.random.default_rng(2)) == first
+    assert normal.determined(np.random.default_rng(3)) == whole and len(normal.iterations) == 1
+
+
 def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     whole, search = problem(weight=1e4)
     straight = Iterative(whole, most=5).descend(search.start, 3)
