@@ -84,7 +84,7 @@ def unknowns_of(data: WaveData, chosen: str) -> tuple[Quantity, ...]:
 def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value]:
     """Storage and loss from magnitude and phase, where there are some; `library` has cos and sin of such values.
 
-    >>> {name: round(value, 6) for name, value in as_moduli({"magnitude": 2.0, "phase": np.pi / 6}).items()}
+    >>> {name: float(round(value, 6)) for name, value in as_moduli({"magnitude": 2.0, "phase": np.pi / 6}).items()}
     {'storage': 1.732051, 'loss': 1.0}
     """
     if "magnitude" not in values:
