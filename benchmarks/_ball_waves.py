@@ -10,9 +10,11 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
+from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.labels import by_label, shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
+from ngbrain.mesh.grid import boxes
 
 Array = np.ndarray
 BULK = 2e5
@@ -51,6 +53,12 @@ class BallInBlock:
         about = {"bulk": BULK, "labels": label, "truth": {"shear": np.array(self.moduli)[label]}}
         data = WaveData(points, u, [self.hertz] * 2, 1000.0, "isotropic", "viscoelastic", **about)
         return data.with_noise(noise, seed=0)
+
+    def hexahedra(self, order: int, cells: int, points: int) -> Discretisation:
+        """So many along a side, that invert waves of an order at so many points."""
+        line = np.linspace(0, self.side, cells + 1)
+        mesh = boxes(np.ones((cells,) * 3, bool), line, line, line)
+        return Discretisation(mesh, f"P{order}", (order + 1) // 2, None, np.ones(points, bool))
 
     def label(self, x: Array) -> Array:
         """1 in the ball, for points (n, 3)."""

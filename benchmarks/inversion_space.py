@@ -21,11 +21,9 @@ from _command import main
 from _front import figure
 
 from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
-from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.io.waves import WaveData
-from ngbrain.mesh.grid import boxes
 
 Record = dict
 BLOCK = BallInBlock(0.06, (0.032, 0.028, 0.030), 7.5e-3, (2400 + 1000j, 4800 + 2000j), 50.0, 0.011)
@@ -56,9 +54,7 @@ def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]
 
 def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
     """By `invert_in_space`."""
-    line = np.linspace(0, BLOCK.side, cells + 1)
-    mesh = boxes(np.ones((cells,) * 3, bool), line, line, line)
-    elements = Discretisation(mesh, f"P{order}", (order + 1) // 2, None, np.ones(len(data.points), bool))
+    elements = BLOCK.hexahedra(order, cells, len(data.points))
     begun = time.process_time()
     found = invert_in_space(replace(data), elements, noise=NOISE, rounds=rounds)
     cpu_s = time.process_time() - begun

@@ -93,7 +93,7 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         "--misfit",
         choices=tuple(MISFITS),
         default="squares",
-        help="squares, or huber, in which points that are far off hardly count (squares)",
+        help="squares, or huber for what --drop-outliers misses (squares)",
     )
     parser.add_argument(
         "--drop-outliers",

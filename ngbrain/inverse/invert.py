@@ -21,7 +21,7 @@ from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
-from ngbrain.inverse.misfit import Kind, misfit_of
+from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
@@ -68,7 +68,7 @@ def invert(
     levels: Sequence[float] | None = None,
     labelled: bool = False,
     unknowns: str = "moduli",
-    misfit: str | Kind = "squares",
+    misfit: str | MisfitKind = "squares",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
@@ -83,7 +83,7 @@ def invert(
                  plane, and nowhere in space, where each takes as long as the rest
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber, in which a point that is far off hardly counts
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
 
     Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted.
 
@@ -170,7 +170,7 @@ class _Search:
     def __init__(
         self,
         experiment: Experiment,
-        made: Kind,
+        made: MisfitKind,
         noise: float,
         settling: Settling,
         tell: Callable[[Iteration], None],

@@ -142,7 +142,8 @@ class Iterative(GaussNewton):
             x, waves = x + step * dx, waves + step * moved
             change = float(np.sqrt(np.mean((step * dx[: self._width]) ** 2)))
             cpu_s, weights = time.process_time() - begun, dict(self.reduced.weights)
-            history.append(Iteration("waves", 2 * misfit, self.misfit.count, weights, change, step, cpu_s))
+            squares = self.misfit.squares(own.data)
+            history.append(Iteration("waves", squares, self.misfit.count, weights, change, step, cpu_s))
             self.tell(history[-1])
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.at(x)
@@ -189,8 +190,7 @@ class Iterative(GaussNewton):
         notes = {"problem": self._problem, "weights": self.reduced.weights, **more}
         begun = NOWHERE.real
         if self.arrived:
-            begun, rest = self.arrived.x, vars(self.arrived) | {"x": None, "level": vars(self.arrived.level)}
-            notes["arrived"] = rest | {"history": [asdict(entry) for entry in self.arrived.history]}
+            begun, notes["arrived"] = self.arrived.x, asdict(self.arrived) | {"x": None}
         part = self.checkpoint.with_name(f".{self.checkpoint.name}.{os.getpid()}.part")
         with part.open("wb") as file:
             np.savez(file, x=x, waves=waves, begun=begun, notes=json.dumps(notes), directions=self.directions.arrays)

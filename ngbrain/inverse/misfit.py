@@ -57,6 +57,8 @@ class LeastSquares:
 class Huber(LeastSquares):
     """Φ = Σ ρ(|r|), ρ = ½ r² up to a threshold k and k |r| - ½ k² beyond: outliers pull with a bounded force.
 
+    For moderate ones: those as large as the waves spoil the start, see `outliers.without_outliers`.
+
     Source: Huber 1964, 10.1214/aoms/1177703732.
     """
 
@@ -87,13 +89,13 @@ class Huber(LeastSquares):
         return self.threshold / np.maximum(np.abs(self.residual(data)), self.threshold)
 
 
-Kind: TypeAlias = Callable[[Array, Array], LeastSquares]
+MisfitKind: TypeAlias = Callable[[Array, Array], LeastSquares]
 """Measured displacements and σ → a misfit."""
-MISFITS: dict[str, Kind] = {"squares": LeastSquares, "huber": Huber}
+MISFITS: dict[str, MisfitKind] = {"squares": LeastSquares, "huber": Huber}
 """Misfits by name, as `invert` offers them."""
 
 
-def misfit_of(chosen: str | Kind) -> Kind:
+def misfit_of(chosen: str | MisfitKind) -> MisfitKind:
     """That of a name in `MISFITS`, or one of one's own; `InputError` for another name.
 
     >>> misfit_of("huber").__name__

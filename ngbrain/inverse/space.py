@@ -23,7 +23,7 @@ from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
-from ngbrain.inverse.misfit import Kind, misfit_of
+from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
@@ -51,7 +51,7 @@ def invert_in_space(
     regulariser: str | Prior = "smooth",
     labelled: bool = False,
     unknowns: str = "moduli",
-    misfit: str | Kind = "squares",
+    misfit: str | MisfitKind = "squares",
     levels: Sequence[float] = (),
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -65,7 +65,7 @@ def invert_in_space(
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
-    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber, in which a point that is far off hardly counts
+    misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     levels       uniform fields to start from too, as multiples of the modulus that the waves suggest: each takes about as long as
                  the start from measured waves. The lowest J at equal weights is kept
     rounds       iterations of a start at most, those from the measured waves apart
@@ -159,7 +159,7 @@ def _shared(experiment: Experiment) -> float:
     return len(experiment.model.points) * body.mesh.dim / moved.ndof
 
 
-def _problem(experiment: Experiment, made: Kind, noise: float, prior: Prior) -> Reduced:
+def _problem(experiment: Experiment, made: MisfitKind, noise: float, prior: Prior) -> Reduced:
     sigma = noise_of(experiment.data, noise)
     unknowns, misfit = experiment.unknowns(sigma), made(experiment.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
