@@ -1,6 +1,6 @@
 """Meshes of all tissues of the MNI152 brain: how far interfaces are off, how sound elements are, against CPU time.
 
-Routes `lattice` and `conforming` of ngbrain, even and graded (2 mm within 20 mm of a site, 11 for a lattice, 8 mm away),
+Routes `lattice` and `conforming` of ngbrain, even and graded (2 mm within 20 mm of a site, 10.5 for a lattice, 8 mm away),
 against the peer that needs no library: cubes of voxels cut into six tetrahedra each. Error: mean of the first-order distance
 |φ|/|∇φ| of triangles between regions from where the labels' smoothed shares are equal (at most 5 mm), over a voxel of 1 mm;
 beside it its 95th percentile, within 20 mm of the site for graded meshes, the smallest dihedral angle, slivers, and the

@@ -349,7 +349,7 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
         (["--width", "8"], ["--width", "--cut"]),
         (["--cut", "0,0,12", "--site", "0,0,12"], ["--site is given with --cut"]),
         (["--cut", "0,0,30"], ["--cut is '0,0,30'", "field of view"]),
-        (["--cut", "0,0,20.5"], ["cleft.target_mm is (0.0, 0.0, 20.5) mm", "inside the brain"]),
+        (["--cut", "0,0,20.5"], ["--cut is (0.0, 0.0, 20.5) mm", "inside the brain"]),
         (["--cut", "0,0,12", "--near", "3"], ["mesh size is 3 mm near and 5 mm far", "at most 2 mm near"]),
         (["--cut", "0,0,12", "--curve", "--route", "lattice"], ["--curve is given with --cut"]),
         (["--curve", "-o", "head.msh"], ["-o is 'head.msh'", ".vtkhdf"]),

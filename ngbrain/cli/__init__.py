@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +19,8 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
 
+PLACE = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
+"""Three numbers with commas, the first of them negative."""
 EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
 """How a field begins that an option or another file gave."""
@@ -25,7 +28,7 @@ NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit status."""
-    arguments = _parser().parse_args(argv)
+    arguments = _parser().parse_args(_joined(sys.argv[1:] if argv is None else argv))
     try:
         return int(arguments.verb(arguments) or 0)
     except (InputError, MissingExtra) as error:
@@ -41,6 +44,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
         print(f"ngbrain: stopped{resumed}", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _joined(argv: Sequence[str]) -> list[str]:
+    """Arguments in which `--site -20,0,30` is `--site=-20,0,30`: a place left of the middle is no option.
+
+    >>> _joined(["mesh", "--site", "-20,0,30", "-q"])
+    ['mesh', '--site=-20,0,30', '-q']
+    """
+    joined: list[str] = []
+    for text in argv:
+        if PLACE.fullmatch(text) and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={text}"
+        else:
+            joined.append(text)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -28,17 +28,23 @@ def add_mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
     parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
     parser.add_argument(
-        "--names", type=_names, metavar="N=NAME,…", help="what labels are called, or freesurfer, spm, ngbrain"
+        "--names",
+        type=_names,
+        default=(None, {}),
+        metavar="N=NAME,…",
+        help="what labels are called, or freesurfer, spm, ngbrain, with N=NAME,… of one's own behind it",
     )
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )
+    parser.add_argument("--atlas", metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
+    parser.add_argument("--template", metavar="T1", help="what it was drawn on, with its skull or without")
     parser.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
     parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
     parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")
     parser.add_argument(
-        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 11, conforming 20)"
+        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 10.5, conforming 20)"
     )
     parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
     parser.add_argument(
@@ -66,8 +72,16 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("--site", "given with --cut", "one of them: a mesh is finest at its cut")
     if arguments.labels and arguments.structures:
         raise InputError("--structures", "given with --labels", "a T1 scan to find them in, or --labels without it")
-    if arguments.labels:
-        subject = Subject.of_labels(arguments.image, arguments.names)
+    if (arguments.atlas is None) != (arguments.template is None):
+        given, lacking = ("--template", "--atlas") if arguments.atlas is None else ("--atlas", "--template")
+        raise InputError(given, f"given without {lacking}", "both: an atlas and the T1 that it was drawn on")
+    if arguments.atlas and (arguments.labels or arguments.structures):
+        found = f"given with --{'labels' if arguments.labels else 'structures'}"
+        raise InputError("--atlas", found, "one of them: an atlas says what regions there are")
+    if arguments.atlas:
+        subject = Subject.of_atlas(arguments.image, arguments.atlas, arguments.template, *arguments.names)
+    elif arguments.labels:
+        subject = Subject.of_labels(arguments.image, *arguments.names)
     else:
         subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
     for each in arguments.landmark:
@@ -82,8 +96,15 @@ def run(arguments: argparse.Namespace) -> None:
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
     size = Graded(coarse if site is None and floor is None else min(arguments.near, coarse), coarse, site, radius)
-    opening = Opening(floor, **shape) if floor else None
-    result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve, opening)
+    try:
+        opening = Opening(floor, **shape) if floor else None
+        result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve, opening)
+    except InputError as wrong:
+        name = wrong.field.removeprefix("cleft.").removesuffix("_mm")
+        if name == wrong.field:
+            raise
+        option = "--cut" if name == "target" else f"--{name}"
+        raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
     from ngbrain.report import anatomy
 
     shown = 1e-3 * np.array(result["shown_mm"])
@@ -95,6 +116,8 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
         if snaps := result.get("snaps"):
             print(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
+        for name, error in result["checks"]["regions_off"].items():
+            print(f"{name} is off by {error:+.0%} in volume: elements are too large for it")
         if off := result.get("curved"):
             print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
 
@@ -111,10 +134,14 @@ def _direction(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _names(text: str) -> str | dict[int, str]:
-    if "=" not in text:
-        return text
+def _names(text: str) -> tuple[str | dict[int, str] | None, dict[int, str]]:
+    """A scheme or names, and names besides."""
+    first, *rest = text.split(",")
+    given = rest if "=" not in first else [first, *rest]
     try:
-        return {int(number): name.strip() for number, name in (part.split("=") for part in text.split(","))}
+        named = {int(number): name.strip() for number, name in (part.split("=") for part in given)}
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
+    if "" in named.values():
+        raise argparse.ArgumentTypeError(f"{text!r} has an empty name")
+    return (named, {}) if "=" in first else (first, named)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -17,7 +18,7 @@ class LabelMap:
     """Regions on voxels.
 
     volume  integers; 0 is outside
-    names   number → name of the region; every number but 0 in `volume` has one, and two numbers may share a name
+    names   number → name of the region; every number but 0 in `volume` has one, and two numbers may share a name; 0 needs none
     cut     share of each voxel that is cut away, where a cut runs through voxels; None for no cut
 
     >>> two = LabelMap(Volume(np.array([[[0, 1, 1, 7]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 7: "white"})
@@ -36,19 +37,19 @@ class LabelMap:
         if unnamed:
             raise InputError("labels", f"without a name for {unnamed[:5]}", "a name for every number but 0")
 
-    @property
+    @cached_property
     def regions(self) -> tuple[str, ...]:
         """Names of the regions that there are, in the order of their numbers."""
-        present = set(np.unique(self.volume.data).tolist())
+        present = set(np.unique(self.volume.data).tolist()) - {0}
         return tuple(dict.fromkeys(name for number, name in sorted(self.names.items()) if number in present))
 
     def numbered(self) -> np.ndarray:
         """The voxels with regions numbered from 1 in the order of `regions`, uint8; 0 is outside, and more than half cut away."""
         table = np.zeros(int(self.volume.data.max()) + 1, np.uint8)
+        place = {name: i for i, name in enumerate(self.regions, 1)}
         for number, name in self.names.items():
-            if number < len(table) and name in self.regions:
-                table[number] = self.regions.index(name) + 1
-        table[0] = 0
+            if 0 < number < len(table):
+                table[number] = place.get(name, 0)
         numbers = table[self.volume.data]
         return numbers if self.cut is None else np.where(self.cut > 0.5, np.uint8(0), numbers)
 

@@ -6,7 +6,8 @@ import hashlib
 
 import numpy as np
 
-from ngbrain.image import align, bias, midsurface, places, segment, strip, topology, ventricles
+from ngbrain.errors import InputError
+from ngbrain.image import align, atlas, bias, midsurface, places, segment, strip, topology, ventricles
 from ngbrain.image import structures as structures_module
 from ngbrain.image.brain import find_brain
 from ngbrain.image.labelmap import LabelMap
@@ -47,6 +48,30 @@ def structured(scan: Scan) -> Structures:
     found = kept("structures", [*_seen(scan, mask), labels.digest()], modules, make)
     names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
     return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))
+
+
+def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
+    """Regions of a scan by an atlas: its template bent into the scan's brain takes the labels along (`ngbrain.image.atlas`).
+
+    labels    of the atlas, in the space of the template
+    template  the T1 that they were drawn on, with its skull or without
+
+    Raises what `find_brain` raises of either scan and what `transported` raises; `InputError` where no label comes to lie in the
+    brain.
+    """
+    brains = [Volume(np.where(_brain(each), each.volume.data, 0), each.volume.affine) for each in (scan, template)]
+
+    def make() -> Arrays:
+        return {"labels": atlas.transported(labels, brains[1], brains[0]).volume.data}
+
+    made_from = [
+        *(each.digest() for each in (*brains, labels.volume)),
+        {str(n): name for n, name in labels.names.items()},
+    ]
+    found = LabelMap(Volume(kept("atlas", made_from, (atlas, align), make)["labels"], scan.volume.affine), labels.names)
+    if not found.regions:
+        raise InputError("atlas", f"beside the brain of {template.source}", "labels in the space of the template")
+    return found
 
 
 def _brain(scan: Scan) -> np.ndarray:

@@ -121,7 +121,11 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
 def topologies(labels: LabelMap, neighbours: int = 6) -> dict[str, Topology]:
     """Region → its topology."""
     numbered = labels.numbered()
-    return {name: Topology.of(numbered == number, neighbours) for number, name in enumerate(labels.regions, 1)}
+    boxes = ndimage.find_objects(numbered, len(labels.regions))  # None: all cut away
+    return {
+        name: Topology(0, 0, 0) if box is None else Topology.of(numbered[box] == number, neighbours)
+        for number, (name, box) in enumerate(zip(labels.regions, boxes, strict=True), 1)
+    }
 
 
 def drown(labels: np.ndarray, label: int, island: int = _ISLAND, out: bool = False) -> None:
@@ -135,10 +139,16 @@ def drown(labels: np.ndarray, label: int, island: int = _ISLAND, out: bool = Fal
     >>> row[1, 1].tolist()
     [0, 1, 1, 1, 1, 0]
     """
-    pieces, count = ndimage.label(labels == label)
+    (box,) = ndimage.find_objects(labels == label, 1)
+    if box is None:
+        return
+    box = tuple(slice(side.start - 1, side.stop + 1) for side in box)
+    part = np.ascontiguousarray(labels[box])
+    pieces, count = ndimage.label(part == label)
     small = np.bincount(pieces.ravel(), minlength=count + 1) < island
     small[0] = False
-    _outvoted(labels, pieces, small, 0 if out else label)
+    _outvoted(part, pieces, small, 0 if out else label)
+    labels[box] = part
 
 
 def _flood(labels: np.ndarray) -> None:

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Sizes
+from ngbrain.mesh.grading import Sizes, asked
 from ngbrain.mesh.indicators import SMOOTHING, Indicators, Points
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import FLATTEST, improved, shapes
 from ngbrain.mesh.samples import inside, on_interfaces
-from ngbrain.mesh.volumes import Zones, matched
+from ngbrain.mesh.volumes import INSIDE, matched
+from ngbrain.mesh.zones import Zones
 
-MOST = 20e6
-"""Tetrahedra of a mesh that is refused, as it would not fit into memory."""
+PER_CUBE, MOST = 7.5, 20e6
+"""Tetrahedra in a cube of their size; as many make a mesh that is refused, as it would not fit into memory."""
 PASSES = 3
 """Triangulations of ever better points, each labelled anew."""
 OFF = 0.15
@@ -39,15 +38,12 @@ THORNS = 3
 """Layers of a thorn that are taken off the surface."""
 BALANCING = 6
 """Rounds in which these are found."""
-GRADED, FINE = 2.0, 1.25
-"""Sizes that differ by that factor make a mesh graded, whose volumes are right within that part of its finest size, too."""
+FINE = 1.25
+"""Times the finest size: up to there volumes of a graded mesh are right for themselves (`zones`)."""
 GOAL = np.sin(np.radians(15))
 """Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
 SOUND = np.sin(np.radians(8))
 """What matching volumes may make of good ones; flatter ones may leave their interfaces, by `OFF`, to get there."""
-
-_INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
-"""Barycentric coordinates at which a tetrahedron asks for its region."""
 
 
 def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed: int = 0) -> Elements:
@@ -79,7 +75,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     >>> mesh.boundaries, bool((mesh.volumes() > 0).all()), float(round(mesh.volumes().sum() / ball.sum() / 1e-9, 2))
     (('outer_gel',), True, 1.0)
     """
-    _check(labels, size)
+    asked(labels, size, PER_CUBE, MOST)
     indicators, rng = Indicators.of(labels, smoothing).filled(labels), np.random.default_rng(seed)
     wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
@@ -96,23 +92,12 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
     points = _freed(points, tets, region, OFF * size(points), rng)
-    points = matched(points, tets, region, _zones(labels, size, points, tets), size(points), SOUND)
+    points = matched(points, tets, region, Zones.of(labels, size, _fine), size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
 
 
-def _zones(labels: LabelMap, size: Sizes, points: Points, tets: np.ndarray) -> Zones:
-    """All of the mesh, or where it is finest and the rest if it is `GRADED` times as coarse somewhere."""
-    numbers = replace(labels, cut=None).numbered()
-    at = np.argwhere(numbers > 0)
-    h, number = size(labels.volume.to_world(at)), numbers[tuple(at.T)]
-    left = np.ones(len(at)) if labels.cut is None else 1 - labels.cut[tuple(at.T)].astype(float)
-    total = 1e-6 * np.array(list(labels.volumes_ml().values()))
-    if h.max() < GRADED * h.min():
-        return Zones(np.ones((1, len(tets))), np.zeros(len(points), int), total[None])
-    fine = FINE * h.min()
-    near = labels.volume.voxel_volume * np.bincount(number, left * (h <= fine), len(total) + 1)[1:]
-    share = np.mean([size(np.einsum("k,nkd->nd", where, points[tets])) <= fine for where in _INSIDE], axis=0)
-    return Zones(np.stack([share, 1 - share]), np.where(size(points) <= fine, 0, 1), np.stack([near, total - near]))
+def _fine(h: np.ndarray, smallest: float, largest: float) -> np.ndarray:
+    return h <= FINE * smallest
 
 
 def _freed(points: Points, tets: np.ndarray, region: np.ndarray, far: np.ndarray, rng: np.random.Generator) -> Points:
@@ -148,18 +133,6 @@ def named(points: Points, tets: np.ndarray, region: np.ndarray, regions: tuple[s
     )
 
 
-def _check(labels: LabelMap, size: Sizes) -> None:
-    at = labels.volume.to_world(np.argwhere(labels.volume.data > 0))
-    if not len(at):
-        raise InputError("labels", "0 everywhere", "at least one region")
-    h = np.asarray(size(at))
-    if h.shape != (len(at),) or not (np.isfinite(h).all() and (h > 0).all()):
-        raise InputError("size", "not a positive number at every point", "a function points (n, 3) m -> sizes (n,) m")
-    count = 7.5 * labels.volume.voxel_volume * float((h**-3.0).sum())
-    if count > MOST:
-        raise InputError("size", f"such that {count / 1e6:.0f} million elements are needed", "larger sizes")
-
-
 def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
     try:
@@ -171,8 +144,8 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
     shares = np.zeros((len(tets), len(wanted) + 1))
-    for at in _INSIDE:
-        shares += indicators(np.einsum("k,nkd->nd", at, x)) / len(_INSIDE)
+    for at in INSIDE:
+        shares += indicators(np.einsum("k,nkd->nd", at, x)) / len(INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
     # anything inside that reaches into it, as its corner could not be brought back.

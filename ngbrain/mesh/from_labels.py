@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.cut import Slot, rim
 from ngbrain.mesh.elements import Elements, Surface
+from ngbrain.mesh.grading import Sizes as Field
 from ngbrain.mesh.levelset import LevelSet, Points
 from ngbrain.mesh.shapes import Sizes
 from ngbrain.mesh.surfaces import triangulated
 
-REGIONS = ("brain", "ventricles")
+BRAIN, VENTRICLES = "brain", "ventricles"
 GROWTH = 0.4
 """Growth of the element size (m) with distance (m) from the cleft."""
 HORNS = 9e-3
@@ -20,14 +24,22 @@ HORNS = 9e-3
 ROUNDS = 4
 """of moving triangles until they enclose the volume of the outline."""
 CLEARANCE = 1.5e-3
-"""Tissue (m) that has to stay between the cleft and a ventricle."""
+"""Tissue (m) that has to stay between the cleft and a ventricle, or a lesion with a surface of its own."""
 
 
-def head(brain: LevelSet, ventricles: LevelSet | None, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Elements:
+def head(
+    brain: LevelSet,
+    ventricles: LevelSet | None,
+    cleft: Cleft,
+    craniotomy: float,
+    sizes: Sizes,
+    lesions: Mapping[str, LevelSet] = MappingProxyType({}),
+) -> Elements:
     """Tetrahedra between the outlines (None: no ventricles), with the cleft cut out by exact planes.
 
-    Regions `brain` and `ventricles`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around
-    the cleft), `ventricle_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines.
+    Regions `brain`, `ventricles` and lesions by their names, but for those that the cleft comes closer to than `CLEARANCE`,
+    which are of `brain`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around the cleft),
+    `ventricle_wall`, `<lesion>_wall` and the cleft's own (see `Cleft`). Volumes are those of the outlines.
 
     sizes   elements (m) on the cleft, under the craniotomy, and elsewhere
 
@@ -46,14 +58,10 @@ def head(brain: LevelSet, ventricles: LevelSet | None, cleft: Cleft, craniotomy:
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
     outer, triangles = triangulated(brain, size, fixed)
     outer = enclosing(brain, outer, triangles, slot.mouth)
-    inner, ventricle = np.zeros((0, 3)), np.zeros((0, 3), int)
-    if ventricles is not None:
-        inner, ventricle = triangulated(ventricles, lambda points: np.minimum(size(points), HORNS), inner)
-        inner = enclosing(ventricles, inner, ventricle)
-    # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then the ventricles'.
+    # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then those of what is inside.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
-    points = np.concatenate([slot.points, outer[n:], inner])
+    points = np.concatenate([slot.points, outer[n:]])
     a, b, height = cleft.coordinates(points[triangles].mean(axis=1)).T
     outside = height > cleft.depth / 2
     lid = outside & (np.abs(a) < cleft.opening / 2) & (np.abs(b) < cleft.width / 2)
@@ -62,9 +70,24 @@ def head(brain: LevelSet, ventricles: LevelSet | None, cleft: Cleft, craniotomy:
     surfaces += [Surface(name, side, 0) for name, side in slot.sides.items()]
     if not _closed(np.concatenate([surface.triangles for surface in surfaces])):
         raise InputError("mesh sizes", "such that the surface does not close around the cleft", "smaller elements")
-    if len(ventricle):
-        surfaces.append(Surface("ventricle_wall", ventricle + len(points) - len(inner), 1, 0))
-    return Elements.enclosed(points, surfaces, REGIONS[: 1 + bool(len(ventricle))], sizes.far)
+    inner = {} if ventricles is None else {VENTRICLES: ventricles}
+    inner |= {name: lesion for name, lesion in lesions.items() if lesion(slot.points).min() >= CLEARANCE}
+    for i, (name, outline) in enumerate(inner.items(), 1):
+        found, wall = walled_in(outline, size)
+        surfaces.append(Surface(wall_of(name), wall + len(points), i, 0))
+        points = np.concatenate([points, found])
+    return Elements.enclosed(points, surfaces, (BRAIN, *inner), sizes.far)
+
+
+def walled_in(outline: LevelSet, size: Field) -> tuple[Points, np.ndarray]:
+    """Vertices (n, 3) m and triangles (m, 3), outwards, around ventricles or a lesion, with its volume."""
+    points, triangles = triangulated(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
+    return enclosing(outline, points, triangles), triangles
+
+
+def wall_of(region: str) -> str:
+    """The name of its boundary."""
+    return f"{region.removesuffix('s') if region == VENTRICLES else region}_wall"
 
 
 def _clear(slot: Slot, ventricles: LevelSet) -> None:

@@ -10,10 +10,10 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.mesh.conforming import named
+from ngbrain.mesh.conforming import PER_CUBE, named
 from ngbrain.mesh.elements import Elements, Surface
-from ngbrain.mesh.from_labels import HORNS, enclosing
-from ngbrain.mesh.grading import Sizes
+from ngbrain.mesh.from_labels import BRAIN, VENTRICLES, enclosing, wall_of, walled_in
+from ngbrain.mesh.grading import Sizes, asked
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.mesh.reconnection import Reconnection
 from ngbrain.mesh.relocation import improved
@@ -28,7 +28,8 @@ GOAL, MOVES = float(np.sin(np.radians(16))), 40
 """Elements with angles between faces of less than 16° or more than 164° are worked on, in so many rounds."""
 SWAPS = 4
 """Rounds in which swaps and moves take turns at most: Netgen leaves flat elements with all corners on a wall."""
-VENTRICLES = "ventricles"
+MOST = 5e6
+"""Tetrahedra of a mesh that is refused, as Netgen would not end."""
 SPECK = 0.1
 """Millilitres of a piece of a ventricle or lesion below which it is left out."""
 LEFT = 0.5
@@ -46,7 +47,8 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
 
     size   points (n, 3) m → element size (n,) m, on the surfaces and inside
 
-    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, and where no mesh is found.
+    Raises `InputError` where labels hold no head, where a lesion touches what it cannot, for sizes that are not positive or that
+    need more than `MOST` tetrahedra, and where no mesh is found.
 
     >>> ball = np.linalg.norm(np.indices((40, 40, 40)) - 19.5, axis=0) < 16
     >>> from ngbrain.image.volume import Volume
@@ -55,6 +57,7 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
     >>> round(float(mesh.volumes().sum() / labels.volume.voxel_volume / ball.sum()), 2), mesh.regions, mesh.boundaries
     (1.0, ('brain',), ('skull',))
     """
+    asked(labels, size, PER_CUBE, MOST)
     voxels = labels.upright()
     brain = _outline(voxels)
     inner = _inside(voxels, brain)
@@ -62,13 +65,12 @@ def hull(labels: LabelMap, size: Sizes) -> Elements:
     points = enclosing(brain, points, triangles)
     surfaces, walls = [Surface("skull", triangles, 0)], {"skull": brain}
     for i, (name, outline) in enumerate(inner.items(), 1):
-        found, wall = triangulated(outline, lambda x: np.minimum(size(x), HORNS), np.zeros((0, 3)))
-        called = f"{name.removesuffix('s') if name == VENTRICLES else name}_wall"
-        surfaces.append(Surface(called, wall + len(points), i, 0))
-        points = np.concatenate([points, enclosing(outline, found, wall)])
-        walls[called] = outline
+        found, wall = walled_in(outline, size)
+        surfaces.append(Surface(wall_of(name), wall + len(points), i, 0))
+        points = np.concatenate([points, found])
+        walls[wall_of(name)] = outline
     corners = np.array([points.min(axis=0), points.max(axis=0)])
-    made = Elements.enclosed(points, surfaces, ("brain", *inner), float(size(corners).max()), size)
+    made = Elements.enclosed(points, surfaces, (BRAIN, *inner), float(size(corners).max()), size)
     return _rounded(made, walls)
 
 
@@ -115,11 +117,15 @@ def rounder(elements: Elements, outlines: dict[str, LevelSet]) -> Elements:
     return replace(elements, points=improved(start, tets, kept, place, GOAL, MOVES, np.random.default_rng(0)))
 
 
-def outlines(labels: LabelMap) -> tuple[LevelSet, LevelSet | None]:
-    """Smooth signed distances of the head and of its ventricles, at least `WALL` inside the head; None for no ventricles."""
+def outlines(labels: LabelMap) -> tuple[LevelSet, LevelSet | None, dict[str, LevelSet]]:
+    """Smooth signed distances of the head, of its ventricles, None for no ventricles, and of lesions by name.
+
+    Ventricles and lesions are at least `WALL` inside the head.
+    """
     voxels = labels.upright()
     brain = _outline(voxels)
-    return brain, _inside(voxels, brain).get(VENTRICLES)
+    inner = _inside(voxels, brain)
+    return brain, inner.pop(VENTRICLES, None), inner
 
 
 def _outline(voxels: LabelMap) -> LevelSet:

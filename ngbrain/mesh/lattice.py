@@ -9,21 +9,22 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.grading import Sizes
+from ngbrain.mesh.grading import Sizes, asked
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.indicators import SMOOTHING, Indicators
 from ngbrain.mesh.net import FACES, Net, scales, slope_across
 from ngbrain.mesh.octree import MOST, PER_CUBE, body_centred
 from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
+from ngbrain.mesh.zones import Zones
 
-ROUNDS = 3
+ROUNDS = 4
 """of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""
-SHIFT = 0.08
+SHIFT = 0.12
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
 CUT = 5.0
 """Widths of an interface (smoothing and voxels) above which edges are not cut by it, as folds finer than them are not followed."""
-_BIAS = 0.3  # SHIFT in shares at most: beyond they are no measure of distance
+_FINE = (0.5, 0.9)  # parts of the largest size between which elements cease to be of the fine zone
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,9 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     interfaces; each tetrahedron takes the region of the largest mean share in it; then, for a few rounds, points of
     interfaces go on to where the two shares are equal, and their neighbours to the middle of theirs. No move or cut is made
     that leaves a dihedral angle below `guard.ANGLE` or a radius ratio below `guard.RATIO`. What regions lack of the volume of their
-    voxels they get by a bias b_k of their shares, s_k + b_k (h/h_max)²: it acts where elements are large, as their errors do,
-    and is bounded. Parts of regions thinner than elements are lost, or come in pieces.
+    voxels they get by a bias b_k of their shares, s_k + b_k h/h_max: it acts where elements are large, as their errors do,
+    and is bounded. A graded mesh has biases of their own where it is fine (`zones`). Parts of regions thinner than elements are
+    lost, or come in pieces.
 
     Boundaries are named `outer_<region>` and `<a>_<b>` in the order of `labels.regions`; their triangles are oriented outwards
     of the region named first, of `<region>` for the outer ones.
@@ -61,7 +63,7 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     doi:10.1109/TVCG.2013.115.
 
     Raises `InputError` if every label is 0, if `size` does not give positive sizes, or such that more than `MOST` tetrahedra
-    or none would result.
+    or none of a region would result.
 
     >>> from ngbrain.image.volume import Volume
     >>> ball = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) < 10
@@ -81,35 +83,32 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     scale = scales(points, tets)
     points, _ = guarded(points, tets, crossings(points, tets, shares, slope_across(width)))
     points, tets, scale = cut(points, tets, shares, scale, CUT * width)
-    net = Net(points, tets, shares, width, scale)
-    wanted = np.r_[0, list(labels.volumes_ml().values())] * 1e-6
-    most = min(_BIAS, SHIFT * float(net.scale.max()) * net.slope)
-    region = net.balance(wanted, most)
+    zones = Zones.of(labels, size, _fine)
+    net = Net(points, tets, shares, width, scale, zones.share)
+    most = SHIFT * float(net.scale.max()) * net.slope
+    region = net.balance(zones.wanted, most)
     for _ in range(ROUNDS):
         net.points, _ = guarded(net.points, net.tets, net.steps(region))
-        region = net.balance(wanted, most)
-    if not region.any():
-        raise InputError("size", "so large that no tetrahedron is inside", "smaller elements")
+        region = net.balance(zones.wanted, most)
+    if len(lost := np.setdiff1d(np.arange(1, shares.count), region)):
+        raise InputError("size", f"so large that {labels.regions[lost[0] - 1]} has no element", "smaller sizes there")
     settled = net.settled(region)
     return Lattice(_elements(net, region, labels.regions), int(settled.sum()), int((~settled).sum()))
 
 
+def _fine(h: np.ndarray, smallest: float, largest: float) -> np.ndarray:
+    """1 where elements are small, 0 where they are about as large as the largest."""
+    begin, end = _FINE
+    return ((end - h / largest) / (end - begin)).clip(0, 1)
+
+
 def _extent(labels: LabelMap, size: Sizes) -> tuple[np.ndarray, np.ndarray, float]:
     """Corners (3,), (3,) m of a box around the labels, and the smallest size (m) asked for in them."""
+    finest = float(asked(labels, size, PER_CUBE, MOST).min())
     inside = np.argwhere(labels.volume.data != 0)
-    if not len(inside):
-        raise InputError("labels", "0 in every voxel", "a region")
     first, last = inside.min(axis=0) - 0.5, inside.max(axis=0) + 0.5
     corners = labels.volume.to_world(first + (last - first) * np.array(list(np.ndindex(2, 2, 2))))
-    some = labels.volume.to_world(inside[:: max(1, len(inside) // 100_000)])
-    asked = np.asarray(size(some), float)
-    if asked.shape != (len(some),) or not (np.isfinite(asked) & (asked > 0)).all():
-        found = f"{asked.min():g} m somewhere" if asked.shape == (len(some),) else f"an array of shape {asked.shape}"
-        raise InputError("size", found, "a number above 0 (m) for every point")
-    count = PER_CUBE * labels.volume.voxel_volume * len(inside) * (asked**-3.0).mean()
-    if count > MOST:
-        raise InputError("size", f"so small that {count:.2g} tetrahedra would result", f"at most {MOST:.2g} of them")
-    return corners.min(axis=0), corners.max(axis=0), float(asked.min())
+    return corners.min(axis=0), corners.max(axis=0), finest
 
 
 def _elements(net: Net, region: np.ndarray, names: tuple[str, ...]) -> Elements:

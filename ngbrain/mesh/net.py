@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 
 from ngbrain.mesh.shares import Shares
+from ngbrain.mesh.zones import everywhere
 
 Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
 _DAMPED = 0.8
+_HELD = 1e-2  # part of all interfaces' area that every region has to the outside besides
+_LIFTED = 0.3  # in shares at most: beyond they are no measure of distance
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
 _ON = 0.05  # part of an element's size up to which a point is on an interface
 _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
@@ -30,7 +34,8 @@ class Net:
 
     points   (n, 3) m; tets (m, 4) in Netgen's orientation; `shares` of the regions, 0 is outside
     width    standard deviation (m) of an interface's blur
-    bias     (regions + 1,), added to the shares times `weight` (n,) of the points, (size / largest size)²
+    zone     points (n, 3) → (n, zones), adding up to 1: where volumes are balanced each for itself
+    bias     (zones, regions + 1), added to the shares times `weight` (n,) of the points, size / largest size
     beside   (m, 4) tetrahedra across the FACES, -1 for none; scale (n,) edge (m) of the smallest cube at a point
     means    (m, regions + 1) mean shares in the tetrahedra, when their points were as `sampled` (n, 3)
     """
@@ -40,6 +45,7 @@ class Net:
     shares: Shares
     width: float
     scale: np.ndarray
+    zone: Callable[[Points], np.ndarray] = everywhere
     bias: np.ndarray = field(init=False)
     beside: np.ndarray = field(init=False)
     weight: np.ndarray = field(init=False)
@@ -47,7 +53,7 @@ class Net:
     sampled: Points = field(init=False)
 
     def __post_init__(self) -> None:
-        self.bias = np.zeros(self.shares.count)
+        self.bias = np.zeros((self.zone(self.points[:1]).shape[1], self.shares.count))
         self.beside = _beside(self.tets)
         cubes = np.cbrt(12 * volumes(self.points, self.tets))
         self.weight = self.scale / self.scale.max()
@@ -62,6 +68,10 @@ class Net:
     def slope(self) -> float:
         """Of s_a - s_b across an interface (1/m)."""
         return slope_across(self.width)
+
+    def lift(self) -> np.ndarray:
+        """What is added to the shares at the points (n, regions + 1)."""
+        return (self.weight[:, None] * (self.zone(self.points) @ self.bias)).clip(-_LIFTED, _LIFTED)
 
     def _sample(self) -> None:
         """Mean shares in each tetrahedron, anew where points have moved."""
@@ -80,9 +90,8 @@ class Net:
 
         One that none of its neighbours agrees with takes the region of that neighbour which has the largest share in it.
         """
-        score = self.means + self.weight[self.tets].mean(axis=1, dtype=np.float32)[:, None] * self.bias.astype(
-            np.float32
-        )
+        lift = self.lift().astype(np.float32)
+        score = self.means + sum(lift[corner] for corner in self.tets.T) / np.float32(4)
         region = score.argmax(axis=1)
         around = np.where(self.beside >= 0, region[self.beside], -1)
         lonely = np.flatnonzero((around != region[:, None]).all(axis=1) & (around >= 0).any(axis=1))
@@ -100,10 +109,11 @@ class Net:
         return region
 
     def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:
-        """Shift `bias` for the regions' volumes (regions + 1,) wanted (m³), that of outside apart; each tetrahedron's region then.
+        """Shift `bias` for the volumes (zones, regions) wanted (m³); each tetrahedron's region (m,) then.
 
-        A Newton step: an interface moves by the difference of the biases over the slope, and takes its area times that
-        from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases.
+        A Newton step in each zone: an interface moves by the difference of the biases over the slope, and takes its area times
+        that from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases. All regions of
+        a zone together are held back a little: where hardly any of it is at the outside, there is nobody to give them room.
         """
         self._sample()
         size, n = volumes(self.points, self.tets), self.shares.count
@@ -112,12 +122,15 @@ class Net:
         x = self.points[self.tets[t[:, None], FACES[k]]]
         area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1) / 2
         area *= self.weight[self.tets[t]].mean(axis=1)
-        pair = region[t] * n + other
-        flow = np.bincount(pair, area, n * n).reshape(n, n) / self.slope
-        flow += flow.T
-        gain = np.diag(flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished among them
-        missing = wanted - np.bincount(region, size, n)
-        self.bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing[1:])
+        pair, zones = region[t] * n + other, np.mean([self.zone(w @ self.points[self.tets]) for w in _GAUSS], axis=0)
+        for bias, mine, volume in zip(self.bias, zones.T, wanted, strict=True):
+            flow = np.bincount(pair, area * mine[t], n * n).reshape(n, n) / self.slope
+            flow += flow.T
+            if not flow.any():  # a zone inside one region
+                continue
+            gain = np.diag(flow.sum(axis=1) + _HELD * flow.sum()) - flow  # regions that have vanished among them
+            missing = volume - np.bincount(region, size * mine, n)[1:]
+            bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
         self.bias = self.bias.clip(-most, most)
         return self._regions()
 
@@ -137,13 +150,13 @@ class Net:
             has[self.tets[:, k], region] = True
         return has & (has.sum(axis=1) > 1)[:, None]
 
-    def off(self, points: Points, weight: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def off(self, points: Points, lift: np.ndarray, has: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far (n,) in m points with regions `has` (n, regions + 1) are from where these meet, and the way there (n, 3).
 
         To first order; where more than two meet, from the interface that is farthest off.
         """
         values, gradients = self.shares.slopes(points)
-        values = values + weight[:, None] * self.bias
+        values = values + lift
         farthest, way = np.full(len(points), -1.0), np.zeros((len(points), 3))
         for a, b in combinations(range(self.shares.count), 2):
             i = np.flatnonzero(has[:, a] & has[:, b])
@@ -168,8 +181,9 @@ class Net:
         total = np.stack([np.bincount(near.ravel(), middle[:, j], len(count)) for j in range(3)], axis=1)
         relaxed = self.points + _RELAXED * (total / np.maximum(count, 1)[:, None] - self.points)
         target = np.where(count[:, None] > 0, relaxed, self.points)
+        lift = self.lift()[on]
         for _ in range(2):
-            far, way = self.off(target[on], self.weight[on], has[on])
+            far, way = self.off(target[on], lift, has[on])
             target[on] += way * np.minimum(1, _FARTHEST * self.scale[on] / np.maximum(far, 1e-12))[:, None]
         return target
 
@@ -177,7 +191,7 @@ class Net:
         """For each point of an interface (n,), whether it is on it to a part of its element's size."""
         has = self.border(region)
         on = np.flatnonzero(has.any(axis=1))
-        far, _ = self.off(self.points[on], self.weight[on], has[on])
+        far, _ = self.off(self.points[on], self.lift()[on], has[on])
         return np.asarray(far < _ON * self.scale[on])
 
 

@@ -68,7 +68,8 @@ class Opening:
     def cleft(self, labels: LabelMap) -> Cleft:
         """Where it lies in a head of labels; raises what `cleft_in` raises."""
         ways = [None if way is None else np.array(way) for way in (self.approach, self.across)]
-        return cleft_in(*outlines(labels), np.array(self.target), self.opening, self.width, *ways)
+        brain, ventricles, _ = outlines(labels)
+        return cleft_in(brain, ventricles, np.array(self.target), self.opening, self.width, *ways)
 
 
 def cleft_in(
@@ -102,10 +103,10 @@ def cleft_in(
 def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: float) -> tuple[LabelMap, Made]:
     """What is left of labels when a head is opened, and its mesh by a route, from the cache if it was made before.
 
-    By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions are no regions of it then. By the other
-    routes what is cut away is taken from the labels' shares, and walls are put onto the planes where elements stay good: those
-    of tissues' corners and of the cleft's edges may miss them by part of an element, and the craniotomy ends with whole
-    triangles.
+    By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions that the cleft touches are no regions of it.
+    By the other routes what is cut away is taken from the labels' shares, and walls are put onto the planes where elements stay
+    good: those of tissues' corners and of the cleft's edges may miss them by part of an element, and the craniotomy ends with
+    whole triangles.
 
     near   element size (m) at the walls; far that away from them
 
@@ -121,7 +122,9 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
     modules = (cleft_module, cut, elements, from_labels, hull, levelset, surfaces)
 
     def make() -> dict[str, np.ndarray]:
-        return from_labels.head(*outlines(labels), cleft, opening.craniotomy, Sizes(near, far, far)).arrays()
+        brain, ventricles, lesions = outlines(labels)
+        sizes = Sizes(near, far, far)
+        return from_labels.head(brain, ventricles, cleft, opening.craniotomy, sizes, lesions).arrays()
 
     return left, Made(Elements.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make)))
 

@@ -35,6 +35,7 @@ from ngbrain.mesh import (
     snapping,
     surfaces,
     volumes,
+    zones,
 )
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Along, Graded, Sizes
@@ -80,16 +81,16 @@ ROUTES: Mapping[str, Route] = {
     "lattice": Route(
         lambda labels, size: _latticed(lattice.lattice(labels, size)),
         4e-3,
-        11e-3,
+        10.5e-3,
         "folds and films thinner than elements",
-        (lattice, guard, indicators, net, octree, shares, snapping),
+        (lattice, guard, indicators, net, octree, shares, snapping, zones),
     ),
     "conforming": Route(
         lambda labels, size: Made(conforming.conforming(labels, size)),
         4e-3,
         20e-3,
         "folds and films thinner than elements",
-        (conforming, indicators, reconnection, relocation, samples, shares, volumes),
+        (conforming, indicators, reconnection, relocation, samples, shares, volumes, zones),
     ),
 }
 
@@ -141,11 +142,11 @@ def told(size: Graded | Along) -> dict[str, Any]:
 def described(made: Elements, labels: LabelMap) -> dict[str, Any]:
     """For a result: `regions` (name → volume_ml, label_volume_ml) and `quality`.
 
-    A region of the mesh that no label is called by stands for all labels that no other region has.
+    The hull's own region stands for all labels that no other region has.
     """
     meshed, wanted = volumes_ml(made), labels.volumes_ml()
-    rest = sum(ml for name, ml in wanted.items() if name not in meshed)
-    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted.get(name, rest)} for name, ml in meshed.items()}
+    wanted[from_labels.BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(meshed) - {from_labels.BRAIN})
+    regions = {name: {"volume_ml": ml, "label_volume_ml": wanted[name]} for name, ml in meshed.items()}
     return {"regions": regions, "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())}}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -17,7 +18,7 @@ from ngbrain.image.labelfile import TISSUES, read_labels
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
-from ngbrain.image.tissues import structured, tissues
+from ngbrain.image.tissues import by_atlas, structured, tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume, read_scan
 from ngbrain.io import QuadraticGrid, save, versions, write_json
@@ -26,9 +27,14 @@ from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.curving import Curving, bent
 from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.from_labels import VENTRICLES
 from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.hull import LESION
 from ngbrain.mesh.opening import Opening, opened
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
+
+OFF = 0.1
+"""Part of its volume by which a region of a mesh may be off before it is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +101,31 @@ class Subject:
         return cls(structured(scan).labels, scan.volume, scan.file_affine, scan.file_shape, scan.source)
 
     @classmethod
-    def of_labels(cls, path: str | os.PathLike[str], names: str | Mapping[int, str] | None = None) -> Subject:
+    def of_atlas(
+        cls,
+        path: str | os.PathLike[str],
+        atlas: str | os.PathLike[str],
+        template: str | os.PathLike[str],
+        names: str | Mapping[int, str] | None = None,
+        others: Mapping[int, str] | None = None,
+    ) -> Subject:
+        """From a T1 and a map of labels of another head, laid into it by that head's own T1 (`ngbrain.image.atlas`).
+
+        Raises what `read_scan`, `read_labels` and `by_atlas` raise.
+        """
+        scan, labels = read_scan(path), read_labels(atlas, names, others)
+        moved = by_atlas(scan, labels, read_scan(template))
+        return cls(moved, scan.volume, scan.file_affine, scan.file_shape, scan.source)
+
+    @classmethod
+    def of_labels(
+        cls,
+        path: str | os.PathLike[str],
+        names: str | Mapping[int, str] | None = None,
+        others: Mapping[int, str] | None = None,
+    ) -> Subject:
         """From a map of labels; raises what `read_labels` raises."""
-        labels = read_labels(path, names)
+        labels = read_labels(path, names, others)
         shape = labels.volume.data.shape
         return cls(labels, None, labels.volume.affine, (shape[0], shape[1], shape[2]), str(path))
 
@@ -124,7 +152,8 @@ def write_subject(
     `curved` raise.
     """
     path, started = Path(path), time.monotonic()
-    if curve and not path.name.endswith(".vtkhdf"):
+    stem, own = _stem(path), path.name.lower().endswith(".vtkhdf")
+    if curve and not own:
         raise InputError("-o", repr(path.name), "a name that ends in .vtkhdf, as --curve is given")
     if curve and route == "hull":
         raise InputError(
@@ -132,9 +161,11 @@ def write_subject(
         )
     if curve and opening:
         raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
-    stem = _stem(path)  # before the work, not after it
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _writable(path)  # before the work, not after it
     clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
+    if not clean.regions:
+        found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
+        raise InputError("labels", found, "a head")
     size = size or Graded(ROUTES[route].size, ROUTES[route].size)
     cut = {}
     if opening:
@@ -151,7 +182,7 @@ def write_subject(
             told["regions"][name]["volume_ml"] = 1e6 * float(volume)
         told["quality"]["min_jacobian"] = min_jacobian(mesh)
     else:
-        mesh = made.mesh() if path.name.endswith(".vtkhdf") else None
+        mesh = made.mesh() if own else None
     if mesh is not None:
         save(path, QuadraticGrid(mesh), state={"route": route})
     else:
@@ -165,7 +196,7 @@ def write_subject(
         "verb": "mesh",
         "source": subject.source,
         "route": route,
-        "left_out": ROUTES[route].left_out,
+        "left_out": ROUTES[route].left_out + _within(made, clean),
         "labels": ", ".join(f"{i} {name}" for i, name in clean.names.items()),
         "relabelled_voxels": tidying.moved,
         "topology": {name: asdict(topology) for name, topology in tidying.after.items()},
@@ -177,7 +208,7 @@ def write_subject(
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),
         "files": [path.name, labels.name, "result.json"],
-        "checks": {},
+        "checks": {"regions_off": _off(told["regions"])},
         "versions": versions(),
         "seed": 0,
         "threads": 1,
@@ -207,6 +238,28 @@ def _cut(cleft: Cleft, opening: Opening) -> dict[str, Any]:
 
 def _numbered(labels: LabelMap) -> Volume:
     return Volume(labels.numbered(), labels.volume.affine)
+
+
+def _within(made: Elements, labels: LabelMap) -> str:
+    """Ventricles and lesions that are no regions of a hull, in words."""
+    asked = [name for name in labels.regions if name == VENTRICLES or LESION.fullmatch(name)]
+    lost = [name for name in asked if name not in made.regions]
+    return f"; {' and '.join(lost)}, too thin or too close to what is around" if lost else ""
+
+
+def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Relative errors of the volumes of regions that are off by more than `OFF`."""
+    errors = {name: each["volume_ml"] / max(each["label_volume_ml"], 1e-9) - 1 for name, each in regions.items()}
+    return {name: error for name, error in errors.items() if abs(error) > OFF}
+
+
+def _writable(path: Path) -> None:
+    """Make the folder, and try it."""
+    if path.is_dir():
+        raise InputError("-o", repr(str(path)), "a file, not a folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=path.parent):
+        pass
 
 
 def _stem(path: Path) -> str:

@@ -7,25 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngbrain.mesh.relocation import FLATTEST, shapes
+from ngbrain.mesh.zones import Zones
 
 FURTHEST = 0.2
 """Part of the element size that a vertex is moved at most."""
 ROUNDS = 6
+INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
+"""Barycentric coordinates at which a tetrahedron asks where it is."""
 _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 """Opposite to each corner of a tetrahedron in Netgen's orientation, turning such that normals point to the corner."""
-
-
-@dataclass(frozen=True, eq=False)
-class Zones:
-    """Where volumes are to be right each for itself: all of a mesh, or its fine part and the rest.
-
-    tets      (zones, m) share of each tetrahedron; vertices (n,) zone of each
-    wanted    (zones, regions) m³
-    """
-
-    tets: np.ndarray
-    vertices: np.ndarray
-    wanted: np.ndarray
 
 
 def matched(
@@ -42,6 +32,8 @@ def matched(
     """
     count, kept = zones.wanted.shape[1], region > 0
     start, points, limit, wanted = points, points.copy(), FURTHEST * size, zones.wanted.copy()
+    shares = np.mean([zones.share(np.einsum("k,nkd->nd", where, points[tets])) for where in INSIDE], axis=0)
+    vertices = zones.share(points).argmax(axis=1)
     floor = np.minimum(shapes(points[tets]), np.where(kept, sound, FLATTEST))
     free = np.ones(len(points), bool)
     for k in range(ROUNDS):
@@ -49,8 +41,8 @@ def matched(
         slopes[~free] = 0
         weight = size / np.maximum(np.linalg.norm(slopes, axis=(1, 2)), 1e-30)
         off = points - start
-        for zone, share in enumerate(zones.tets):
-            mine = zones.vertices == zone
+        for zone, share in enumerate(shares.T):
+            mine = vertices == zone
             volumes, steep = np.bincount(region, share * each, count + 1)[1:], slopes[mine]
             if k == 0:
                 wanted[zone] = _attainable(wanted[zone], volumes, steep, limit[mine])

@@ -184,11 +184,11 @@ def test_the_same_bits_twice():
 @pytest.mark.parametrize(
     "labels, size, message",
     [
-        (lambda: labelled(np.zeros((9, 9, 9), int)), same(3e-3), "labels is 0 everywhere"),
-        (nested, same(-1.0), "size is not a positive number at every point"),
-        (nested, same(np.nan), "size is not a positive number at every point"),
-        (nested, lambda points: 3e-3, "size is not a positive number at every point"),
-        (nested, same(5e-5), r"size is such that \d+ million elements are needed"),
+        (lambda: labelled(np.zeros((9, 9, 9), int)), same(3e-3), "labels is 0 in every voxel"),
+        (nested, same(-1.0), "size is -1 m somewhere; wanted: a number above 0"),
+        (nested, same(np.nan), "size is nan m somewhere"),
+        (nested, lambda points: 3e-3, r"size is an array of shape \(\)"),
+        (nested, same(5e-5), r"size is so small that 1\.5e\+09 tetrahedra would result"),
         (nested, same(60e-3), "size is "),
     ],
 )

@@ -1,0 +1,60 @@
+"""Where regions are to have their volumes each for itself: all of a mesh, or its fine part and the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.mesh.grading import Sizes
+
+GRADED = 2.0
+"""Sizes that differ by that factor make a mesh graded, with a fine part of its own."""
+Fine = Callable[[np.ndarray, float, float], np.ndarray]
+"""Sizes (n,), the smallest and the largest of all → how far each is of the fine part (n,), from 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Zones:
+    """Shares of space, and what regions have there.
+
+    share    points (n, 3) m → (n, zones), adding up to 1
+    wanted   (zones, regions) m³, of the labels
+    """
+
+    share: Callable[[np.ndarray], np.ndarray]
+    wanted: np.ndarray
+
+    @classmethod
+    def of(cls, labels: LabelMap, size: Sizes, fine: Fine) -> Zones:
+        """Of labels that are meshed to a size, with a fine part where that is `GRADED`.
+
+        >>> from ngbrain.image.volume import Volume
+        >>> row = LabelMap(Volume(np.array([[[1, 1, 2, 2]]]), np.diag([1e-3, 1e-3, 1e-3, 1])), {1: "grey", 2: "white"})
+        >>> zones = Zones.of(row, lambda x: 1e-3 + x[:, 2], lambda h, smallest, largest: h < 2.5e-3)
+        >>> (1e9 * zones.wanted).round().tolist(), zones.share(np.array([[0, 0, 2e-3]])).tolist()
+        ([[2.0, 0.0], [0.0, 2.0]], [[0.0, 1.0]])
+        """
+        numbers = replace(labels, cut=None).numbered()
+        at = np.argwhere(numbers > 0)
+        h, number = size(labels.volume.to_world(at)), numbers[tuple(at.T)]
+        total = 1e-6 * np.array(list(labels.volumes_ml().values()))
+        smallest, largest = float(h.min()), float(h.max())
+        if largest < GRADED * smallest:
+            return cls(everywhere, total[None])
+
+        def share(points: np.ndarray) -> np.ndarray:
+            inside = np.asarray(fine(size(points), smallest, largest), float)
+            return np.stack([inside, 1 - inside], axis=1)
+
+        left = 1.0 if labels.cut is None else 1 - labels.cut[tuple(at.T)].astype(float)
+        mine = left * np.asarray(fine(h, smallest, largest), float)
+        near = labels.volume.voxel_volume * np.bincount(number, mine, len(total) + 1)[1:]
+        return cls(share, np.stack([near, total - near]))
+
+
+def everywhere(points: np.ndarray) -> np.ndarray:
+    """The share of the only zone, (n, 1)."""
+    return np.ones((len(points), 1))
