@@ -359,6 +359,13 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
         (["-o", "head.stl"], ["-o is 'head.stl'", ".vtkhdf", ".feb"]),
         (["--size", "0"], ["mesh size", "above 0"]),
         (["--structures"], ["--structures is given with --labels", "T1"]),
+        (["--size", "inf"], ["mesh size is inf mm near"]),
+        (["--site", "0,0,0", "--radius", "-5"], ["radius is -5 mm"]),
+        (["--site", "-500,0,0"], ["--site is '-500,0,0'", "field of view"]),
+        (["--names", "freesurfer,3=lesion"], ["labels is without a name for [1]"]),
+        (["--atlas", "a.nii"], ["--atlas is given without --template"]),
+        (["--template", "a.nii"], ["--template is given without --atlas"]),
+        (["--atlas", "a.nii", "--template", "b.nii"], ["--atlas is given with --labels"]),
     ],
 )
 def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):
@@ -367,6 +374,12 @@ def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):
     status, lines = run(capsys, "mesh", "labels.nii.gz", "--labels", "-q", *arguments)
     assert status == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
     assert [path.name for path in tmp_path.iterdir()] == ["labels.nii.gz"]
+
+
+def test_an_empty_name_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        main(["mesh", "labels.nii", "--labels", "--names", "1=grey,2="])
+    assert "'1=grey,2=' has an empty name" in capsys.readouterr().err
 
 
 def test_labels_are_not_taken_for_a_scan(tmp_path, capsys):

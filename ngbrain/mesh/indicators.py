@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
+from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.shares import Shares
 
@@ -19,6 +20,8 @@ FILLED = 0.75
 MOST = 0.25
 """and share that is given to a region for it at most."""
 _STEPS = 0.1 * 0.85 ** np.arange(30)
+LARGEST = 4e9
+"""Bytes of all shares; a mesh takes some copies of them."""
 FAR = 5e-3
 """Distance (m) beyond which a slope says nothing: in the middle of a film it vanishes."""
 
@@ -38,8 +41,15 @@ class Indicators:
 
     @classmethod
     def of(cls, labels: LabelMap, smoothing: float = SMOOTHING, margin: float = 4e-3) -> Indicators:
-        """Of labels, with a margin (m) of outside around them."""
+        """Of labels, with a margin (m) of outside around them.
+
+        Raises `InputError` for more regions and voxels than shares of `LARGEST` bytes can be had of.
+        """
         pad = int(np.ceil(margin / labels.volume.spacing.min()))
+        voxels = float(np.prod(np.array(labels.volume.data.shape) + 2.0 * pad))
+        if 4 * (len(labels.regions) + 1) * voxels > LARGEST:
+            found = f"{len(labels.regions)} regions on {voxels / 1e6:.3g} million voxels"
+            raise InputError("labels", found, "names that join regions, larger voxels, or the route hull")
         numbered = np.pad(replace(labels, cut=None).numbered(), pad)
         sigma = smoothing / labels.volume.spacing
         left = (

@@ -65,6 +65,38 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
         read_labels(tmp_path / "labels.nii", {1: "grey", 2: "white"})
 
 
+def test_regions_of_ones_own_in_a_map_of_freesurfer(labels, tmp_path):
+    aseg = np.array([0, 2, 41, 4])[labels.volume.data]
+    aseg[:4] = 999
+    path = written(tmp_path / "aseg.nii", aseg.astype(np.int16), labels.volume.affine)
+    with pytest.raises(
+        InputError, match=r"aseg.nii: labels is FreeSurfer's but for 999; wanted: names freesurfer,999=NAME,…"
+    ):
+        read_labels(path)
+    found = read_labels(path, "freesurfer", {999: "tumour"})
+    assert found.regions == ("white", "ventricles", "tumour")
+    assert read_labels(path, None, {999: "tumour"}).regions == found.regions
+    assert found.volumes_ml()["tumour"] == pytest.approx(1e6 * (aseg == 999).sum() * labels.volume.voxel_volume)
+
+
+def test_a_name_of_what_is_outside_is_no_region(labels, tmp_path):
+    path = written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine)
+    found = read_labels(path, {0: "air", 1: "grey", 2: "white", 3: "ventricles"})
+    assert found.regions == labels.regions and np.array_equal(found.numbered(), labels.numbered())
+
+
+def test_parcels_are_told_from_grey_values(tmp_path):
+    box = np.indices((40, 40, 40)) // 8
+    parcels = 1 + (25 * box[0] + 5 * box[1] + box[2])
+    found = read_labels(written(tmp_path / "parcels.nii", parcels.astype(np.int16), np.diag([1e-3] * 3 + [1.0])))
+    assert len(found.regions) == 125 and found.numbered().max() == 125
+    grey = np.random.default_rng(0).integers(0, 200, (40, 40, 40))
+    with pytest.raises(
+        InputError, match="labels is 199 numbers that change from voxel to voxel; wanted: regions: is it a"
+    ):
+        read_labels(written(tmp_path / "t1.nii", grey.astype(np.uint8), np.diag([1e-3] * 3 + [1.0])))
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [

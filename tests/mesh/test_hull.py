@@ -167,3 +167,10 @@ def test_what_cannot_be_meshed_is_refused(labels):
         Graded(6e-3, 5e-3)
     with pytest.raises(InputError, match="route is 'hul'; wanted: did you mean 'hull'"):
         meshed(labels, "hul")
+    with pytest.raises(InputError, match="mesh size is inf mm near and inf mm far"):
+        Graded(np.inf, np.inf)
+    for radius in (-5e-3, np.nan):
+        with pytest.raises(InputError, match=r"radius is (-5|nan) mm; wanted: a length from 0 on"):
+            Graded(2e-3, 5e-3, (0.0, 0.0, 0.0), radius)
+    with pytest.raises(InputError, match=r"size is so small that \S+ tetrahedra would result; wanted: at most 5e\+06"):
+        meshed(labels, "hull", Graded(5e-5, 5e-5))

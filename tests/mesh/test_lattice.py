@@ -13,12 +13,13 @@ from ngbrain.image.volume import Volume
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.guard import ANGLE, RATIO, guarded, worst_cosines
 from ngbrain.mesh.indicators import FAR, Indicators
-from ngbrain.mesh.lattice import lattice
+from ngbrain.mesh.lattice import _fine, lattice
 from ngbrain.mesh.net import FACES, Net, scales
 from ngbrain.mesh.octree import body_centred
 from ngbrain.mesh.quality import Quality, deviations, interfaces, volume_errors
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.shares import Shares
+from ngbrain.mesh.zones import Zones
 
 MM = 1e-3
 
@@ -294,6 +295,63 @@ def test_moves_are_held_back_where_they_would_flatten():
     assert (moved[arrived] == wild[arrived]).all() and 0.02 < arrived.mean() < 0.9
     still, arrived = guarded(points, tets, points + 1e-3 * (wild - points))
     assert arrived.all() and (still != points).all()
+
+
+def folded(x, y, z):
+    r = np.sqrt(x**2 + y**2 + z**2)
+    folds = 1.5 * np.cos(0.7 * x) * np.cos(0.7 * y)
+    return np.select([r < 14 + folds, r < 20 + folds, r < 22], [3, 2, 1])
+
+
+def volumes_near(mesh, labels, share):
+    """Volumes of regions, weighted by a share of places: of the mesh, and of the voxels."""
+    corners, where = mesh.points[mesh.tets], np.random.default_rng(0).dirichlet(np.ones(4), 60)
+    mine = np.mean([share(np.einsum("k,nkd->nd", w, corners)) for w in where], axis=0)
+    numbers = labels.numbered()
+    at = labels.volume.to_world(np.argwhere(numbers > 0))
+    wanted = np.bincount(numbers[numbers > 0], share(at), len(labels.regions) + 1)[1:] * labels.volume.voxel_volume
+    return np.bincount(mesh.region, mesh.volumes() * mine, len(labels.regions)), wanted
+
+
+def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
+    labels = phantom(folded, n=50, names={1: "csf", 2: "grey", 3: "white"})
+    size = Graded(1.5 * MM, 6 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
+    zones = Zones.of(labels, size, _fine)
+    made = lattice(labels, size).elements
+    found, wanted = volumes_near(made, labels, lambda points: zones.share(points)[:, 0])
+    assert wanted == pytest.approx(zones.wanted[0], rel=1e-6)
+    print(found / wanted - 1, volume_errors(made, labels))
+    assert found[0] == pytest.approx(wanted[0], rel=0.06)  # fluid
+    assert found[1:] == pytest.approx(wanted[1:], rel=0.03)
+    assert all(abs(error) < 0.12 for error in volume_errors(made, labels).values())
+
+
+def test_a_fine_zone_inside_of_one_region():
+    labels = phantom(nested, names={1: "grey", 2: "white"})
+    size = Graded(1 * MM, 4 * MM, (0.0, 0.0, 0.0), radius=1 * MM, growth=0.6)
+    assert Zones.of(labels, size, _fine).wanted[0] == pytest.approx([0, 0.6e-6], abs=0.35e-6)
+    errors = volume_errors(lattice(labels, size).elements, labels)
+    assert abs(errors["grey"]) < 0.01 and abs(errors["white"]) < 0.04  # whose ball is four elements wide
+
+
+def test_labels_that_a_lattice_cannot_show():
+    film = phantom(lambda x, y, z: (np.abs(z) < 0.6) & (np.abs(x) < 12) & (np.abs(y) < 12), names={1: "sheet"})
+    with pytest.raises(InputError, match="size is so large that sheet has no element; wanted: smaller sizes there"):
+        lattice(film, uniform(8))
+    labels = phantom(
+        lambda x, y, z: nested(x, y, z) + (x**2 + y**2 + z**2 < 4), names={1: "grey", 2: "white", 3: "nut"}
+    )
+    with pytest.raises(InputError, match="size is so large that nut has no element"):
+        lattice(labels, uniform(9))
+
+
+def test_more_regions_than_memory():
+    many = np.arange(200 * 40**3, dtype=np.int32).reshape(200, 40, 40, 40)[:, 0] % 250 + 1
+    labels = LabelMap(Volume(np.tile(many, (1, 8, 8)), np.diag([MM] * 3 + [1])), {k: f"r{k}" for k in range(1, 251)})
+    with pytest.raises(
+        InputError, match=r"labels is 250 regions on .* million voxels; wanted: names that join regions"
+    ):
+        Indicators.of(labels)
 
 
 def test_the_rim_of_a_lattice_that_is_all_inside_is_its_boundary():

@@ -89,6 +89,19 @@ def test_the_same_cleft_in_a_hull_has_exact_planes(labels):
     assert found.elements.regions == ("brain",) and "ventricle_wall" not in found.elements.boundaries
 
 
+def test_lesions_are_regions_of_a_hull_that_is_cut_unless_the_cleft_touches_them(labels):
+    data = labels.volume.data.copy()
+    at = labels.volume.to_world(np.argwhere(np.ones_like(data))).reshape(*data.shape, 3)
+    for number, centre in ((4, (-14, 0, 8)), (5, (6, 6, 13))):
+        data[np.linalg.norm(at - MM * np.array(centre), axis=-1) < 4 * MM] = number
+    both = LabelMap(Volume(data, labels.volume.affine), {**labels.names, 4: "tumour", 5: "lesion"})
+    left, found = opened(both, CUT, "hull", 2.5 * MM, 6 * MM)
+    mesh = found.elements
+    assert mesh.regions == ("brain", "ventricles", "tumour") and "tumour_wall" in mesh.boundaries
+    assert volumes_ml(mesh)["tumour"] == pytest.approx(left.volumes_ml()["tumour"], rel=0.05)
+    assert mesh.volumes().min() > 0 and areas(corners(mesh, "tumour_wall")).sum(axis=0) == pytest.approx(0, abs=1e-9)
+
+
 def test_a_turned_head_is_cut_at_the_same_place(labels):
     turn = rotation(25, np.array([1.0, 2.0, 0.5]))
     cut = replace(CUT, target=tuple(turn @ CUT.target), approach=tuple(turn @ CUT.approach))

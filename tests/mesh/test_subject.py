@@ -1,13 +1,21 @@
 """From a file to a mesh in a file: a raw scan of a head, and labels with faults, by every route."""
 
 import json
+from pathlib import Path
 
 import nibabel
 import numpy as np
 import pytest
-from colin import colin27
+from colin import colin27, dice
 from phantoms import nested
 
+from ngbrain.errors import InputError
+from ngbrain.image import mni152
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.niftifile import on_grid, write_nifti
+from ngbrain.image.tissues import tissues
+from ngbrain.image.volume import Volume
+from ngbrain.io import load
 from ngbrain.io.exchange import read_mesh
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.quality import volumes_ml
@@ -43,6 +51,66 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
     assert quality["min_dihedral_deg"] > (8 if route != "conforming" else 3)
     assert quality["fraction_radius_ratio_below_0_1"] <= (1e-4 if route == "lattice" else 1e-3)
     assert quality["min_jacobian"] > 0
+
+
+def told(names, tmp_path, inner=8.0, **change):
+    labels = nested((20.0, 15.0, inner), names)
+    subject = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
+    return write_subject(subject, tmp_path / "head.vtkhdf", **({"size": Graded(6e-3, 6e-3)} | change))[0]
+
+
+def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
+    result = told(("brain", "white", "ventricles"), tmp_path)
+    assert result["regions"]["brain"]["volume_ml"] == pytest.approx(
+        result["regions"]["brain"]["label_volume_ml"], rel=0.01
+    )
+    assert "ventricles" not in result["left_out"] and result["checks"] == {"regions_off": {}}
+    result = told(("grey", "white", "ventricles"), tmp_path, inner=2.5)
+    assert "ventricles, too thin or too close" in result["left_out"]
+    result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=Graded(13e-3, 13e-3))
+    assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
+
+
+def test_output_is_tried_before_the_work(tmp_path):
+    (tmp_path / "head.vtkhdf").mkdir()
+    with pytest.raises(InputError, match=r"-o is '.*head.vtkhdf'; wanted: a file, not a folder"):
+        told(("grey", "white", "ventricles"), tmp_path)
+    with pytest.raises(OSError, match=r"(?i)no such|not permitted|read-only|permission"):
+        told(("grey", "white", "ventricles"), Path("/proc"))
+    result = told(("grey", "white", "ventricles"), tmp_path / "new")
+    assert result["files"][0] == "head.vtkhdf"
+
+
+def test_the_suffix_may_be_in_capitals(tmp_path):
+    labels = nested((20.0, 15.0, 8.0))
+    subject = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
+    write_subject(subject, tmp_path / "HEAD.VTKHDF", size=Graded(6e-3, 6e-3))
+    assert load(tmp_path / "HEAD.VTKHDF").mesh.ne > 100 and (tmp_path / "HEAD_labels.nii.gz").exists()
+
+
+def test_islands_alone_are_no_head(tmp_path):
+    data = np.zeros((9, 9, 9), np.uint8)
+    data[4, 4, 4] = 1
+    subject = Subject(LabelMap(Volume(data, np.diag([1e-3] * 3 + [1])), {1: "grey"}), None, np.eye(4), (9, 9, 9), "dot")
+    with pytest.raises(InputError, match="labels is 1 voxels in islands, which are left out; wanted: a head"):
+        write_subject(subject, tmp_path / "head.vtkhdf")
+    assert not (tmp_path / "head.vtkhdf").exists()
+
+
+@pytest.mark.slow
+def test_an_atlas_of_one_head_in_another(tmp_path):
+    head = Subject.of_scan(colin27().source)
+    data = np.ascontiguousarray(head.labels.volume.data.astype(np.uint8))
+    write_nifti(tmp_path / "atlas.nii.gz", on_grid(Volume(data, head.labels.volume.affine), head.affine, head.shape))
+    scan = mni152()
+    image = nibabel.Nifti1Image(scan.volume.data, np.diag([1e3, 1e3, 1e3, 1]) @ scan.volume.affine)
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, tmp_path / "t1.nii.gz")
+    found = Subject.of_atlas(tmp_path / "t1.nii.gz", tmp_path / "atlas.nii.gz", colin27().source, "ngbrain").labels
+    truth = tissues(scan).data
+    scores = [dice(found.volume.data == number, truth == number) for number in (2, 3, 4)]
+    print(np.round(scores, 3))
+    assert min(scores[:2]) > 0.78 and scores[2] > 0.86
 
 
 @pytest.mark.slow
