@@ -315,15 +315,16 @@ def volumes_near(mesh, labels, share):
 
 def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
     labels = phantom(folded, n=50, names={1: "csf", 2: "grey", 3: "white"})
-    size = Graded(1.5 * MM, 6 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
+    size = Graded(2 * MM, 8 * MM, (0.0, 0.0, 20 * MM), radius=6 * MM)
     zones = Zones.of(labels, size, _fine)
     made = lattice(labels, size).elements
     found, wanted = volumes_near(made, labels, lambda points: zones.share(points)[:, 0])
     assert wanted == pytest.approx(zones.wanted[0], rel=1e-6)
     print(found / wanted - 1, volume_errors(made, labels))
-    assert found[0] == pytest.approx(wanted[0], rel=0.06)  # fluid
-    assert found[1:] == pytest.approx(wanted[1:], rel=0.03)
-    assert all(abs(error) < 0.12 for error in volume_errors(made, labels).values())
+    assert found == pytest.approx(
+        wanted, rel=0.015
+    )  # balanced with the rest, fluid has 7 % too much and grey matter 3 % too little
+    assert all(abs(error) < 0.03 for error in volume_errors(made, labels).values())
 
 
 def test_a_fine_zone_inside_of_one_region():
