@@ -323,7 +323,7 @@ def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
     print(found / wanted - 1, volume_errors(made, labels))
     assert found == pytest.approx(
         wanted, rel=0.015
-    )  # balanced with the rest, fluid has 7 % too much and grey matter 3 % too little
+    )  # one balance for all: fluid +7 %, grey matter -3 %
     assert all(abs(error) < 0.03 for error in volume_errors(made, labels).values())
 
 
