@@ -321,9 +321,7 @@ def test_a_graded_lattice_has_the_labels_volumes_where_it_is_fine():
     found, wanted = volumes_near(made, labels, lambda points: zones.share(points)[:, 0])
     assert wanted == pytest.approx(zones.wanted[0], rel=1e-6)
     print(found / wanted - 1, volume_errors(made, labels))
-    assert found == pytest.approx(
-        wanted, rel=0.015
-    )  # one balance for all: fluid +7 %, grey matter -3 %
+    assert found == pytest.approx(wanted, rel=0.015)  # one balance for all: fluid +7 %, grey matter -3 %
     assert all(abs(error) < 0.03 for error in volume_errors(made, labels).values())
 
 
