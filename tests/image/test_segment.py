@@ -132,6 +132,28 @@ def test_phantom(rng):
         assert dice(labels == label, truth == label) > least, label
 
 
+def test_a_contrast_agent_is_not_taken_for_white_matter(rng):
+    truth, image = phantom(rng)
+    vessels = (truth == CSF) & (ndimage.gaussian_filter(rng.standard_normal(truth.shape), 2) > 0.05)
+    image[vessels] = 1.6
+    print(f"{1e-3 * vessels.sum():.1f} ml, {100 * vessels.sum() / (truth != OUTSIDE).sum():.1f} % of the brain")
+    labels = segment(Volume(image, MM), truth != OUTSIDE).volume.data
+    for label, least in ((GREY, 0.95), (WHITE, 0.95), (VENTRICLE, 0.9)):
+        score = dice(labels[~vessels] == label, truth[~vessels] == label)
+        print(f"{label} {score:.4f}")
+        assert score > least, label
+
+
+def test_noise_is_not_taken_for_a_contrast_agent(scan, maps, rng):
+    volume, brain = scan
+    truth = np.where(brain, CSF + np.argmax([1 - maps[0] - maps[1], *maps], axis=0), OUTSIDE)
+    noisy = (volume.data + rng.normal(0, 0.08, volume.data.shape)).astype(np.float32)  # 9 % of white matter
+    labels = segment(Volume(noisy, volume.affine), brain).volume.data
+    scores = dice(labels == GREY, truth == GREY), dice(labels == WHITE, truth == WHITE)
+    print(f"grey {scores[0]:.4f}, white {scores[1]:.4f}")
+    assert min(scores) > 0.905
+
+
 def test_same_bits_twice(rng):
     truth, image = phantom(rng)
     first, second = (segment(Volume(image, MM), truth != OUTSIDE) for _ in range(2))
