@@ -6,7 +6,8 @@ The command line turns `InputError` and `MissingExtra` into exit status 2 and `S
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
@@ -36,6 +37,21 @@ class InputError(NgbrainError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:  # how it comes back from another process
         return type(self), (self.field, self.value, self.wanted, self.file)
+
+
+@contextmanager
+def naming(file: str | Path) -> Iterator[None]:
+    """What is refused in here names the file, also by what does not know it: values are passed about without their source.
+
+    >>> with naming("t1.nii"):
+    ...     raise InputError("image", "empty", "a T1")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: t1.nii: image is empty; wanted: a T1
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(error.field, error.value, error.wanted, error.file or file) from None
 
 
 class SolverError(NgbrainError, RuntimeError):

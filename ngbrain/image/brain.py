@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ngbrain.image.extracted import check_whole, parted
-from ngbrain.image.strip import strip
-from ngbrain.image.volume import Scan
+from ngbrain.image.strip import placed, strip
+from ngbrain.image.volume import Scan, Volume
 
 
 def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.ndarray:
     """The whole brain, sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
-    In a brain-extracted scan (`check_extracted`) it is what differs from the background. In any other, `strip` finds it:
-    `ngbrain.image.strip.strip`, or what takes its place, such as those in `ngbrain.image.backends`.
+    In a brain-extracted scan (`check_extracted`) it is what differs from the background, if that is like the template's
+    brain (`ngbrain.image.strip.placed`): other contrasts and balls without a skull look whole as well. In any other, `strip`
+    finds it: `ngbrain.image.strip.strip`, or what takes its place, such as those in `ngbrain.image.backends`.
 
     Raises:
         InputError: the field of view cuts the brain; less than 0.7 litres; or a picture of something else, see `strip`.
@@ -30,4 +32,12 @@ def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.nd
     if more:
         mask = strip(scan)
     check_whole(scan, mask)
+    if not more:
+        placed(replace(scan, volume=_on_dark(scan.volume, mask)))
     return mask
+
+
+def _on_dark(volume: Volume, mask: np.ndarray) -> Volume:
+    """The picture with a background as dark as the darkest in the mask: a background may be as bright as it likes."""
+    dark = np.quantile(volume.data[mask], 0.001)
+    return Volume(np.where(mask, volume.data.clip(dark), dark).astype(np.float32), volume.affine)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ngbrain.errors import InputError
-from ngbrain.image.align import align
+from ngbrain.errors import InputError, naming
+from ngbrain.image.align import Alignment, align, foreground
 from ngbrain.image.bias import unbiased
 from ngbrain.image.volume import Scan, Volume, mni152
 
-_WANTED = "a T1 of a head, in which white matter is brighter than grey and fluid is dark"
-_ALIKE = 0.45  # least likeness to the template; measured: T1s above 0.7, other contrasts, balls and noise below 0.2
+_WANTED = "a T1 in which white matter is brighter than grey and fluid is dark, of a head upright as its header says, and whole"
+_ALIKE = 0.45  # least likeness to the template; measured: T1s above 0.7, other contrasts, balls, noise and wrong headers below 0.3
 _AROUND = 16  # voxels about the template's brain that are looked at
 _SURE, _FAR = 6.0, 9.0  # mm inside the template's brain all is brain, mm outside it none
 _LEVELS = (0.02, 0.40, 0.85)  # quantiles of the grey values in there that are near fluid, grey and white matter
@@ -40,16 +40,9 @@ def strip(scan: Scan) -> np.ndarray:
     >>> affine, noise = np.diag([4e-3, 4e-3, 4e-3, 1]), rng.random((50, 50, 50)).astype(np.float32)
     >>> strip(Scan(Volume(noise, affine), affine, (50, 50, 50), "noise.nii"))
     Traceback (most recent call last):
-    ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5
+    ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
     """
-    head, template = scan.volume, mni152().volume
-    try:
-        found = align(head, template)
-    except InputError as error:
-        raise InputError(error.field, error.value, error.wanted, scan.source) from None
-    if found.likeness < _ALIKE:
-        what = f"a picture in which nothing is like a brain (correlation with the MNI152 template {found.likeness:.2f})"
-        raise InputError("image", what, _WANTED, scan.source)
+    head, template, found = scan.volume, mni152().volume, placed(scan)
     to = np.linalg.inv(template.affine) @ np.linalg.inv(found.affine) @ head.affine
     whole = (template.data != 0).astype(np.float32)
     prior = ndimage.affine_transform(whole, to[:3, :3], to[:3, 3], head.data.shape, order=1) > 0.5
@@ -59,6 +52,26 @@ def strip(scan: Scan) -> np.ndarray:
     mask = np.zeros_like(prior)
     mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
     return mask
+
+
+def placed(scan: Scan) -> Alignment:
+    """Where the template's brain lies in a scan, with a skull or without.
+
+    A surface coil, three times as bright in front as behind, hides the likeness: where there is none, the coil's field is
+    taken out of the whole head, and the template laid in again.
+
+    Raises `InputError` as `strip` does.
+    """
+    head, template = scan.volume, mni152().volume
+    with naming(scan.source):
+        found = align(head, template)
+        if found.likeness < _ALIKE:
+            even = align(unbiased(head, foreground(head)), template)
+            found = max(found, even, key=lambda place: place.likeness)
+    if found.likeness < _ALIKE:
+        what = f"a picture in which nothing is like a brain (correlation with the MNI152 template {found.likeness:.2f})"
+        raise InputError("image", what, _WANTED, scan.source)
+    return found
 
 
 def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.ndarray:

@@ -91,6 +91,8 @@ def worse(kind, volume, rng):
         return seen(data * slow_field(data.shape, 0.2), affine)
     if kind == "field and noise":
         return seen(rician(data * slow_field(data.shape, 0.4), 6.5, rng), affine)
+    if kind == "surface coil":  # three times as bright in front as behind
+        return seen(data * (0.6 + 1.2 * np.linspace(0, 1, data.shape[1])[:, None] ** 2), affine)
     if kind == "thick":
         affine = affine @ np.diag([1, 1, 3.0, 1])
         affine[:3, 3] += [0, 0, 1e-3]
@@ -106,7 +108,7 @@ def worse(kind, volume, rng):
     return cropped(volume, (8, 172), (12, 202), (6, 181))
 
 
-KINDS = ("noise", "field", "field and noise", "thick", "fine", "no face", "cropped")
+KINDS = ("noise", "field", "field and noise", "surface coil", "thick", "fine", "no face", "cropped")
 
 
 @pytest.mark.slow

@@ -11,6 +11,8 @@ from ngbrain.image import Scan, Volume, check_extracted, find_brain, mni152
 from ngbrain.image.align import align
 from ngbrain.image.strip import strip
 
+UNLIKE = "nothing is like a brain .*; wanted: a T1 in which white .*, of a head upright as its header says, and whole"
+
 
 def seen(data, affine):
     return Scan(Volume(data.astype(np.float32), affine), affine, data.shape, "case/t1.nii.gz")
@@ -58,6 +60,22 @@ def test_a_brain_without_skull_is_not_stripped():
     assert np.array_equal(find_brain(scan, lambda scan: pytest.fail("stripped")), check_extracted(scan))
 
 
+@pytest.mark.parametrize("background", [0.0, 2.0])  # darker and brighter than the brain
+def test_a_brain_without_skull_passes(coarse, background):
+    brain = coarse[0] != 0
+    assert dice(find_brain(seen(np.where(brain, coarse[0], background), coarse[1])), brain) > 0.999
+
+
+@pytest.mark.parametrize("skull", [True, False])
+def test_a_surface_coil_hides_no_brain(head, coarse, skull):
+    brain, front = coarse[0] != 0, np.linspace(0, 1, head.shape[1])[:, None]
+    scan = seen((head if skull else coarse[0]) * (0.2 + 1.6 * front**2), coarse[1])
+    assert align(scan.volume, mni152().volume).likeness < 0.45  # by itself less than it has to be
+    score = dice(find_brain(scan), brain)
+    print(f"Dice {score:.4f}")
+    assert score > 0.97
+
+
 @pytest.mark.parametrize("degrees", [0.0, 65.0])
 def test_the_template_finds_itself_turned(coarse, degrees):
     turn = np.eye(4)
@@ -77,10 +95,13 @@ def ellipsoid(shape):
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("noise", "largest bright part has 0.00 litres; wanted: at least 0.5"),
-        ("ball", "nothing is like a brain .*; wanted: a T1 of a head"),
-        ("onion", "nothing is like a brain .*; wanted: a T1 of a head"),
-        ("other contrast", "nothing is like a brain .*; wanted: a T1 of a head"),
+        (
+            "noise",
+            "largest bright part has 0.00 litres; wanted: at least 0.5, after a background of noise .* was taken out",
+        ),
+        ("ball", UNLIKE),
+        ("onion", UNLIKE),
+        ("other contrast", UNLIKE),
     ],
 )
 def test_other_pictures_are_refused(head, coarse, rng, kind, words):
@@ -93,3 +114,17 @@ def test_other_pictures_are_refused(head, coarse, rng, kind, words):
     }[kind]
     with pytest.raises(InputError, match="case/t1.nii.gz: image is .*" + words):
         strip(seen(data, coarse[1]))
+
+
+@pytest.mark.parametrize("kind", ["onion", "fluid bright", "fluid dark, grey bright"])
+def test_other_pictures_without_a_skull_are_refused(coarse, rng, kind):
+    brain, _ = coarse
+    at = 2 * np.linalg.norm((np.indices(brain.shape).T - np.array(brain.shape) / 2).T, axis=0)  # mm
+    noise = rng.normal(0, 0.02, brain.shape)
+    data = {
+        "onion": np.select([at < 15, at < 60, at < 75], [0.7, 1.4, 1.0], 0),
+        "fluid bright": np.interp(brain, [0, 0.1, 0.3, 0.68, 0.85], [0, 1.3, 1.2, 0.6, 0.4]),
+        "fluid dark, grey bright": np.interp(brain, [0, 0.1, 0.4, 0.68, 0.85], [0, 0.2, 0.2, 1.0, 0.6]),
+    }[kind]
+    with pytest.raises(InputError, match="case/t1.nii.gz: image is .*" + UNLIKE):
+        find_brain(seen(np.where(data > 0, np.abs(data + noise) + 1e-3, 0), coarse[1]))
