@@ -6,12 +6,12 @@ import hashlib
 
 import numpy as np
 
-from ngbrain.errors import InputError
-from ngbrain.image import align, atlas, bias, midsurface, places, segment, strip, topology, ventricles
+from ngbrain.errors import InputError, naming
+from ngbrain.image import align, atlas, bias, brain, extracted, midsurface, places, segment, strip, topology, ventricles
 from ngbrain.image import structures as structures_module
-from ngbrain.image.brain import find_brain
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
+from ngbrain.image.rim import lifted
 from ngbrain.image.structures import NAMES, Structures, structures
 from ngbrain.image.volume import Scan, Volume
 from ngbrain.io.cache import Arrays, kept
@@ -22,7 +22,8 @@ def tissues(scan: Scan) -> Volume:
 
     Raises `InputError` for a scan that is no T1 of a whole head or brain.
     """
-    return _tissues(scan, _brain(scan))
+    with naming(scan.source):  # the file, which a picture and a mask do not know
+        return _tissues(*_brain(scan))
 
 
 def structured(scan: Scan) -> Structures:
@@ -32,22 +33,8 @@ def structured(scan: Scan) -> Structures:
     >>> structured(mni152()).labels.regions[:4]
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """
-    mask = _brain(scan)
-    labels = _tissues(scan, mask)
-
-    def make() -> Arrays:
-        made = structures(_even(scan, mask), labels)
-        return {
-            "labels": made.labels.volume.data,
-            "parts": made.parts.data,
-            "affine": made.affine,
-            "offset": made.middle.offset,
-        }
-
-    modules = (structures_module, places, midsurface, align, bias)
-    found = kept("structures", [*_seen(scan, mask), labels.digest()], modules, make)
-    names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
-    return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))
+    with naming(scan.source):
+        return _structured(*_brain(scan))
 
 
 def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
@@ -59,43 +46,65 @@ def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
     Raises what `find_brain` raises of either scan and what `transported` raises; `InputError` where no label comes to lie in the
     brain.
     """
-    brains = [Volume(np.where(_brain(each), each.volume.data, 0), each.volume.affine) for each in (scan, template)]
+    head, drawn = _on_black(scan), _on_black(template)
 
     def make() -> Arrays:
-        return {"labels": atlas.transported(labels, brains[1], brains[0]).volume.data}
+        return {"labels": atlas.transported(labels, drawn, head).volume.data}
 
-    made_from = [
-        *(each.digest() for each in (*brains, labels.volume)),
-        {str(n): name for n, name in labels.names.items()},
-    ]
-    found = LabelMap(Volume(kept("atlas", made_from, (atlas, align), make)["labels"], scan.volume.affine), labels.names)
+    names = {str(number): name for number, name in labels.names.items()}
+    made_from = [head.digest(), drawn.digest(), labels.volume.digest(), names]
+    found = LabelMap(Volume(kept("atlas", made_from, (atlas, align), make)["labels"], head.affine), labels.names)
     if not found.regions:
         raise InputError("atlas", f"beside the brain of {template.source}", "labels in the space of the template")
     return found
 
 
-def _brain(scan: Scan) -> np.ndarray:
-    def stripped(scan: Scan) -> np.ndarray:
-        made_by = (align, bias, strip)
-        return kept("brain", scan.volume.digest(), made_by, lambda: {"mask": strip.strip(scan)})["mask"]
-
-    return find_brain(scan, stripped)
-
-
-def _seen(scan: Scan, mask: np.ndarray) -> list[str]:
-    return [scan.volume.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
+def _on_black(scan: Scan) -> Volume:
+    """The picture of the brain, 0 around it."""
+    with naming(scan.source):
+        picture, mask = _brain(scan)
+    return Volume(np.where(mask, picture.data, 0), picture.affine)
 
 
-def _even(scan: Scan, mask: np.ndarray) -> Volume:
+def _brain(scan: Scan) -> tuple[Volume, np.ndarray]:
+    """The picture, its rim made even with fluid where voxels are coarse, and the mask of the brain."""
+    made_from = [scan.volume.digest(), scan.file_affine.tolist(), list(scan.file_shape)]
+    made_by = (align, bias, brain, extracted, strip)
+    mask = kept("brain", made_from, made_by, lambda: {"mask": brain.find_brain(scan)})["mask"]
+    return lifted(scan, mask), mask
+
+
+def _seen(picture: Volume, mask: np.ndarray) -> list[str]:
+    return [picture.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
+
+
+def _even(picture: Volume, mask: np.ndarray) -> Volume:
     """The picture without the coil's field."""
-    picture = scan.volume
-    arrays = kept("even", _seen(scan, mask), (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})
+    arrays = kept("even", _seen(picture, mask), (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})
     return Volume(arrays["t1"], picture.affine)
 
 
-def _tissues(scan: Scan, mask: np.ndarray) -> Volume:
+def _tissues(picture: Volume, mask: np.ndarray) -> Volume:
     def make() -> Arrays:
-        return {"labels": segment.segment(_even(scan, mask), mask).volume.data}
+        return {"labels": segment.segment(_even(picture, mask), mask).volume.data}
 
-    labels = kept("labels", _seen(scan, mask), (segment, topology, ventricles, bias), make)["labels"]
-    return Volume(labels, scan.volume.affine)
+    labels = kept("labels", _seen(picture, mask), (segment, topology, ventricles, bias), make)["labels"]
+    return Volume(labels, picture.affine)
+
+
+def _structured(picture: Volume, mask: np.ndarray) -> Structures:
+    labels = _tissues(picture, mask)
+
+    def make() -> Arrays:
+        made = structures(_even(picture, mask), labels)
+        return {
+            "labels": made.labels.volume.data,
+            "parts": made.parts.data,
+            "affine": made.affine,
+            "offset": made.middle.offset,
+        }
+
+    modules = (structures_module, places, midsurface, align, bias)
+    found = kept("structures", [*_seen(picture, mask), labels.digest()], modules, make)
+    names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
+    return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))
