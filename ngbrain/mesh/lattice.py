@@ -18,7 +18,7 @@ from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
 from ngbrain.mesh.zones import Zones
 
-ROUNDS = 4
+ROUNDS = 5
 """of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""
 SHIFT = 0.12
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""

@@ -14,8 +14,8 @@ from ngbrain.mesh.zones import everywhere
 Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
-_DAMPED = 0.8
-_HELD = 1e-2  # part of all interfaces' area that every region has to the outside besides
+_DAMPED = 0.5
+_HELD = 0.03  # part of its interfaces' area that a region has to the outside besides
 _LIFTED = 0.3  # in shares at most: beyond they are no measure of distance
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
 _ON = 0.05  # part of an element's size up to which a point is on an interface
@@ -128,7 +128,7 @@ class Net:
             flow += flow.T
             if not flow.any():  # a zone inside one region
                 continue
-            gain = np.diag(flow.sum(axis=1) + _HELD * flow.sum()) - flow  # regions that have vanished among them
+            gain = np.diag((1 + _HELD) * flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished too
             missing = volume - np.bincount(region, size * mine, n)[1:]
             bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
         self.bias = self.bias.clip(-most, most)
