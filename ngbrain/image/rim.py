@@ -7,8 +7,8 @@ from scipy import ndimage
 
 from ngbrain.image.volume import Scan, Volume
 
-_COARSE = 1.5e-3  # m: the least length of a file's voxels that is too much
-_REACH = 1.5  # of that length: how deep the rim is
+_COARSE = 1.5e-3  # m: edge of a cube as large as a file's voxel that is too much
+_REACH = 1.5  # of the voxel's longest edge: how deep the rim is
 _FLUID = 0.01  # quantile of the grey values deeper in: about the middle of the fluid in the ventricles
 
 
@@ -25,11 +25,11 @@ def lifted(scan: Scan, mask: np.ndarray) -> Volume:
     >>> np.unique(lifted(coarse, ball < 22).data)
     array([ 0., 40., 90.], dtype=float32)
     """
-    side = np.linalg.norm(scan.file_affine[:3, :3], axis=0).max()
-    if side <= _COARSE:
+    sides = np.linalg.norm(scan.file_affine[:3, :3], axis=0)
+    if np.cbrt(sides.prod()) <= _COARSE:
         return scan.volume
     data = scan.volume.data
     depth = ndimage.distance_transform_edt(mask, sampling=scan.volume.spacing)
-    deep = depth > _REACH * side
+    deep = depth > _REACH * sides.max()
     fluid = np.quantile(data[deep], _FLUID)
     return Volume(np.where(mask & ~deep, data.clip(fluid), data).astype(np.float32), scan.volume.affine)
