@@ -18,9 +18,8 @@ from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
 from ngbrain.mesh.zones import Zones
 
-DAMPED = (0.8, 0.8, 0.5, 0.5, 0.5)
-"""Part of a Newton step for the regions' volumes: after points are snapped along the lattice's edges, and after each round in
-which they move on to where regions meet."""
+ROUNDS = 4
+"""of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""
 SHIFT = 0.12
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
 CUT = 5.0
@@ -87,10 +86,10 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     zones = Zones.of(labels, size, _fine)
     net = Net(points, tets, shares, width, scale, zones.share)
     most = SHIFT * float(net.scale.max()) * net.slope
-    region = net.balance(zones.wanted, most, DAMPED[0])
-    for damped in DAMPED[1:]:
+    region = net.balance(zones.wanted, most)
+    for _ in range(ROUNDS):
         net.points, _ = guarded(net.points, net.tets, net.steps(region))
-        region = net.balance(zones.wanted, most, damped)
+        region = net.balance(zones.wanted, most)
     if len(lost := np.setdiff1d(np.arange(1, shares.count), region)):
         raise InputError("size", f"so large that {labels.regions[lost[0] - 1]} has no element", "smaller sizes there")
     settled = net.settled(region)

@@ -14,6 +14,7 @@ from ngbrain.mesh.zones import everywhere
 Points = np.ndarray
 FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
+_DAMPED = 0.5
 _HELD = 0.03  # part of its interfaces' area that a region has to the outside besides
 _LIFTED = 0.3  # in shares at most: beyond they are no measure of distance
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
@@ -107,13 +108,12 @@ class Net:
             region = np.where((across == 0).sum(axis=1) >= 3, 0, region)
         return region
 
-    def balance(self, wanted: np.ndarray, most: float, damped: float) -> np.ndarray:
+    def balance(self, wanted: np.ndarray, most: float) -> np.ndarray:
         """Shift `bias` for the volumes (zones, regions) wanted (m³); each tetrahedron's region (m,) then.
 
         A Newton step in each zone: an interface moves by the difference of the biases over the slope, and takes its area times
-        that from one region to the other. Shares are not linear, so that only a part of the step, `damped`, is taken; `most`
-        bounds the biases. All regions of a zone together are held back a little: where hardly any of it is at the outside, there
-        is nobody to give them room.
+        that from one region to the other. Shares are not linear, so the step is damped; `most` bounds the biases. All regions of
+        a zone together are held back a little: where hardly any of it is at the outside, there is nobody to give them room.
         """
         self._sample()
         size, n = volumes(self.points, self.tets), self.shares.count
@@ -130,7 +130,7 @@ class Net:
                 continue
             gain = np.diag((1 + _HELD) * flow.sum(axis=1) + 1e-6 * flow.sum()) - flow  # regions that have vanished too
             missing = volume - np.bincount(region, size * mine, n)[1:]
-            bias[1:] += damped * np.linalg.solve(gain[1:, 1:], missing)
+            bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
         self.bias = self.bias.clip(-most, most)
         return self._regions()
 

@@ -66,7 +66,7 @@ def test_a_lesion_is_a_region(route, place, head):
     assert sum(volumes_ml(made).values()) == pytest.approx(sum(labels.volumes_ml().values()), rel=0.01)
     if place == "in white matter":
         name = "lesion_wall" if route == "hull" else "white_lesion"
-        assert area(made, name) == pytest.approx(4 * np.pi * 36e-6, rel=0.06)
+        assert area(made, name) == pytest.approx(4 * np.pi * 36e-6, rel=0.08)
 
 
 def test_the_wall_of_a_lesion_turns_outwards_and_keeps_away_from_ventricles(head):
