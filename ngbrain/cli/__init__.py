@@ -19,7 +19,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
 
-PLACE = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
+LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 """Three numbers with commas, the first of them negative."""
 EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
@@ -54,7 +54,7 @@ def _joined(argv: Sequence[str]) -> list[str]:
     """
     joined: list[str] = []
     for text in argv:
-        if PLACE.fullmatch(text) and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
+        if LEFTWARD.fullmatch(text) and joined and joined[-1].startswith("--") and "=" not in joined[-1]:
             joined[-1] += f"={text}"
         else:
             joined.append(text)

@@ -117,7 +117,9 @@ def run(arguments: argparse.Namespace) -> None:
         if snaps := result.get("snaps"):
             print(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
         for name, error in result["checks"]["regions_off"].items():
-            print(f"{name} is off by {error:+.0%} in volume: elements are too large for it")
+            print(
+                f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
+            )
         if off := result.get("curved"):
             print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
 
