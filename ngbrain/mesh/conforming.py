@@ -54,9 +54,8 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     Yvinec & Boissonnat 2009, 10.1111/j.1467-8659.2009.01521.x). Vertices are put where the regions around them meet,
     and all is triangulated again, so that tetrahedra and interfaces settle. Last, moves of single vertices and swaps of
     edges and faces take turns on the worst tetrahedra (Freitag & Ollivier-Gooch 1997), and interfaces move by a small
-    part of the element size so that regions have the volumes of their voxels, where a graded mesh is finest as in the rest.
-    What is thinner than elements is lost to
-    what is around it.
+    part of the element size so that regions have the volumes of their voxels, where a graded mesh is finest as in the
+    rest. What is thinner than elements is lost to what is around it.
 
     labels     regions on voxels
     size       points (n, 3) m → wanted lengths of edges (n,) m; it should not change faster than about 0.3 of distance
@@ -76,11 +75,11 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     (('outer_gel',), True, 1.0)
     """
     asked(labels, size, PER_CUBE, MOST)
-    indicators, rng = Indicators.of(labels, smoothing).filled(labels), np.random.default_rng(seed)
-    wanted = np.array(list(labels.volumes_ml().values())) * 1e-6
+    zones, rng = Zones.of(labels, size, _fine), np.random.default_rng(seed)
+    indicators = Indicators.of(labels, smoothing).filled(zones)
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):
-        tets, region = _triangulated(points, indicators, wanted)
+        tets, region = _triangulated(points, indicators, zones)
         points, off = _settled(points, tets, region, indicators)
         points = _improved(points, tets, region, indicators, MOVES, rng)
         if turn < PASSES - 1:
@@ -92,7 +91,7 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
         tets, region = swaps.arrays()
         points = _improved(points, tets, region, indicators, LAST_MOVES, rng)
     points = _freed(points, tets, region, OFF * size(points), rng)
-    points = matched(points, tets, region, Zones.of(labels, size, _fine), size(points), SOUND)
+    points = matched(points, tets, region, zones, size(points), SOUND)
     return named(points, tets[region > 0], region[region > 0] - 1, labels.regions)
 
 
@@ -133,7 +132,7 @@ def named(points: Points, tets: np.ndarray, region: np.ndarray, regions: tuple[s
     )
 
 
-def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _triangulated(points: Points, indicators: Indicators, zones: Zones) -> tuple[np.ndarray, np.ndarray]:
     """The points' Delaunay tetrahedra (m, 4) in Netgen's orientation, and the region (m,) of each, 0 for outside."""
     try:
         delaunay = Delaunay(points)
@@ -143,20 +142,24 @@ def _triangulated(points: Points, indicators: Indicators, wanted: np.ndarray) ->
     x = points[tets]
     swapped = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
     tets[swapped] = tets[swapped][:, [1, 0, 2, 3]]
-    shares = np.zeros((len(tets), len(wanted) + 1))
+    shares, zone = np.zeros((len(tets), zones.wanted.shape[1] + 1)), np.zeros((len(tets), len(zones.wanted)))
     for at in INSIDE:
-        shares += indicators(np.einsum("k,nkd->nd", at, x)) / len(INSIDE)
+        where = np.einsum("k,nkd->nd", at, x)
+        shares += indicators(where) / len(INSIDE)
+        zone += zones.share(where) / len(INSIDE)
     volume = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
     # First what is inside at all, then which region: fluid that is short of volume shall not grow thorns into the air, nor is
     # anything inside that reaches into it, as its corner could not be brought back.
     air = (indicators(points)[:, 0] > AIR)[tets].any(axis=1)
-    deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros(len(wanted) + 1)
+    deep, favour = shares[:, 1:].max(axis=1) - shares[:, 0], np.zeros((len(zones.wanted), shares.shape[1]))
+    wanted = np.column_stack([zones.wanted.sum(axis=1), zones.wanted])
     for _ in range(BALANCING):
-        within = _without_thorns((deep + favour[0] > 0) & ~air, beside)
-        region = np.where(within, 1 + (shares[:, 1:] + favour[1:]).argmax(axis=1), 0)
-        got = np.bincount(region, volume, len(favour))[1:]
-        favour[0] += 0.1 * np.clip(wanted.sum() / max(got.sum(), 1e-12) - 1, -0.5, 0.5)
-        favour[1:] += 0.1 * np.clip(wanted / np.maximum(got, 1e-12) - 1, -0.5, 0.5)
+        mine = zone @ favour
+        within = _without_thorns((deep + mine[:, 0] > 0) & ~air, beside)
+        region = np.where(within, 1 + (shares[:, 1:] + mine[:, 1:]).argmax(axis=1), 0)
+        got = np.stack([np.bincount(region, volume * part, shares.shape[1]) for part in zone.T])
+        got[:, 0] = got[:, 1:].sum(axis=1)
+        favour += 0.1 * np.clip((wanted - got) / np.maximum(got, 1e-12), -0.5, 0.5)
         favour = np.clip(favour, -FAVOUR, FAVOUR)
     missing = set(range(1, len(indicators.regions) + 1)) - set(np.unique(region).tolist())
     if missing:

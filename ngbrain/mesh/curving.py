@@ -14,6 +14,7 @@ from ngbrain.mesh.curved import determinants, folds
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.indicators import Indicators, Points
 from ngbrain.mesh.volumes import Curved
+from ngbrain.mesh.zones import Zones
 
 FURTHEST = 0.5e-3
 """Distance (m) that a node is moved at most."""
@@ -150,7 +151,7 @@ def bent(elements: Elements, labels: LabelMap) -> tuple[ngs.Mesh, Curving]:
     """
     indicators = Indicators.of(labels)
     wanted = 1e-6 * np.array(list(labels.volumes_ml().values()))
-    done = curved(elements.mesh(), indicators, towards=indicators.filled(labels), volumes=wanted)
+    done = curved(elements.mesh(), indicators, towards=indicators.filled(Zones.whole(labels)), volumes=wanted)
     solid = elements.mesh().ngmesh
     solid.SecondOrder()
     solid.Coordinates()[solid.Elements3D().NumPy()["nodes"] - 1] = done.places[done.nodes]

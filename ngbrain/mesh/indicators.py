@@ -11,6 +11,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.mesh.shares import Shares
+from ngbrain.mesh.zones import Zones
 
 Points = np.ndarray
 SMOOTHING = 0.75e-3
@@ -69,23 +70,31 @@ class Indicators:
     def _together(self) -> Shares:
         return Shares.of(self.shares, self.affine)
 
-    def filled(self, labels: LabelMap) -> Indicators:
-        """With a constant added to each region's share, so that those of the largest share come closer to their voxels' volumes.
+    def filled(self, zones: Zones) -> Indicators:
+        """With constants added to regions' shares, in each zone its own, so that those of the largest share come closer to the
+        volumes wanted there.
 
         Smoothing thins whatever is bent or thin: a constant of 0.1 moves an interface by about 0.1 mm on voxels of 1 mm. What
         is left to be missing (see `FILLED`) would move interfaces farther than the volume is worth.
         """
-        count = len(self.shares)
-        wanted = np.bincount(labels.numbered().ravel(), minlength=count)[1:]
-        shares = self.shares.reshape(count, -1)
+        count, wanted = len(self.shares), zones.wanted / abs(np.linalg.det(self.affine[:3, :3]))
+        zone, shares = self._voxels_in(zones), self.shares.reshape(count, -1)
         sure = shares.max(axis=0) > 0.5 + MOST  # stays the largest whatever is added
-        inside = np.bincount(shares[:, sure].argmax(axis=0), minlength=count)
-        shares, given = shares[:, ~sure], np.zeros((count, 1), np.float32)
+        inside = [np.bincount(shares[:, sure].argmax(axis=0), part[sure], count) for part in zone]
+        shares, there, given = shares[:, ~sure], zone[:, ~sure], np.zeros((len(wanted), count), np.float32)
         for step in _STEPS:
-            got = (inside + np.bincount((shares + given).argmax(axis=0), minlength=count))[1:]
+            number = (shares + given.T @ there).argmax(axis=0)
+            got = (inside + np.stack([np.bincount(number, part, count) for part in there]))[:, 1:]
             missing = wanted / np.maximum(got, 1) - 1
-            given[1:, 0] = np.clip(given[1:, 0] + np.clip(missing, -step, step), -MOST, MOST)
-        return replace(self, shares=self.shares + np.float32(FILLED) * given[:, :, None, None])
+            given[:, 1:] = np.clip(given[:, 1:] + np.clip(missing, -step, step), -MOST, MOST)
+        return replace(self, shares=self.shares + np.float32(FILLED) * (given.T @ zone).reshape(self.shares.shape))
+
+    def _voxels_in(self, zones: Zones) -> np.ndarray:
+        """How far each voxel is of each zone (zones, voxels)."""
+        _, *sheet = self.shares.shape[1:]
+        at = np.indices((1, *sheet)).reshape(3, -1).T @ self.affine[:3, :3].T + self.affine[:3, 3]
+        sheets = [zones.share(at + i * self.affine[:3, 0]).astype(np.float32) for i in range(self.shares.shape[1])]
+        return np.concatenate(sheets).T
 
     def __call__(self, points: Points) -> np.ndarray:
         """Shares (n, regions + 1) at points (n, 3) in m."""

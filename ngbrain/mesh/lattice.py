@@ -73,7 +73,7 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     (('outer_grey',), True)
     """
     low, high, finest = _extent(labels, size)
-    indicators = Indicators.of(labels, smoothing).filled(labels)
+    indicators = Indicators.of(labels, smoothing).filled(Zones.whole(labels))
     shares = Shares.of(indicators.shares, indicators.affine)
     points, tets = body_centred(low, high, size, finest, lambda points: shares(points).argmax(axis=1) > 0)
     if not len(tets):

@@ -11,6 +11,8 @@ from ngbrain.mesh.zones import Zones
 
 FURTHEST = 0.2
 """Part of the element size that a vertex is moved at most."""
+HELD = 0.03
+"""Part by which each region is held back: in a zone that hardly reaches the outside nobody can give all of them room."""
 ROUNDS = 6
 INSIDE = np.concatenate([np.full((1, 4), 0.25), np.full((4, 4), 0.1) + 0.6 * np.eye(4)])
 """Barycentric coordinates at which a tetrahedron asks where it is."""
@@ -47,6 +49,7 @@ def matched(
             if k == 0:
                 wanted[zone] = _attainable(wanted[zone], volumes, steep, limit[mine])
             matrix = np.einsum("v,vdr,vds->rs", weight[mine], steep, steep)
+            matrix[np.diag_indices(count)] *= 1 + HELD
             factors = np.linalg.lstsq(matrix, wanted[zone] - volumes, rcond=1e-9)[0]
             off[mine] += weight[mine, None] * (steep @ factors)
         new = start + off * np.minimum(1, limit / np.maximum(np.linalg.norm(off, axis=1), 1e-12))[:, None]

@@ -28,6 +28,11 @@ class Zones:
     wanted: np.ndarray
 
     @classmethod
+    def whole(cls, labels: LabelMap) -> Zones:
+        """All of labels in one zone."""
+        return cls(everywhere, 1e-6 * np.array([list(labels.volumes_ml().values())]))
+
+    @classmethod
     def of(cls, labels: LabelMap, size: Sizes, fine: Fine) -> Zones:
         """Of labels that are meshed to a size, with a fine part where that is `GRADED`.
 
@@ -40,10 +45,9 @@ class Zones:
         numbers = replace(labels, cut=None).numbered()
         at = np.argwhere(numbers > 0)
         h, number = size(labels.volume.to_world(at)), numbers[tuple(at.T)]
-        total = 1e-6 * np.array(list(labels.volumes_ml().values()))
         smallest, largest = float(h.min()), float(h.max())
         if largest < GRADED * smallest:
-            return cls(everywhere, total[None])
+            return cls.whole(labels)
 
         def share(points: np.ndarray) -> np.ndarray:
             inside = np.asarray(fine(size(points), smallest, largest), float)
@@ -51,6 +55,7 @@ class Zones:
 
         left = 1.0 if labels.cut is None else 1 - labels.cut[tuple(at.T)].astype(float)
         mine = left * np.asarray(fine(h, smallest, largest), float)
+        (total,) = cls.whole(labels).wanted
         near = labels.volume.voxel_volume * np.bincount(number, mine, len(total) + 1)[1:]
         return cls(share, np.stack([near, total - near]))
 

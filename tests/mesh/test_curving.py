@@ -17,6 +17,7 @@ from ngbrain.mesh.curving import RETURNED, bent, curved
 from ngbrain.mesh.indicators import Indicators
 from ngbrain.mesh.routes import min_jacobian
 from ngbrain.mesh.volumes import Curved
+from ngbrain.mesh.zones import Zones
 
 MM = 1e-3
 RADII = {"outer_grey": 16.0, "grey_white": 9.0}
@@ -105,7 +106,7 @@ def test_a_bent_mesh_is_given_back_most_of_what_its_regions_lose():
     mesh, done = bent(straight, labels)
     without = straight.mesh()
     indicators = Indicators.of(labels)
-    curved(without, indicators, towards=indicators.filled(labels))
+    curved(without, indicators, towards=indicators.filled(Zones.whole(labels)))
     wanted = 1e-6 * np.array([labels.volumes_ml()[name] for name in mesh.GetMaterials()])
     lost, now = (np.array(ngs.Integrate(ngs.CF(1), m, order=6, region_wise=True)) - wanted for m in (without, mesh))
     assert lost[0] < -0.1 * wanted[0]  # fluid
