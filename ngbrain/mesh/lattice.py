@@ -73,7 +73,8 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     (('outer_grey',), True)
     """
     low, high, finest = _extent(labels, size)
-    indicators = Indicators.of(labels, smoothing).filled(Zones.whole(labels))
+    zones = Zones.of(labels, size, _fine)
+    indicators = Indicators.of(labels, smoothing).filled(zones)
     shares = Shares.of(indicators.shares, indicators.affine)
     points, tets = body_centred(low, high, size, finest, lambda points: shares(points).argmax(axis=1) > 0)
     if not len(tets):
@@ -83,7 +84,6 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     scale = scales(points, tets)
     points, _ = guarded(points, tets, crossings(points, tets, shares, slope_across(width)))
     points, tets, scale = cut(points, tets, shares, scale, CUT * width)
-    zones = Zones.of(labels, size, _fine)
     net = Net(points, tets, shares, width, scale, zones.share)
     most = SHIFT * float(net.scale.max()) * net.slope
     region = net.balance(zones.wanted, most)

@@ -333,6 +333,29 @@ def test_shares_that_are_filled_have_the_volume_of_a_thin_shell_but_for_a_quarte
     assert (np.abs(smooth.filled(Zones.whole(labels)).shares - smooth.shares) <= MOST).all()
 
 
+def test_a_film_is_filled_where_the_mesh_is_fine_though_the_head_has_fluid_enough():
+    x, y, z = grid(48)
+    r = np.sqrt(x**2 + y**2 + z**2)
+    gap = (r > 15.5) & (r < np.where(z > 12, 17.2, 21))  # thin above, thick below
+    labels, site = labelled(np.select([r < 10, gap, r < 22], [3, 1, 2])), np.array([0, 0, 16 * MM])
+    zones = Zones.of(labels, lambda at: np.where(np.linalg.norm(at - site, axis=1) < 8 * MM, 2e-3, 6e-3), finest)
+    smooth = Indicators.of(labels, 1.2e-3)
+    near = np.linalg.norm(voxels_of(smooth) - site, axis=1) < 8 * MM
+    plain, even, ours = (
+        np.sum(shares.argmax(axis=0).ravel()[near] == 1) * MM**3 / zones.wanted[0, 0]
+        for shares in (smooth.shares, smooth.filled(Zones.whole(labels)).shares, smooth.filled(zones).shares)
+    )
+    assert plain < 0.7 and even < 0.5 and ours == pytest.approx(1, abs=0.1)
+
+
+def finest(h, smallest, largest):
+    return h == smallest
+
+
+def voxels_of(indicators):
+    return np.argwhere(indicators.shares[0] >= 0) @ indicators.affine[:3, :3].T + indicators.affine[:3, 3]
+
+
 def test_large_elements_leave_no_spikes():
     made = conforming(shell(), same(5e-3))
     outer = np.isin(made.boundary, [k for k, name in enumerate(made.boundaries) if name.startswith("outer")])
@@ -356,12 +379,13 @@ def test_moves_make_the_worst_better_and_stay_where_they_may():
 
 
 @pytest.mark.slow
-def test_a_graded_head():
+@pytest.mark.parametrize(("site", "p95"), [((0.03, 0.0, 0.05), 1.0), ((0.03, -0.07, 0.02), 1.2)])
+def test_a_graded_head(site, p95):
+    """Near the second site there are .22 ml of fluid, of which smoothed labels, that distances are taken from, keep a quarter."""
     from ngbrain.image import mni152
     from ngbrain.surgery.heads import Scanned
 
     labels = LabelMap(Scanned.of(mni152()).labels, {**NAMES, 4: "ventricle"})
-    site = np.array([0.03, 0.0, 0.05])
 
     def size(points):
         return np.clip(2e-3 + 0.3 * (np.linalg.norm(points - site, axis=1) - 20e-3), 2e-3, 8e-3)
@@ -372,8 +396,7 @@ def test_a_graded_head():
     assert abs(errors["white"]) < 0.01 and abs(errors["ventricle"]) < 0.01
     assert abs(errors["grey"]) < 0.02 and abs(errors["csf"]) < 0.12
     found, wanted = volumes_near(mesh, labels, site, 20e-3)
-    print(found[:3] / wanted[:3] - 1, quality.n_tets, quality.dihedrals.min())
     assert found[0] == pytest.approx(wanted[0], rel=0.12) and found[1:3] == pytest.approx(wanted[1:3], rel=0.02)
     near = deviations(mesh, Indicators.of(labels), lambda points: np.linalg.norm(points - site, axis=1) < 20e-3)
     found = np.concatenate(list(near.values()))
-    assert found.mean() < 0.3 * MM and np.quantile(found, 0.95) < 1.0 * MM
+    assert found.mean() < 0.3 * MM and np.quantile(found, 0.95) < p95 * MM

@@ -50,7 +50,7 @@ def test_walls_are_on_their_planes_and_as_large_as_asked(made, labels):
         off = np.abs(side * cleft.coordinates(x.mean(axis=1))[:, axis] - half[axis])
         assert off.mean() < 0.35 * MM and off.max() < 1.5 * MM, name
         out_of_tissue = -side * np.stack([cleft.across, cleft.along, cleft.out])[axis]
-        assert areas(x).sum(axis=0) @ out_of_tissue > 0.8 * wanted[axis]
+        assert areas(x).sum(axis=0) @ out_of_tissue > 0.75 * wanted[axis]
 
 
 def test_the_cleft_is_empty_and_the_rest_is_there(made, labels):
