@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -12,14 +13,14 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.io.cache import kept
 from ngbrain.mesh import cleft as cleft_module
-from ngbrain.mesh import cut, elements, from_labels, hull, levelset, surfaces
+from ngbrain.mesh import cut, elements, from_labels
 from ngbrain.mesh.cleft import Cleft, frame
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Along
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.hull import outlines
 from ngbrain.mesh.levelset import LevelSet
-from ngbrain.mesh.routes import Made, meshed_by, told
+from ngbrain.mesh.routes import ROUTES, Made, meshed_by, told
 from ngbrain.mesh.shapes import Sizes
 
 ALIGNED = 0.5
@@ -119,7 +120,7 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
         spacing = float(labels.volume.spacing.max())
         return left, replace(made, elements=walled(made.elements, cleft, opening.craniotomy, spacing))
     made_from = [labels.volume.digest(), dict(enumerate(labels.regions)), told(size), opening.craniotomy]
-    modules = (cleft_module, cut, elements, from_labels, hull, levelset, surfaces)
+    modules = (sys.modules[__name__], cleft_module, cut, elements, *ROUTES["hull"].modules)
 
     def make() -> dict[str, np.ndarray]:
         brain, ventricles, lesions = outlines(labels)

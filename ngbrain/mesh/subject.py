@@ -183,6 +183,7 @@ def write_subject(
         told["quality"]["min_jacobian"] = min_jacobian(mesh)
     else:
         mesh = made.mesh() if own else None
+    path.parent.mkdir(parents=True, exist_ok=True)
     if mesh is not None:
         save(path, QuadraticGrid(mesh), state={"route": route})
     else:
@@ -254,11 +255,11 @@ def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
 
 
 def _writable(path: Path) -> None:
-    """Make the folder, and try it."""
+    """Try the folder, or the one that it would be made in."""
     if path.is_dir():
         raise InputError("-o", repr(str(path)), "a file, not a folder")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=path.parent):
+    there = next(folder for folder in path.absolute().parents if folder.exists())
+    with tempfile.TemporaryFile(dir=there):
         pass
 
 

@@ -93,8 +93,8 @@ def test_islands_alone_are_no_head(tmp_path):
     data[4, 4, 4] = 1
     subject = Subject(LabelMap(Volume(data, np.diag([1e-3] * 3 + [1])), {1: "grey"}), None, np.eye(4), (9, 9, 9), "dot")
     with pytest.raises(InputError, match="labels is 1 voxels in islands, which are left out; wanted: a head"):
-        write_subject(subject, tmp_path / "head.vtkhdf")
-    assert not (tmp_path / "head.vtkhdf").exists()
+        write_subject(subject, tmp_path / "new" / "head.vtkhdf")
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.slow
