@@ -49,18 +49,13 @@ def waves(
     body = Harmonic(mesh, law, loads, bulk=bulk, form="P5/P4" if mixed else "P5", held="top")
     line = np.linspace(0, SIDE, n)
     points = np.column_stack([part.ravel() for part in np.meshgrid(line, line)])
-    at = evaluation(ngs.H1(mesh, order=5), points)
-    displacement = []
-    for u in body.solve():
-        values = (u.components[0] if mixed else u).vec.FV().NumPy()
-        displacement.append(np.column_stack([at @ values[: at.shape[1]], at @ values[at.shape[1] : 2 * at.shape[1]]]))
     there = bump(*points.T)
     shear = (5e3 + 2.5e3 * there) * lossy
     truth = {"shear": shear} if symmetry == "isotropic" else {"mu": shear, "zeta": 0.5 + there, "phi": 0.3 + 0 * there}
     angle = fibre_angle(points[:, 0])
     return WaveData(
         points,
-        np.array(displacement),
+        sampled(body, points),
         [wave.frequency for wave in loads],
         1000.0,
         symmetry,
@@ -69,3 +64,40 @@ def waves(
         fibre=None if symmetry == "isotropic" else np.column_stack([np.cos(angle), np.sin(angle)]),
         truth=truth,
     )
+
+
+def pressed(poisson: float = 0.49, bulk: float | None = None, tilted: bool = False, n: int = 25) -> WaveData:
+    """Strain imaging: a square of 4 cm at rest between glued plates, one comes 0.4 mm closer, or (second load) closer to the right
+    only; G from 5 to 12.5 kPa in a spot above the middle.
+    """
+    side = 0.04
+    square = occ.Rectangle(side, side).Face()
+    square.edges.Max(occ.Y).name, square.edges.Min(occ.Y).name = "top", "bottom"
+    mesh = ngs.Mesh(occ.OCCGeometry(square, dim=2).GenerateMesh(maxh=side / 8))
+
+    def stiffness(x, y, exp):  # type: ignore[no-untyped-def]
+        return 5e3 + 7.5e3 * exp(-((x - 0.02) ** 2 + (y - 0.022) ** 2) / 5e-5)
+
+    shear = stiffness(ngs.x, ngs.y, ngs.exp)
+    squeezed = 2 * (1 + poisson) / (3 * (1 - 2 * poisson)) * shear if bulk is None else bulk
+    loads = [Wave(0.0, {"top": (0, -4e-4)}), Wave(0.0, {"top": (0, -4e-4 * ngs.x / side)})][: 1 + tilted]
+    body = Harmonic(mesh, Shearing(shear * (1 + 0j)), loads, bulk=squeezed, form="P5/P4", held="top|bottom")
+    points = np.column_stack([part.ravel() for part in np.meshgrid(*[np.linspace(0, side, n)] * 2)])
+    return WaveData(
+        points,
+        sampled(body, points),
+        [0.0] * len(loads),
+        1000.0,
+        "isotropic",
+        "elastic",
+        poisson=poisson if bulk is None else None,
+        bulk=bulk,
+        truth={"shear": stiffness(*points.T, np.exp)},
+    )
+
+
+def sampled(body: Harmonic, points: np.ndarray) -> np.ndarray:
+    """Its waves (loads, n, 2) at points."""
+    at = evaluation(ngs.H1(body.mesh, order=body.form.order), points)
+    waves = [(u.components[0] if body.mixed else u).vec.FV().NumPy() for u in body.solve()]
+    return np.array([(at @ values[: 2 * at.shape[1]].reshape(2, -1).T) for values in waves])

@@ -301,4 +301,10 @@ def _dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
 
 
 def _vector(value: Vector) -> CoefficientFunction:
-    return value if isinstance(value, CoefficientFunction) else ngs.CF(tuple(value))
+    if isinstance(value, CoefficientFunction):
+        return value
+    if any(part is None for part in value):  # NGSolve's constructor would end the process
+        raise InputError(
+            "Wave", repr(tuple(value)), "numbers; components that slide are left out of `held`, {'y': 'top'}"
+        )
+    return ngs.CF(tuple(value))

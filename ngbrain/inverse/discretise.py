@@ -151,6 +151,21 @@ def bulk_ratio(data: WaveData) -> float:
     return abs(data.bulk) / uniform_shear(data)
 
 
+def without_scale(data: WaveData) -> bool:
+    """Whether all moduli times any number move the body alike, as far as data tell.
+
+    So at rest with nothing but displacements known, unless all components of them are and a known bulk modulus is compressed.
+    """
+    if data.frequency.any():
+        return False
+    return data.bulk is None or bulk_ratio(data) > NEARLY or not all_measured(data)
+
+
+def all_measured(data: WaveData) -> bool:
+    """Whether every component of every load is measured somewhere, not along the axis of ultrasound alone."""
+    return bool(np.isfinite(data.displacement[:, data.mask]).any(axis=1).all())
+
+
 def _between(points: Array, mask: Array) -> tuple[ngs.Mesh, Array]:
     """Triangles between the points of a mask, without the long and sharp ones, and which points are on them."""
     chosen = np.flatnonzero(mask)

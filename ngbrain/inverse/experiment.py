@@ -18,7 +18,7 @@ from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.forward.stiffness import definite, elastic
 from ngbrain.inverse.composition import Composition, Whole
-from ngbrain.inverse.discretise import Discretisation
+from ngbrain.inverse.discretise import Discretisation, all_measured, without_scale
 from ngbrain.inverse.parameters import Fields, Scaled, Transform, Unknown
 from ngbrain.inverse.quantities import MODULI, UNKNOWNS, Quantity, as_moduli, as_polar, quantities
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
@@ -101,7 +101,10 @@ class Experiment:
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
         unknowns = {name: Unknown(*self._start(quantity)) for name, quantity in self._by_field.items()}
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
-        return Fields(theta, self.model.blocks, unknowns)
+        fields = Fields(theta, self.model.blocks, unknowns)
+        if without_scale(self.data):
+            fields.level = self.uniform(fields, np.e) - fields.start
+        return fields
 
     def maps(self, unknowns: Fields, x: Array) -> dict[str, Array]:
         """Each property of the material at all points of the data (n,), NaN where they are left out."""
@@ -213,11 +216,11 @@ class Experiment:
             for k, values in enumerate(self.measured):
                 waves[k, : values.size] = values.T.ravel()
             return waves
-        every = np.isfinite(self.measured).any(axis=1).all(axis=1)
-        if not np.all(every | ((self.data.dim == 2) & (self.data.frequency > 0))):
-            wanted = "all of them for each load in space or at rest: there one alone tells too little"
+        every = all_measured(self.data)
+        if self.data.dim == 3 and not every:
+            wanted = "all of them for each load in space: there one alone tells too little"
             raise InputError("displacement", "of which a component is never measured", wanted)
-        if self.data.dim == 3 or not every.all():
+        if self.data.dim == 3 or not every:
             return self._extended()
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))

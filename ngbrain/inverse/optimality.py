@@ -43,12 +43,20 @@ class Optimality:
     regular   R, with its weights
     weight    W (loads, n, dim), 0 where nothing is measured
     fixed     whether the held displacements are known exactly; else they are unknowns as all others, held by the data
+    level     a direction of x that δx shall have no part of. At rest the equation of motion is fulfilled best by moduli of
+              nothing, whatever the waves: their common factor has to be left where it is
 
     Raises `SolverError` when the conditions are singular.
     """
 
     def __init__(
-        self, state: Linearised, jacobian: sp.csr_array, regular: sp.csr_array, weight: Array, fixed: bool
+        self,
+        state: Linearised,
+        jacobian: sp.csr_array,
+        regular: sp.csr_array,
+        weight: Array,
+        fixed: bool,
+        level: Array | None = None,
     ) -> None:
         body = state.model.body
         self.state, self.loads, self.size = state, len(body.waves), regular.shape[0]
@@ -77,6 +85,9 @@ class Optimality:
             rows.append([change.imag, *before, matrix.imag, matrix.real, *after])
             self._columns.append(column)
             self._rows.append(row)
+        self._levels = 0 if level is None else 1
+        if level is not None:
+            rows.append([sp.csr_array(level[None] / np.linalg.norm(level)), *[None] * (2 * self.loads)])
         constraint = sp.csr_array(sp.block_array(rows))
         whole = sp.csr_array(sp.block_array([[sp.block_diag(hessians), constraint.T], [constraint, None]]))
         self._matrix = whole
@@ -141,7 +152,7 @@ class Optimality:
         for k, row in enumerate(self._rows):
             c = np.zeros(len(row), complex) if imbalance is None else row * imbalance[k][self.free]
             parts += [c.real, c.imag]
-        b = np.concatenate(parts)
+        b = np.concatenate([*parts, np.zeros(self._levels)])
         x, left = np.zeros_like(b), b
         for _ in range(REFINEMENTS):
             self._in.FV().NumPy()[:] = left

@@ -152,6 +152,8 @@ class Fields:
             places[name] = slice(end, end + size)
             end += size
         self.start, self.blocks = np.concatenate(starts), places
+        self.level: Array | None = None
+        """A direction of x along which data tell next to nothing: steps from measured waves leave out what lies along it."""
 
     def theta(self, x: Array) -> Array:
         """θ(x)."""

@@ -2,7 +2,8 @@
 
 bulk    waves of shear hardly move with the bulk modulus K: at K/G = 100 ten per cent of it is 0.2 % of them. It is given, never
         looked for; how much it matters is measured by one more wave.
-scale   at rest, driven by displacements alone, a body moves alike for all moduli times any number
+scale   at rest, driven by displacements alone, a body moves alike for all moduli times any number; a bulk modulus that is known
+        tells that number only where it is compressed and all components are measured
 fibres  in plane strain near K/μ → ∞ the energy knows μ(1+φ), of shear along fibres, and μ(1+ζ), of stretch along them, alone:
         c₁₁ + c₂₂ - 2c₁₂ = 4μ(1+ζ), c₄₄ = μ(1+φ). What μ itself is, compression along fibres has to tell.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ngbrain.inverse.answers import relative_l2_error
+from ngbrain.inverse.discretise import all_measured, without_scale
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.quality import noise_of
 from ngbrain.io.waves import WaveData
@@ -19,6 +21,7 @@ from ngbrain.io.waves import WaveData
 Array = np.ndarray
 STIFFER = 0.1
 """Share of the bulk modulus by which it is changed to see whether that matters."""
+FLAT = "a component is never measured, all loads are quasi-static: what is stiff comes out too soft beside its surroundings"
 FEW = 5
 """Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 
@@ -47,10 +50,13 @@ def of_bulk(effect: float) -> str:
 
 
 def of_scale(data: WaveData) -> list[str]:
-    """Whether all moduli may be off by one factor."""
-    if np.any(data.frequency > 0) or data.bulk is not None:
+    """Whether all moduli may be off by one factor, and their contrast too low."""
+    if not without_scale(data):
         return []
-    return ["all loads are quasi-static and only displacements are known: moduli are right up to one common factor"]
+    notes = ["all loads are quasi-static and only displacements are known: moduli are right up to one common factor"]
+    if not all_measured(data):
+        notes.append(FLAT)
+    return notes
 
 
 def of_few(determined: dict[str, float]) -> list[str]:

@@ -35,6 +35,7 @@ REFUSED = {
     "negative bulk": (lambda: body(bulk=-1.0), "bulk"),
     "law of large strain": (lambda: body(NeoHooke(1e3)), "small strain"),
     "three components in the plane": (lambda: body(waves=[Wave(50.0, {"top": (0, 0, 1)})]), "2 components"),
+    "a component that slides": (lambda: body(waves=[Wave(50.0, {"top": (None, 0)})]), "left out of `held`"),
     "force of one component": (lambda: body(waves=[Wave(50.0, force=(1,))]), "2 components"),
     "fibre in space": (lambda: body(TransverselyIsotropic(1e3, 1, 1, (1, 0, 0))).solve(), "fibre"),
     "fibre in the plane": (lambda: body(TransverselyIsotropic(1e3, 1, 1, (1, 0)), kinematics=Axisymmetric()).solve(), "fibre"),
