@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.inverse.discretise import without_scale
 from ngbrain.io.waves.data import WaveData
 
 PARAMETERS = ("youngs", "storage", "loss", "mu", "zeta", "phi")
+RATIOS = ("zeta", "phi")
 
 
 def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
@@ -77,7 +79,8 @@ def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[s
     data    its mask says which points count, its truth (`WaveData.truth_views`) what is right
     found   parameter (youngs, storage, loss, mu (Pa), zeta, phi) → real map (n,)
 
-    The error is left out where it is no finite number: the truth is 0 everywhere, or the map is missing at a point.
+    The error is left out where it is no finite number: the truth is 0 everywhere, or the map is missing at a point. It is that of
+    the map `at_level` of the truth.
 
     Raises `InputError` for another name, or a map of another shape or complex.
 
@@ -96,10 +99,26 @@ def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[s
             raise InputError(name, kind, f"a real map of shape ({len(data.points)},)")
         given[name] = spread(values[data.mask])
         if name in truths and np.any(truths[name][data.mask]):
-            error = relative_l2_error(values[data.mask], truths[name][data.mask].real)
+            there = at_level(data, name, values)
+            error = relative_l2_error(there[data.mask], truths[name][data.mask].real)
             if np.isfinite(error):
                 given[name]["relative_l2_error"] = error
     return given
+
+
+def at_level(data: WaveData, name: str, values: np.ndarray) -> np.ndarray:
+    """A map (n,), of moduli whose common factor nothing tells (`without_scale`) times that which brings it closest to the truth.
+
+    >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> still = WaveData(points, np.full((1, 9, 2), 1e-6), [0.0], 1e3, "isotropic", "elastic", 0.4, truth={"shear": np.ones(9)})
+    >>> round(float(at_level(still, "youngs", np.full(9, 7.0))[0]), 9)  # 2 G (1 + ν)
+    2.8
+    """
+    if name in RATIOS or name not in data.truth_views or not without_scale(data):
+        return values
+    known = data.mask & np.isfinite(values)
+    truth = np.real(data.truth_views[name][known])
+    return values * float(truth @ values[known] / (values[known] @ values[known]))
 
 
 def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:

@@ -53,7 +53,10 @@ def of_scale(data: WaveData) -> list[str]:
     """Whether all moduli may be off by one factor, and their contrast too low."""
     if not without_scale(data):
         return []
-    notes = ["all loads are quasi-static and only displacements are known: moduli are right up to one common factor"]
+    notes = [
+        "all loads are quasi-static and only displacements are known: moduli are right up to one common factor, "
+        "and errors are without it"
+    ]
     if not all_measured(data):
         notes.append(FLAT)
     return notes

@@ -9,6 +9,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ngbrain.inverse.answers import at_level
+from ngbrain.inverse.discretise import without_scale
 from ngbrain.io.waves import WaveData
 from ngbrain.report import parameters
 from ngbrain.report.page import write_page
@@ -97,12 +99,13 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
     names = list(result["answers"])
     rows = [(name, plane) for name in names for plane in flat]
     known = any(name in truths for name in names)
-    titles = ("estimate", "truth", "difference (%)") if known else ("estimate",)
+    first = "estimate, at the truth's level" if without_scale(data) else "estimate"
+    titles = (first, "truth", "difference (%)") if known else ("estimate",)
 
     def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
         name = rows[row][0]
         factor = PARAMETERS[name].factor
-        estimate = factor * arrays[name]
+        estimate = factor * at_level(data, name, arrays[name])
         if name not in truths:
             return [(_window(MODULUS, estimate), estimate)]
         truth = np.where(data.mask, factor * np.real(truths[name]), np.nan)
