@@ -210,7 +210,7 @@ def measure(quick: bool) -> list[dict]:
 def chart(records: list[dict], path: str) -> None:
     """Differences from the finest mesh against CPU time, the number of tetrahedra at every mark."""
     plt = require("matplotlib.pyplot", "report")
-    figure, panels = plt.subplots(1, 3, figsize=(12, 4.4), layout="constrained")
+    figure, panels = plt.subplots(1, 3, figsize=(12, 5), layout="constrained")
     for axes, key, spent, title in zip(
         panels,
         ("error", "strain_error", "wave_error"),
@@ -226,20 +226,28 @@ def chart(records: list[dict], path: str) -> None:
                 if good:
                     name = route if key != "wave_error" else f"{route}, order {order}"
                     axes.loglog(
-                        [r[spent] for r in good], [r[key] for r in good], style, color=colour, mfc=face, label=name
+                        [r[spent] for r in good],
+                        [100 * r[key] for r in good],
+                        style,
+                        color=colour,
+                        mfc=face,
+                        label=name,
                     )
                 for r in good:
                     text = f"{r['n_tets'] / 1e3:.0f}k"
                     axes.annotate(
-                        text, (r[spent], r[key]), (4, 4), textcoords="offset points", fontsize=7, color=colour
+                        text, (r[spent], 100 * r[key]), (4, 4), textcoords="offset points", fontsize=7, color=colour
                     )
             for r in rows:
                 if not r["converged"]:
-                    axes.plot(r["cpu_s"], 1.5 * max(shown), "x", color=colour, ms=9)
-                    axes.annotate(r["reason"][:40], (r["cpu_s"], 1.5 * max(shown)), fontsize=6)
-        axes.set(title=title, xlabel="CPU time (s), mesh included", ylabel="difference from the finest mesh")
+                    axes.plot(r["cpu_s"], 150 * max(shown), "x", color=colour, ms=9)
+                    axes.annotate(r["reason"][:40], (r["cpu_s"], 150 * max(shown)), fontsize=6)
+        axes.set(title=title, xlabel="CPU time (s), mesh included", ylabel="difference from the finest mesh (%)")
         axes.grid(alpha=0.3, which="both")
-        axes.legend(fontsize=8)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
+        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3)
     figure.savefig(path, dpi=150)
 
 

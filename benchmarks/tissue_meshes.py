@@ -125,16 +125,22 @@ def chart(records: list[dict], path: str) -> None:
                 left.plot(r["cpu_s"], r["mean_mm"], style[0], color=colour, mfc="white", ms=8)
                 right.plot(r["n_tets"], r["min_dihedral_deg"], style[0], color=colour, mfc="white", ms=8)
             text = f"{r['size']}, {r['n_tets'] / 1e3:.0f}k"
+            beside = {"xytext": (5, 4)} if "lattice" not in method else {"xytext": (-6, -9), "ha": "right"}
+            beside = {"xytext": (-6, 3), "ha": "right"} if r["graded"] else beside
             left.annotate(
-                text, (r["cpu_s"], r["mean_mm"]), (5, 4), textcoords="offset points", fontsize=7, color=colour
+                text, (r["cpu_s"], r["mean_mm"]), textcoords="offset points", fontsize=7, color=colour, **beside
             )
     left.set(
         xlabel="CPU time (s)", ylabel="distance from where tissues meet (mm)", title="mean, and small: 95th percentile"
     )
+    left.set_xlim(right=400)  # room for the last label
+    left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_formatter(lambda y, _: f"{y:g}" if f"{y:g}"[-1] in "23 5" else "")
     right.set(xlabel="tetrahedra", ylabel="smallest dihedral angle (°)", title="the worst element", ylim=(0, None))
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
-        axes.legend(fontsize=8)
+    left.legend(fontsize=8)
+    right.legend(fontsize=8, loc="center right")
     figure.savefig(path, dpi=150)
 
 
