@@ -153,7 +153,7 @@ class Fields:
             end += size
         self.start, self.blocks = np.concatenate(starts), places
         self.level: Array | None = None
-        """A direction of x along which data tell next to nothing: steps from measured waves leave out what lies along it."""
+        """A direction of x along which data tell next to nothing: steps in the plane leave out what lies along it."""
 
     def theta(self, x: Array) -> Array:
         """θ(x)."""

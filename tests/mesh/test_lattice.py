@@ -387,8 +387,8 @@ def head():
     return LabelMap(Scanned.of(mni152()).labels, {1: "csf", 2: "grey", 3: "white", 4: "ventricles"})
 
 
-def checked(labels, size, where=None, fluid=0.35):
-    """Of a head: tetrahedra and errors of volumes; `fluid` (mm) is what its borders may be off."""
+def checked(labels, size, where=None, fluid=0.35, all_of_them=0.3):
+    """Of a head: the mesh and errors of volumes; `fluid` and `all_of_them` (mm) is what borders may be off in the mean."""
     start = time.process_time()
     made = lattice(labels, size)
     spent = time.process_time() - start
@@ -399,28 +399,38 @@ def checked(labels, size, where=None, fluid=0.35):
     print(spent, quality, errors, made.snapped, made.rejected)
     for pair, distances in found.items():
         print(pair, len(distances), distances.mean() / MM, np.percentile(distances, 95) / MM)
-    assert every.mean() < 0.3 * MM and np.percentile(every, 95) < 1.0 * MM
+    assert every.mean() < all_of_them * MM and np.percentile(every, 95) < 3.5 * all_of_them * MM
     for pair, distances in found.items():  # fluid is given back what smoothing takes, at the cost of its borders
         mean, most = (fluid, 3 * fluid) if 1 in pair else (0.35, 1.0)
         assert len(distances) < 500 or (distances.mean() < mean * MM and np.percentile(distances, 95) < most * MM)
-    return quality["n_tets"], errors
+    return made.elements, errors
 
 
 @pytest.mark.slow
 def test_the_average_head_finely():
-    count, errors = checked(head(), uniform(2.5))
-    assert count < 1.8e6
+    mesh, errors = checked(head(), uniform(2.5))
+    assert len(mesh.tets) < 1.8e6
     assert abs(errors.pop("csf")) < 0.12 and max(map(abs, errors.values())) < 0.02
 
 
 @pytest.mark.slow
-def test_the_average_head_finely_at_one_site():
-    labels, site = head(), np.array([35, -20, 20]) * MM
+@pytest.mark.parametrize(("site", "bounds"), [((30, 0, 50), (0.5, 0.29)), ((35, -20, 20), (0.75, 0.32))])
+def test_the_average_head_finely_at_one_site(site, bounds):
+    """The second has .46 ml of fluid nearby, of which smoothed labels, that distances are taken from, keep a third."""
+    labels, site = head(), np.array(site) * MM
+
+    def near(points):
+        return np.linalg.norm(points - site, axis=1) < 20 * MM
 
     size = Graded(2 * MM, 8 * MM, tuple(site.tolist()), ROUTES["lattice"].radius)
-    count, errors = checked(labels, size, lambda points: np.linalg.norm(points - site, axis=1) < 20 * MM, 0.6)
-    assert count < 80_000
+    mesh, errors = checked(labels, size, near, *bounds)
+    assert len(mesh.tets) < 80_000
     ml = labels.volumes_ml()
     matter = [name for name in ml if name != "ventricles"]
     brain = sum(ml[name] * errors[name] for name in matter) / sum(ml[name] for name in matter)
     assert abs(errors["ventricles"]) < 0.01 and abs(brain) < 0.01
+    found, wanted = volumes_near(mesh, labels, near)
+    fluid = labels.regions.index("csf")
+    assert found[fluid] == pytest.approx(wanted[fluid], rel=0.12)
+    matter = [labels.regions.index(name) for name in ("grey", "white")]
+    assert found[matter] == pytest.approx(wanted[matter], rel=0.02)
