@@ -50,6 +50,18 @@ def test_from_measured_waves_fields_and_waves_find_each_other():
     assert way[0] > 20 and way[-1] < 3
 
 
+@pytest.mark.slow
+def test_two_components_of_three_find_a_ball_too():
+    data = wave_data()
+    displacement = data.displacement.copy()
+    displacement[:, :, 0] = np.nan
+    found = invert_in_space(replace(data, displacement=displacement))
+    stiff, soft = medians(data, found.maps["storage"])
+    assert soft == pytest.approx(SOFT.real, rel=0.05) and 1.6 < stiff / soft < 2.2
+    off = np.log(np.abs(found.maps["storage"] + 1j * found.maps["loss"]) / np.abs(data.truth["shear"]))
+    assert np.sqrt(np.mean(off**2)) < 0.2  # .15 with all three
+
+
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     data, path = wave_data(), tmp_path / "part.npz"
     elements = in_elements(data, order=2)
