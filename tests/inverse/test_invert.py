@@ -14,7 +14,6 @@ from ngbrain.inverse.invert import ASTRAY, OURS, invert
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.unseen import FLAT, moduli_of_fibres
-from ngbrain.io.waves import WaveData
 
 BODIES = [
     (symmetry, rheology, volume)
@@ -314,16 +313,6 @@ def test_one_component_at_rest_beside_waves_of_both():
     half[1, :, 0] = np.nan
     found = invert(replace(data, displacement=half, frequency=np.array([50.0, 0.0])).with_noise(0.02, 1), uniform=False)
     assert not any("common factor" in note for note in found.notes)
-
-
-def test_one_component_is_not_enough_in_space():
-    line = np.linspace(0, 0.02, 8)
-    points = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-    u = 1e-5 * np.exp(2j * points)[None]
-    u[:, :, :2] = np.nan
-    data = WaveData(points, u, [50.0], 1000.0, "isotropic", "viscoelastic", bulk=1e5)
-    with pytest.raises(InputError, match="one component alone is measured; wanted: two of them"):
-        invert(data, noise=0.01)
 
 
 def test_uniform_fields_arrive_too_where_there_is_no_noise():

@@ -182,7 +182,7 @@ def test_one_component_is_not_enough(loads):
     data = wave_data()
     axial = data.displacement.copy()
     axial[loads, :, :2] = np.nan
-    with pytest.raises(InputError, match="never measured"):
+    with pytest.raises(InputError, match="one component alone is measured; wanted: two of them"):
         invert_in_space(replace(data, displacement=axial), in_elements(data, order=1))
 
 
