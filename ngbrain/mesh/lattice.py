@@ -18,9 +18,12 @@ from ngbrain.mesh.shares import Shares
 from ngbrain.mesh.snapping import crossings, cut
 from ngbrain.mesh.zones import Zones
 
-ROUNDS = 4
-"""of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges."""
-SHIFT = 0.12
+ROUNDS, MORE = 4, 2
+"""of moving points to where regions meet, after the first one, in which they are snapped along the lattice's edges; and how many
+more there are as long as a region is further off its volume than `OFF`."""
+OFF = 0.01
+"""Part of a region's volume: a few large elements change sides in each round."""
+SHIFT = 0.2
 """Part of the largest element's size by which interfaces may be off where shares are equal, for the regions' volumes."""
 CUT = 5.0
 """Widths of an interface (smoothing and voxels) above which edges are not cut by it, as folds finer than them are not followed."""
@@ -87,7 +90,9 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     net = Net(points, tets, shares, width, scale, zones.share)
     most = SHIFT * float(net.scale.max()) * net.slope
     region = net.balance(zones.wanted, most)
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS + MORE):
+        if done >= ROUNDS and net.missing(region, zones.wanted.sum(axis=0)).max() < OFF:
+            break
         net.points, _ = guarded(net.points, net.tets, net.steps(region))
         region = net.balance(zones.wanted, most)
     if len(lost := np.setdiff1d(np.arange(1, shares.count), region)):

@@ -16,7 +16,7 @@ FACES = np.array([[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]])
 """Corners of a tetrahedron's faces: outwards in Netgen's orientation."""
 _DAMPED = 0.5
 _HELD = 0.03  # part of its interfaces' area that a region has to the outside besides
-_LIFTED = 0.3  # in shares at most: beyond they are no measure of distance
+_LIFTED = 0.37  # in shares at most: beyond they are no measure of distance
 _FARTHEST = 0.3  # part of an element's size that a point may go in one step
 _ON = 0.05  # part of an element's size up to which a point is on an interface
 _RELAXED = 0.3  # part of the way to the middle of the tetrahedra around
@@ -133,6 +133,11 @@ class Net:
             bias[1:] += _DAMPED * np.linalg.solve(gain[1:, 1:], missing)
         self.bias = self.bias.clip(-most, most)
         return self._regions()
+
+    def missing(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """How far regions are from the volumes (regions,) wanted (m³), as parts of these."""
+        found = np.bincount(region, volumes(self.points, self.tets), self.shares.count)[1:]
+        return np.asarray(abs(found / wanted - 1))
 
     def facing(self, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tetrahedra, their faces (numbers in FACES) between regions, and the other region there: each face once.

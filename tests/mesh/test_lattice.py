@@ -414,9 +414,13 @@ def test_the_average_head_finely():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("site", "bounds"), [((30, 0, 50), (0.5, 0.29)), ((35, -20, 20), (0.75, 0.32))])
+@pytest.mark.parametrize(
+    ("site", "bounds"), [((30, 0, 50), (0.5, 0.29)), ((35, -20, 20), (0.75, 0.33)), ((-25, -40, 45), (0.5, 0.29))]
+)
 def test_the_average_head_finely_at_one_site(site, bounds):
-    """The second has .46 ml of fluid nearby, of which smoothed labels, that distances are taken from, keep a third."""
+    """There are .46 ml of fluid near the second, of which smoothed labels, that distances are taken from, keep a third, and .21 ml
+    near the last.
+    """
     labels, site = head(), np.array(site) * MM
 
     def near(points):
