@@ -18,12 +18,12 @@ from functools import cached_property
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
-from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.factors import Factorised, sparse
-from ngbrain.forward.harmonic import Change, Harmonic, derivative
+from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
+from ngbrain.forward.slopes import Pair, alike, along, complexified, slope
 
 Array = np.ndarray
 BOUNDARY = "boundary"
@@ -127,6 +127,15 @@ class WaveModel:
         return sp.csr_array(whole)
 
     @cached_property
+    def alike(self) -> dict[float, dict[str, tuple[str, complex]]]:
+        """For each angular frequency (rad/s) the fields that one integral serves, see `slopes.alike`."""
+        return {omega: alike(self.body, self.fields, omega) for omega in {wave.omega for wave in self.body.waves}}
+
+    def firsts(self, omega: float) -> list[str]:
+        """Fields that need integrals of their own."""
+        return [name for name, (first, _) in self.alike[omega].items() if name == first]
+
+    @cached_property
     def elements(self) -> Array:
         """In which element each point lies (n,)."""
         return np.array(self.body.mesh(*self.points.T)["nr"])
@@ -177,20 +186,19 @@ class Linearised:
 
     def gradient(self, w: Array) -> Array:
         """The same as `pull` by one linear form: cheaper for a single product."""
-        model, body = self.model, self.model.body
+        model = self.model
         adjoints = self._adjoints(w)
         model.solves.adjoint += len(adjoints)
-        total = []
-        for field in model.fields.values():
-            form, test = ngs.LinearForm(field.space), field.space.TestFunction()
-            for k, (adjoint, _) in enumerate(adjoints):
-                u, back = self._function(self.waves[k]), self._function(adjoint)
-                work = body.terms(body.waves[k].omega, u, back, _real_along(field, test))
-                if work is not None:
-                    form += work
-            form.Assemble()
-            total.append(-form.vec.FV().NumPy())
-        return np.concatenate([*total, self._of_boundary(adjoints)])
+        pairs: dict[float, list[Pair]] = {}
+        for k, (adjoint, _) in enumerate(adjoints):
+            pair = self._function(self.waves[k]), self._function(adjoint)
+            pairs.setdefault(model.body.waves[k].omega, []).append(pair)
+        total = {name: np.zeros(field.space.ndof) for name, field in model.fields.items()}
+        for omega, both in pairs.items():
+            slopes = {name: slope(model.body, omega, model.fields[name], both) for name in model.firsts(omega)}
+            for name, (first, r) in model.alike[omega].items():
+                total[name] -= (r * slopes[first]).real
+        return np.concatenate([*total.values(), self._of_boundary(adjoints)])
 
     @property
     def sensitivities(self) -> Sequence[sp.csr_array]:
@@ -200,17 +208,19 @@ class Linearised:
         return self._sensitivities
 
     def _sensitivity(self, k: int) -> sp.csr_array:
-        body, columns = self.model.body, []
+        body, omega = self.model.body, self.model.body.waves[k].omega
         u, test = self._function(self.waves[k]), body.fes.TestFunction()
-        for field in self.model.fields.values():
-            space = _complex(field.space)
+        columns = {}
+        for name in self.model.firsts(omega):
+            field = self.model.fields[name]
+            space = complexified(field.space)
             form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
-            work = body.terms(body.waves[k].omega, u, test, _along(field, space.TrialFunction()))
+            work = body.terms(omega, u, test, along(field, space.TrialFunction()))
             if work is not None:
                 form += work
             form.Assemble()
-            columns.append(sparse(form.mat))
-        return sp.csr_array(sp.hstack(columns))
+            columns[name] = sparse(form.mat)
+        return sp.csr_array(sp.hstack([r * columns[first] for first, r in self.model.alike[omega].values()]))
 
     def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:
         """For each wave λ and what is left of Bᵀ w̄ at held unknowns."""
@@ -235,17 +245,3 @@ def _times(matrix: sp.csr_array, columns: Array) -> Array:
     """A real matrix times complex columns, by their parts: scipy would first copy the matrix to complex numbers."""
     parts = matrix @ np.ascontiguousarray(columns, complex).view(float)
     return np.asarray(parts.view(complex))
-
-
-def _complex(space: ngs.FESpace) -> ngs.FESpace:
-    """The space over the complex numbers, where forms with complex waves live."""
-    return type(space)(space.mesh, order=space.globalorder, complex=True)
-
-
-def _real_along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
-    along = _along(field, direction)
-    return lambda work: change.real if (change := along(work)).is_complex else change
-
-
-def _along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
-    return lambda work: derivative(work, field, direction, "density or absorbing")
