@@ -85,7 +85,7 @@ def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float)
     try:
         for _ in range(2):
             for name, field in fields.items():
-                field.vec.FV().NumPy()[:] = kept[name] * (1 + APART * rng.uniform(-1, 1, len(kept[name])))
+                field.vec.FV().NumPy()[:] = _changed(kept[name], rng)
             pair = _random(body, rng), _random(body, rng)
             for name, field in fields.items():
                 parts[name].append(slope(body, omega, field, [pair]))
@@ -93,6 +93,14 @@ def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float)
         for name, field in fields.items():
             field.vec.FV().NumPy()[:] = kept[name]
     return {name: np.concatenate(each) for name, each in parts.items()}
+
+
+def _changed(values: Array, rng: np.random.Generator) -> Array:
+    """Of the same sign; what is nothing becomes something, of the others' size."""
+    size = np.abs(values).mean() or 1.0
+    return np.where(
+        values, values * (1 + APART * rng.uniform(-1, 1, len(values))), APART * size * rng.random(len(values))
+    )
 
 
 def _random(body: Harmonic, rng: np.random.Generator) -> ngs.GridFunction:

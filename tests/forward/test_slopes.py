@@ -36,16 +36,17 @@ def test_the_loss_modulus_goes_with_the_storage_modulus_and_a_viscosity_by_the_f
     assert all(np.array_equal(field.vec.FV().NumPy(), before[name]) for name, field in of.items())
 
 
+@pytest.mark.parametrize("tangent", [0.3, 0.0])
 @pytest.mark.parametrize("space", [ngs.H1, ngs.NumberSpace])
-def test_fields_that_are_alike_only_where_they_begin_are_told_apart(space):
-    """At l = 0, and of fields of one number each, slopes are multiples of one another."""
+def test_fields_that_are_alike_only_where_they_begin_are_told_apart(space, tangent):
+    """Where they are uniform, nothing, or one number each, slopes are multiples of one another."""
     mesh = square(2, 0.04)
     for law in (
         lambda s, t: Shearing(s * (1 + 1j * t)),
         lambda s, t: Shearing(s * (1 + 1j * t * t / 2)),
         lambda s, t: Shearing(s + 1j * 2000 * t + 1j * t * t),
     ):
-        of = fields(mesh, space, storage=2000.0, tangent=0.3)
+        of = fields(mesh, space, storage=2000.0, tangent=tangent)
         found = alike(body(mesh, law(*of.values())), of, OMEGA)
         assert [first for first, _ in found.values()] == list(of)
 
