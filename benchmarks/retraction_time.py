@@ -21,7 +21,8 @@ from ngsolve.solvers import Newton as NgsolveNewton
 from ngbrain.errors import SolverError, require
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

@@ -16,7 +16,8 @@ from ngsolve import TaskManager
 import ngbrain
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import NeoHooke, Prony, constants
 from ngbrain.mesh import block, load
 from ngbrain.surgery.protocols import Drive, continuous

@@ -192,6 +192,14 @@ class Body:
         self.history.begin(dt)
         self._relaxed = np.empty(0)
 
+    def halving(self, before: np.ndarray) -> tuple[float, float]:
+        """By how much (Pa) the overstress at the end of the step would change in two half steps, and its size: see `History`."""
+        now = self.state
+        self.state = (before + now) / 2
+        middle = self.history.here()
+        self.state = now
+        return self.history.halving(middle)
+
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:
         """Go back to a state x and what the energy (`History.frozen`) was made of there."""
         self.history.frozen, self._relaxed, self._stiff = energy, x.copy(), True

@@ -117,6 +117,28 @@ class History:
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
 
+    def here(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """C̄ and each S̄_k at the state that now stands."""
+        return self._points(self._shape_cf), [self._points(stress) for stress in self._stress_cf]
+
+    def halving(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
+        """Rms over quadrature points (Pa) of the overstress of two half steps by way of `middle` (see `here`) less that of the
+        step, and of the former. To be asked before `finish`; it leaves all as it was.
+        """
+        end, half = self.here(), 0.5 * self.dt
+        change, size = np.zeros_like(self.strain), np.zeros_like(self.strain)
+        for k in range(self.n_branches):
+            first, last = middle[1][k] - self.stress[k], end[1][k] - middle[1][k]
+            e, beta = step_factors(self.dt, self._tau[k])
+            once = e * self.overstress[k] + beta * (first + last)
+            e, beta = step_factors(half, self._tau[k])
+            twice = e * (e * self.overstress[k] + beta * first) + beta * last
+            change, size = change + twice - once, size + twice
+        for flow in self.flows.flows:
+            twice = flow.halved(half, self.strain, middle[0], end[0])
+            change, size = change + twice - flow.stress, size + twice
+        return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(size**2)))
+
     # Restart.
 
     @property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.body import Body
+from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.tangent import Solve
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
@@ -32,49 +32,6 @@ class Motion(Protocol):
         """How far (m) they move towards the tissue between two times; negative when they withdraw."""
 
 
-@dataclass(frozen=True)
-class StepControl:
-    """Time steps, chosen beforehand from the motion; one that fails is cut.
-
-    contact_dt   longest step (s) while a body moves in touch with the tissue
-    first        first step after touch, as a fraction of contact_dt; grows from there by `touch_growth` a step
-    restart      first step when a body that rested in touch moves again, as a fraction of contact_dt
-    release_growth   the same while a body in touch withdraws
-    growth       factor from step to step while nothing is pushed (holds, rests)
-    dt_max       longest step (s) there
-    smallest     fraction of contact_dt below which the run gives up
-    """
-
-    contact_dt: float
-    first: float = 0.1
-    restart: float = 0.1
-    touch_growth: float = 2.0
-    release_growth: float = 1.5
-    growth: float = 2.0
-    dt_max: float = 60.0
-    smallest: float = 1e-3
-
-    def halved(self) -> StepControl:
-        """The same steps at half the length, for measuring what the step length costs in accuracy."""
-        return replace(self, contact_dt=self.contact_dt / 2, dt_max=self.dt_max / 2)
-
-
-@dataclass
-class Progress:
-    """Where a run stands; what a checkpoint has to hold besides the body's own arrays."""
-
-    t: float = 0.0
-    dt: float = 0.0
-    event: int = 0
-    touching: bool = False
-    rested: bool = True
-    cut: bool = False
-    steps: int = 0
-    rejected: int = 0
-    newton: int = 0
-    work: Work = field(default_factory=Work)
-
-
 Watch = Callable[[Body, Progress, NewtonRecord], None]
 
 
@@ -88,12 +45,12 @@ class Transient:
     """
 
     def __init__(
-        self, body: Body, motion: Motion, control: StepControl, penetration_limit: float, newton: Newton | None = None
+        self, body: Body, motion: Motion, control: Control, penetration_limit: float, newton: Newton | None = None
     ) -> None:
         self.body, self.motion, self.control = body, motion, control
         self.penetration_limit = penetration_limit
         self.newton = newton or Newton()
-        self.progress = Progress(dt=control.contact_dt * control.first)
+        self.progress = Progress(dt=control.touch)
         self.follow = np.zeros_like(body.weights)
         self._now, self._wholes = 0.0, 0
         self._factored: list[dict[str, Any]] = []
@@ -124,21 +81,14 @@ class Transient:
             self.motion.set(at.t)
             at.cut = True
             dt = dt / 3
-            if dt < self.control.smallest * self.control.contact_dt:
+            if dt < self.control.shortest:
                 raise _error(problem, at.t, dt)
 
     def _propose(self) -> float:
-        """Step length from what the motion does next: touch gently, push evenly, rest with growing steps."""
-        at, control = self.progress, self.control
+        """Step length from what the control says, landing on touch and events."""
+        at = self.progress
         left = self.motion.events[at.event] - at.t
-        travel = self.motion.travel(at.t, at.t + min(left, control.contact_dt))
-        if at.touching and travel:
-            start = control.contact_dt * control.restart
-            growth = control.touch_growth if travel > 0 else control.release_growth
-            longest = control.contact_dt if travel > 0 else control.contact_dt / 2
-        else:
-            start, growth, longest = control.contact_dt, control.growth, control.dt_max
-        dt = start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
+        dt = self.control.proposed(at, lambda ahead: self.motion.travel(at.t, at.t + min(left, ahead)))
         if not at.touching:
             dt = self._up_to_touch(dt)
         # Two even steps rather than a long one and a sliver before an event.
@@ -146,8 +96,7 @@ class Transient:
 
     def _up_to_touch(self, dt: float) -> float:
         """Shorten a step of bodies that come nearer so that it ends just after first touch."""
-        at, control = self.progress, self.control
-        touch_dt = control.contact_dt * control.first
+        at, touch_dt = self.progress, self.control.touch
         speed = self.motion.travel(at.t, at.t + touch_dt) / touch_dt
         return min(dt, max(self.body.min_gap(), 0.0) / speed + touch_dt) if speed > 0 else dt
 
@@ -169,7 +118,7 @@ class Transient:
         depth = -body.min_gap()
         if depth > self.penetration_limit:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
-        return record, ""
+        return record, self.control.judged(body, start, at)
 
     def _accept(self, start: np.ndarray, dt: float) -> None:
         at = self.progress
@@ -179,7 +128,7 @@ class Transient:
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
         # After first touch the steps start again from a short one.
-        at.dt = min(dt, self.control.contact_dt * self.control.first) if touched and not at.touching else dt
+        at.dt = min(dt, self.control.touch) if touched and not at.touching else dt
         at.touching = touched
         at.steps += 1
         event = self.motion.events[at.event]

@@ -11,7 +11,8 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.body import Body
-from ngbrain.forward.transient import Progress, StepControl, Transient
+from ngbrain.forward.steps import Progress, StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
 from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell

@@ -12,7 +12,8 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.material import Material
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Value
 from ngbrain.mesh import Cleft, Sizes

@@ -12,7 +12,8 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
-from ngbrain.forward.transient import Progress, StepControl, Transient
+from ngbrain.forward.steps import Progress, StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.pool import Tell
 from ngbrain.solvers.record import NewtonRecord

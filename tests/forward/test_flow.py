@@ -8,7 +8,8 @@ from pressing import PRESS, run
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.body import Body, Material
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
 FLOWING = Viscous(Ogden(300.0, -12.0), (Maxwell(Ogden(700.0, -15.0), 2100.0), Maxwell(NeoHooke(500.0), 1e5)))

@@ -9,8 +9,9 @@ import pytest
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.steps import StepControl
 from ngbrain.forward.tangent import bordered
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

@@ -7,7 +7,8 @@ import pytest
 from pressing import PRESS, run
 
 from ngbrain.errors import ContactError, ConvergenceError
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.solvers.newton import Newton
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ngbrain.forward.transient import StepControl
+from ngbrain.forward.steps import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.checks import order_peaks
 from ngbrain.surgery.model import WALL, Model

@@ -5,7 +5,8 @@ import pytest
 from ngbrain.errors import SolverError
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import HolzapfelGasserOgden, fibre
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -7,7 +7,8 @@ import numpy as np
 
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.transient import StepControl, Transient
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -1,0 +1,112 @@
+"""Steps by their error: how it is measured, that looking changes nothing, how few steps it takes, restart, bad input."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from pressing import PRESS, run
+
+from ngbrain.errors import InputError
+from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.forward.transient import Transient
+from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
+
+LAWS = {
+    "Maxwell": Viscous(Ogden(300.0, -12.0), (Maxwell(Ogden(700.0, -15.0), 2100.0), Maxwell(NeoHooke(500.0), 1e5))),
+    "hereditary": Viscous(Ogden(300.0, -12.0), (Branch(Ogden(700.0, -15.0), 3.0), Branch(NeoHooke(500.0), 200.0))),
+}
+HOUR = ((0, 4, 1800), (0, 3e-3, 3e-3))
+
+
+@dataclass(frozen=True)
+class Looking(StepControl):
+    """Looks at the error and does nothing about it."""
+
+    def judged(self, body, before, at):
+        body.halving(before)
+        return ""
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_looking_at_the_error_changes_no_bit(law, make_body, plate):
+    ends = []
+    for control in (StepControl, Looking):
+        drive = plate(*PRESS)
+        transient, rows = run(make_body(LAWS[law], [drive.contact()]), drive, control(1.0, dt_max=10))
+        ends.append((rows, transient.body.state))
+    assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_error_of_a_step_falls_with_its_third_power(law, make_body, rng):
+    """On a straight path from a state with some memory."""
+    body = make_body(LAWS[law])
+    free = body.weights > 0
+    start, way = (np.where(body.is_u & free, 3e-4, 0.0) * rng.standard_normal(body.fes.ndof) for _ in range(2))
+    found = []
+    for dt in (0.4, 0.2, 0.1, 0.05):
+        body = make_body(LAWS[law])
+        body.begin(0.1)
+        body.residual(start)
+        body.history.finish()
+        body.begin(dt)
+        body.residual(start + dt * way)
+        change, size = body.halving(start)
+        found.append(change)
+        assert 0 < change < 0.05 * size
+    rates = np.log2(np.array(found[:-1]) / found[1:])
+    assert np.all(rates > 2.5), (found, rates)
+
+
+def pressed(make_body, plate, control):
+    """Peak force of half an hour, and where the run stands."""
+    drive = plate(*HOUR)
+    transient, rows = run(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control)
+    return rows[:, 1].max(), transient.progress
+
+
+def test_half_an_hour_takes_few_steps(make_body, plate):
+    """Even steps of as small an error take fifty times as many, steps chosen beforehand a good half more."""
+    peak, fine = pressed(make_body, plate, ErrorControl(1e-6, touch=0.01))
+    mine, at = pressed(make_body, plate, ErrorControl(1e-3, touch=0.1))
+    chosen, before = pressed(make_body, plate, StepControl(1.0))
+    even, plodding = pressed(make_body, plate, StepControl(2.0, first=1.0, restart=1.0, growth=1.0, dt_max=2.0))
+    assert abs(mine / peak - 1) < 3.2e-4 < abs(chosen / peak - 1) < 1e-3 < abs(even / peak - 1)
+    assert at.steps < 30 and before.steps > 1.5 * at.steps and plodding.steps > 30 * at.steps and fine.steps > 100
+    assert at.t == 1800 and at.dt > 200
+
+
+def test_a_step_that_is_too_inexact_is_taken_again(make_body, plate):
+    drive = plate(*HOUR)
+    control = ErrorControl(1e-4, touch=2.0)
+    transient = Transient(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control, 1e-3)
+    transient.run(lambda *_: None, until=4.0)
+    at = transient.progress
+    assert at.rejected > 0 and at.t == 4.0 and at.steps > 6
+
+
+def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
+    def made():
+        drive = plate(*HOUR)
+        return Transient(make_body(LAWS["Maxwell"], [drive.contact()]), drive, ErrorControl(1e-3, touch=0.1), 1e-3)
+
+    whole, half, other = made(), made(), made()
+    whole.run(lambda *_: None)
+    half.run(lambda *_: None, until=20.0)
+    other.restore(half.checkpoint())
+    other.run(lambda *_: None)
+    assert np.array_equal(other.body.state, whole.body.state) and other.progress.steps == whole.progress.steps
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"tolerance": 2.0}, "tolerance"),
+        ({"touch": 1e-5}, "ErrorControl"),
+        ({"longest": 0.01}, "0 <"),
+    ],
+)
+def test_bad_input(values, name):
+    with pytest.raises(InputError, match=name):
+        ErrorControl(**({"tolerance": 1e-3, "touch": 0.1} | values))
