@@ -45,7 +45,7 @@ ORDERS = (2, 3)
 SIZES = {"hull": (14, 10, 7, 5), "lattice": (14, 10, 8), "conforming": (14, 10, 8, 6, 5)}
 QUICK = {"hull": (16,), "lattice": (18,), "conforming": ()}
 PRESSED = 65_000
-"""Tetrahedra from which on a mesh is only shaken: pressing is known by then."""
+"""Tetrahedra from which on a mesh is only shaken; the finest one that is pressed has tissues that conform."""
 LOOK = {"hull": ("#0072B2", "o-"), "lattice": ("#D55E00", "s-"), "conforming": ("#009E73", "^-")}
 RTOL, MOST = 1e-4, 200
 """Residual of waves that are shaken, and iterations to it before GMRES begins anew, once."""

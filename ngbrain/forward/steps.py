@@ -123,7 +123,7 @@ class ErrorControl:
     shortest    step (s) below which the run gives up
 
     The history is of second order, so a step's error grows with its third power: the next is 0.9 (tolerance/error)^⅓ times as
-    long. That the path is not straight is not seen; contacts are met with steps of `touch` again. Raises `InputError` unless
+    long. That the path is not straight is not seen; after first touch steps grow from `touch` again. Raises `InputError` unless
     0 < tolerance < 1 and 0 < shortest ≤ touch ≤ longest.
 
     Source: Hairer, Nørsett, Wanner 1993, 10.1007/978-3-540-78862-1, II.4 (error per step, factors).

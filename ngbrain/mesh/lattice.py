@@ -91,7 +91,7 @@ def lattice(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING) -> Latt
     most = SHIFT * float(net.scale.max()) * net.slope
     region = net.balance(zones.wanted, most)
     for done in range(ROUNDS + MORE):
-        if done >= ROUNDS and net.missing(region, zones.wanted.sum(axis=0)).max() < OFF:
+        if done >= ROUNDS and net.volumes_off(region, zones.wanted.sum(axis=0)).max() < OFF:
             break
         net.points, _ = guarded(net.points, net.tets, net.steps(region))
         region = net.balance(zones.wanted, most)

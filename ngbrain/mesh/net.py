@@ -134,7 +134,7 @@ class Net:
         self.bias = self.bias.clip(-most, most)
         return self._regions()
 
-    def missing(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def volumes_off(self, region: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """How far regions are from the volumes (regions,) wanted (m³), as parts of these."""
         found = np.bincount(region, volumes(self.points, self.tets), self.shares.count)[1:]
         return np.asarray(abs(found / wanted - 1))

@@ -415,11 +415,17 @@ def test_the_average_head_finely():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("site", "bounds"), [((30, 0, 50), (0.5, 0.29)), ((35, -20, 20), (0.75, 0.33)), ((-25, -40, 45), (0.5, 0.29))]
+    ("site", "bounds"),
+    [
+        ((30, 0, 50), (0.5, 0.29)),
+        ((35, -20, 20), (0.75, 0.33)),
+        ((-25, -40, 45), (0.5, 0.29)),
+        ((30, -70, 20), (0.5, 0.3)),
+    ],
 )
 def test_the_average_head_finely_at_one_site(site, bounds):
-    """There are .46 ml of fluid near the second, of which smoothed labels, that distances are taken from, keep a third, and .21 ml
-    near the last.
+    """There are .46 ml of fluid near the second, of which smoothed labels, that distances are taken from, keep a third, and .2 ml
+    near those after it.
     """
     labels, site = head(), np.array(site) * MM
 
