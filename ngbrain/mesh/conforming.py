@@ -40,6 +40,9 @@ BALANCING = 6
 """Rounds in which these are found."""
 FINE = 1.25
 """Times the finest size: up to there volumes of a graded mesh are right for themselves (`zones`)."""
+FORGONE, FILM = 0.2, 0.6
+"""Part of what smoothing takes from a region there that it does without, for interfaces nearer to those of the labels; a film,
+of which smoothing leaves less than that share, has none to be near to."""
 GOAL = np.sin(np.radians(15))
 """Tetrahedra with angles between faces of less than 15° or more than 165° are worked on until they are gone or stuck."""
 SOUND = np.sin(np.radians(8))
@@ -75,8 +78,9 @@ def conforming(labels: LabelMap, size: Sizes, smoothing: float = SMOOTHING, seed
     (('outer_gel',), True, 1.0)
     """
     asked(labels, size, PER_CUBE, MOST)
-    zones, rng = Zones.of(labels, size, _fine), np.random.default_rng(seed)
-    indicators = Indicators.of(labels, smoothing).filled(zones)
+    zones, indicators = Zones.of(labels, size, _fine), Indicators.of(labels, smoothing)
+    zones, rng = zones.eased(indicators.volumes(zones), FORGONE, FILM), np.random.default_rng(seed)
+    indicators = indicators.filled(zones)
     points = np.concatenate([on_interfaces(indicators, size, rng), inside(indicators, size, rng)])
     for turn in range(PASSES):
         tets, region = _triangulated(points, indicators, zones)

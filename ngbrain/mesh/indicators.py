@@ -89,6 +89,12 @@ class Indicators:
             given[:, 1:] = np.clip(given[:, 1:] + np.clip(missing, -step, step), -MOST, MOST)
         return replace(self, shares=self.shares + np.float32(FILLED) * (given.T @ zone).reshape(self.shares.shape))
 
+    def volumes(self, zones: Zones) -> np.ndarray:
+        """Volumes (zones, regions) m³ where regions have the largest share."""
+        number = self.shares.reshape(len(self.shares), -1).argmax(axis=0)
+        voxels = np.stack([np.bincount(number, part, len(self.shares)) for part in self._voxels_in(zones)])
+        return np.asarray(voxels[:, 1:] * abs(np.linalg.det(self.affine[:3, :3])))
+
     def _voxels_in(self, zones: Zones) -> np.ndarray:
         """How far each voxel is of each zone (zones, voxels)."""
         _, *sheet = self.shares.shape[1:]

@@ -59,6 +59,22 @@ class Zones:
         near = labels.volume.voxel_volume * np.bincount(number, mine, len(total) + 1)[1:]
         return cls(share, np.stack([near, total - near]))
 
+    def eased(self, there: np.ndarray, part: float, film: float) -> Zones:
+        """Wanting a part less of what regions lack that have `there` (zones, regions) m³; those that have too much get it.
+
+        A region of which less than the share `film` is there wants all of it. The last zone makes up for the others.
+
+        >>> zones = Zones(everywhere, np.array([[4.0, 4.0], [6.0, 1.0]]))
+        >>> zones.eased(np.array([[3.0, 5.0], [5.0, 2.0]]), 0.5, 0.7).wanted.tolist()
+        [[3.5, 4.5], [6.5, 0.5]]
+        """
+        lacks = np.where(there < film * self.wanted, 0, np.maximum(self.wanted - there, 0))
+        spare = np.maximum(there - self.wanted, 0)
+        given = lacks.sum(axis=1, keepdims=True) * spare / np.maximum(spare.sum(axis=1, keepdims=True), 1e-30)
+        change = part * np.where(spare.any(axis=1, keepdims=True), given - lacks, 0)
+        change[-1] = -change[:-1].sum(axis=0)
+        return replace(self, wanted=self.wanted + change)
+
 
 def everywhere(points: np.ndarray) -> np.ndarray:
     """The share of the only zone, (n, 1)."""
