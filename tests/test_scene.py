@@ -334,6 +334,8 @@ BAD = [
     ("steps.contact_s", 1e-3, r"steps\.contact_s is 0\.001; wanted: at least 0\.009, retraction\.elapsed_s / 100000"),
     ("steps.longest_s", 1e-300, r"steps\.longest_s is 1e-300; wanted: at least 0\.009"),
     ("steps.contact_s", datetime.date(2024, 1, 1), r"steps\.contact_s is "),
+    ("steps.tolerance", 0.0, r"steps\.tolerance is 0\.0; wanted: a number greater than 0"),
+    ("steps.tolerance", 0.5, r"steps\.tolerance is 0\.5; wanted: a relative error of 1e-6 to 0\.1"),
     ("title", "two\nlines", r"title is 'two\\nlines'; wanted: one line of text"),
 ]  # fmt: skip
 

@@ -59,6 +59,9 @@ class Control(Protocol):
     def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
         """What is wrong with the step from a state to the body's; a note of its error is left in `at`."""
 
+    def halved(self) -> Control:
+        """Steps of about half the length, for measuring what the step length costs in accuracy."""
+
 
 @dataclass(frozen=True)
 class StepControl:
@@ -108,7 +111,7 @@ class StepControl:
         return ""
 
     def halved(self) -> StepControl:
-        """The same steps at half the length, for measuring what the step length costs in accuracy."""
+        """The same steps at half the length."""
         return replace(self, contact_dt=self.contact_dt / 2, dt_max=self.dt_max / 2)
 
 
@@ -121,10 +124,11 @@ class ErrorControl:
     touch       first step (s) after touch, and after each event
     longest     step (s)
     shortest    step (s) below which the run gives up
+    pushing     longest step (s) while a body moves in touch with the tissue
 
     The history is of second order, so a step's error grows with its third power: the next is 0.9 (tolerance/error)^⅓ times as
     long. That the path is not straight is not seen; after first touch steps grow from `touch` again. Raises `InputError` unless
-    0 < tolerance < 1 and 0 < shortest ≤ touch ≤ longest.
+    0 < tolerance < 1 and 0 < shortest ≤ touch ≤ longest and pushing.
 
     Source: Hairer, Nørsett, Wanner 1993, 10.1007/978-3-540-78862-1, II.4 (error per step, factors).
 
@@ -136,17 +140,20 @@ class ErrorControl:
     touch: float
     longest: float = np.inf
     shortest: float = 1e-4
+    pushing: float = np.inf
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
             raise InputError("ErrorControl.tolerance", self.tolerance, "a relative error between 0 and 1")
-        if not 0 < self.shortest <= self.touch <= self.longest:
-            found = f"shortest {self.shortest:g}, touch {self.touch:g}, longest {self.longest:g} s"
-            raise InputError("ErrorControl", found, "0 < shortest ≤ touch ≤ longest")
+        if not 0 < self.shortest <= self.touch <= min(self.longest, self.pushing):
+            found = f"shortest {self.shortest:g}, touch {self.touch:g}, longest {self.longest:g}, pushing {self.pushing:g} s"
+            raise InputError("ErrorControl", found, "0 < shortest ≤ touch ≤ longest and pushing")
 
     def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
         """`touch` after an event, else by the error of the last step."""
-        return self.touch if at.rested else min(at.dt * (1.0 if at.cut else at.factor), self.longest)
+        moving = at.touching and travel(min(self.pushing, self.longest))
+        longest = min(self.pushing, self.longest) if moving else self.longest
+        return self.touch if at.rested else min(at.dt * (1.0 if at.cut else at.factor), longest)
 
     def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
         """Whether the error is over `OVER` times the tolerance."""
@@ -161,11 +168,12 @@ class ErrorControl:
         return ""
 
     def halved(self) -> ErrorControl:
-        """Steps of about half the length, for measuring what the step length costs in accuracy."""
+        """Steps of about half the length, by their order."""
         return replace(
             self,
             tolerance=self.tolerance / 2 ** (ORDER + 1),
             touch=self.touch / 2,
             longest=self.longest / 2,
             shortest=self.shortest / 2,
+            pushing=self.pushing / 2,
         )

@@ -52,6 +52,7 @@ class Transient:
         self.newton = newton or Newton()
         self.progress = Progress(dt=control.touch)
         self.follow = np.zeros_like(body.weights)
+        self.drift = np.zeros_like(body.weights)
         self._now, self._wholes = 0.0, 0
         self._factored: list[dict[str, Any]] = []
         self.motion.set(0.0)
@@ -110,8 +111,10 @@ class Transient:
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
-            if not body.min_det(guess) > self.newton.min_det:
-                guess = start
+        elif not travel and not at.rested:
+            guess = start + self.drift * self._slowing(at.t, self._now)
+        if guess is not start and not body.min_det(guess) > self.newton.min_det:
+            guess = start
         body.state, record = self.newton.solve(self, guess)
         if not record.converged:
             return record, record.reason
@@ -120,6 +123,11 @@ class Transient:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
         return record, self.control.judged(body, start, at)
 
+    def _slowing(self, start: float, end: float) -> float:
+        """How far a hold gets between two times on a scale on which relaxation is nearly even: the logarithm's."""
+        event = self.motion.events[self.progress.event - 1] if self.progress.event else 0.0
+        return float(np.log1p((end - event) / self.control.touch) - np.log1p((start - event) / self.control.touch))
+
     def _accept(self, start: np.ndarray, dt: float) -> None:
         at = self.progress
         self.body.history.finish()
@@ -127,6 +135,8 @@ class Transient:
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = (self.body.state - start) / travel
+        if not travel:
+            self.drift = (self.body.state - start) / self._slowing(at.t, at.t + dt)
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.touch) if touched and not at.touching else dt
         at.touching = touched
@@ -172,6 +182,7 @@ class Transient:
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
             "x": self.body.state,
             "follow": self.follow,
+            "drift": self.drift,
             "largest": self.newton.largest,
             "history": self.body.history.memory,
             "factors": self._factored if self.newton.inverse is not None else [],
@@ -189,7 +200,7 @@ class Transient:
         self._factored = list(saved["factors"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         body.history.memory = saved["history"]
-        self.follow = np.array(saved["follow"])
+        self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
         body.state = saved["x"]
         self.motion.set(self.progress.t)

@@ -31,7 +31,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Deformation, Law, Value, density, positive
-from ngbrain.materials.points import Points, initial_modulus, isotropic, number, varies
+from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotropic, number, varies
 from ngbrain.tensors import of_six, principal_values, six
 
 PLANE = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
@@ -42,8 +42,8 @@ REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 HALF = np.array([[1.0], [1.0], [1.0], [0.5], [0.5], [0.5]])
 """From a derivative by the six entries to that by a tensor, which has each shear twice."""
 UPPER = np.triu_indices(6)
-TOLERANCE = 1e-12
-"""Of elastic strains, in a step's minimum."""
+SHORT = 1e-7
+"""Step of elastic strains that is the last in a step's minimum: Newton's method then misses by its square."""
 ITERATIONS = 60
 HALVINGS = 10
 SMALL = 1e-6
@@ -194,38 +194,51 @@ class Flow:
         self.points.put(self._pulled, np.einsum("nij,jn->in", self._pull, end))  # a field is shared
         return twin.stress
 
-    def _at(self, e: np.ndarray) -> np.ndarray:
+    def _at(self, e: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
         self.points.put(self._strain, e)
-        return self.points(self._slopes)
+        return self.points(self._slopes, where)
 
     def _minimum(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The minimising e and `slopes` there, by Newton's method with steps halved until the gradient shrinks."""
-        k = 2 * self.kappa
-        e = self._elastic
-        slopes = self._at(e)
-        gradient = slopes[1:3] - k * (x - e)
+        """The minimising e and `slopes` there, by Newton's method with steps halved until the gradient shrinks.
+
+        A step shorter than `SHORT` is a point's last, with slopes by Taylor's formula.
+        """
+        k, e = 2 * self.kappa, self._elastic.copy()
+        slopes, left = self._at(e), np.arange(len(self.kappa))
         for _ in range(ITERATIONS):
-            h11, h12, h22 = slopes[3] + k, slopes[4], slopes[5] + k
+            gradient = slopes[1:3, left] - k[left] * (x - e)[:, left]
+            h11, h12, h22 = slopes[3, left] + k[left], slopes[4, left], slopes[5, left] + k[left]
             det = h11 * h22 - h12 * h12
             safe = np.where(det > 0, det, np.inf)
             step = -np.array([h22 * gradient[0] - h12 * gradient[1], h11 * gradient[1] - h12 * gradient[0]]) / safe
-            left = np.max(np.abs(step), axis=0)
-            if not np.any(left > TOLERANCE):
+            going = self.points.beside(left, np.max(np.abs(step), axis=0) > SHORT)
+            _last(e, slopes, left[~going], step[:, ~going])
+            left, step, size = left[going], step[:, going], np.sum(gradient[:, going] ** 2, axis=0)
+            if not left.size:
                 break
-            length = np.ones_like(left)
+            length, tried = np.ones(left.size), e.copy()
             for _ in range(12):
-                tried = e + length * step
-                there = self._at(tried)
-                new = there[1:3] - k * (x - tried)
-                worse = ~(np.sum(new * new, axis=0) <= np.sum(gradient * gradient, axis=0)) & (left > TOLERANCE)
+                tried[:, left] = e[:, left] + length * step
+                there = self._at(tried, left)
+                shrunk = np.sum((there[1:3] - k[left] * (x - tried)[:, left]) ** 2, axis=0) <= size
+                worse = ~shrunk & (np.max(np.abs(step), axis=0) > SHORT)  # below it, round-off decides
                 if not np.any(worse):
                     break
                 length = np.where(worse, length / 2, length)
-            e, slopes, gradient = tried, there, new
+            e, slopes[:, left] = tried, there
         else:
-            e = np.where(left > 1e-8, np.nan, e)
+            e[:, left] = np.nan
         self._elastic = np.where(np.isfinite(e), e, 0.0)
         return e, slopes
+
+
+def _last(e: np.ndarray, slopes: np.ndarray, where: np.ndarray, step: np.ndarray) -> None:
+    """Take a short step at some points: W and ∂W with what second order adds, ∂²W as it was."""
+    w, first, second, a, b, c = slopes[:, where]
+    change = np.array([a * step[0] + b * step[1], b * step[0] + c * step[1]])
+    slopes[0, where] = w + np.sum((np.array([first, second]) + change / 2) * step, axis=0)
+    slopes[1:3, where] += change
+    e[:, where] += step
 
 
 class Flows:

@@ -11,6 +11,8 @@ from ngsolve.meshes import Make1DMesh
 
 from ngbrain.materials.base import Deformation, Law, Value, density
 
+EVERYWHERE = slice(None)
+
 
 class Points:
     """n points that hold fields given as arrays (components, n).
@@ -43,9 +45,19 @@ class Points:
         """Set the values (components, n) of a `field`."""
         field.vec.FV().NumPy().reshape(len(values), -1)[:, : len(self.mapped)] = values
 
-    def __call__(self, function: CoefficientFunction) -> np.ndarray:
-        """Its values (components, n), tensors by rows."""
-        return np.ascontiguousarray(np.asarray(function(self.mapped)).reshape(len(self.mapped), -1).T)
+    def beside(self, numbers: np.ndarray, some: np.ndarray) -> np.ndarray:
+        """Which points, of these numbers, are in an element with some of them (both masks)."""
+        element = self.mapped["nr"][numbers]
+        busy = np.zeros(element.max(initial=-1) + 1, bool)
+        busy[element[some]] = True
+        return busy[element]
+
+    def __call__(self, function: CoefficientFunction, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
+        """Its values (components, n), tensors by rows; or those at some points, all of their elements (`beside`): fields know
+        a point by its place in its element.
+        """
+        mapped = self.mapped[where]
+        return np.ascontiguousarray(np.asarray(function(mapped)).reshape(len(mapped), -1).T)
 
 
 @lru_cache(maxsize=16)

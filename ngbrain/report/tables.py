@@ -61,7 +61,7 @@ VOLUMES = {
 }
 
 CHECKS: dict[str, Check] = {
-    "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-6", lambda v: abs(v) <= 1e-6),
+    "reaction_balance": Check("Blade and skull forces balance (relative)", "at most 1e-4", lambda v: abs(v) <= 1e-4),
     "volume_balance": Check("Volume moved adds up to nothing (relative)", "at most 1e-3", lambda v: abs(v) <= 1e-3),
     "energy_balance": Check("Work of the blade is the tissue's (relative)", "at most 0.01", lambda v: abs(v) <= 0.01),
     "dt_halving": Check(

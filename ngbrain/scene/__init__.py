@@ -227,12 +227,17 @@ class Blade(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Steps(Section):
-    """Longest time step (s) while the blade pushes and while it rests."""
+    """Longest time step (s) while the blade pushes and while it rests; shorter ones where their error asks for it.
+
+    tolerance   of a step's error: of the overstress of relaxing tissue, against that of two half steps
+    """
 
     contact: float = number("contact_s", 1.0)
     longest: float = number("longest_s", 60.0)
+    tolerance: float = number("tolerance", 0.01)
 
     def _check(self, path: str, scene: Scene) -> None:
+        self._need(1e-6 <= self.tolerance <= 0.1, path, "tolerance", "a relative error of 1e-6 to 0.1")
         for name in ("contact", "longest"):
             self._need(getattr(self, name) >= scene.retraction.moment, path, name, scene.retraction.not_shorter)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ngbrain.scene import Scene
 from ngbrain.surgery.checks import HALF, MILLER, ORDER
-from ngbrain.surgery.injury import dose, times_above
+from ngbrain.surgery.injury import curve, dose, times_above
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.units import to_ml, to_mm, to_mmHg
 
@@ -34,9 +34,9 @@ LEFT_OUT = (
 def answer(run: Outcome) -> dict[str, Any]:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
-    times = {}
+    course, times = curve(t, pressure, run.events), {}
     for threshold in THRESHOLDS_MMHG:
-        total, longest = times_above(t, pressure, threshold)
+        total, longest = times_above(course, threshold)
         times[f"s_above_{threshold:.0f}_mmHg"] = total
         times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
     peak = run.peak
@@ -45,7 +45,7 @@ def answer(run: Outcome) -> dict[str, Any]:
         "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
         "peak_force_N": float(run.column("force").max()),
         "min_net_reaction_N": float(run.column("net_reaction").min()),
-        "dose_mmHg_min": dose(t, pressure),
+        "dose_mmHg_min": dose(course),
         **times,
         "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
         "oss_p95": peak.oss_p95,
@@ -167,10 +167,9 @@ def comparison(runs: Runs) -> dict[str, Any]:
         continuous = runs["continuous"]
         t, pressure = continuous.column("t"), to_mmHg(continuous.column("pressure"))
         until = t[-1] - (continuous.working_s - working)  # it works from the end of its ramp on
-        upto = np.append(t[t < until], until)
         equal = {
             "working_s": working,
-            "continuous": dose(upto, np.interp(upto, t, pressure)),
+            "continuous": dose(curve(t, pressure, continuous.events), until),
             "intermittent": numbers["intermittent"]["dose_mmHg_min"],
         }
         result["dose_at_equal_working_time_mmHg_min"] = equal

@@ -11,7 +11,7 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.body import Body
-from ngbrain.forward.steps import Progress, StepControl
+from ngbrain.forward.steps import Control, Progress, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
 from ngbrain.mesh.elements import centres
@@ -62,7 +62,7 @@ def _coarse(model: Model) -> Model:
 
 
 def _first_peak(
-    model: Model, name: str, folder: Path | None, resume: bool, tell: Tell, control: StepControl | None = None
+    model: Model, name: str, folder: Path | None, resume: bool, tell: Tell, control: Control | None = None
 ) -> float:
     run = ProtocolRun(model, model.ramp(name), folder, resume, control=control).go(tell)
     return max(row.pressure for row in run.rows)

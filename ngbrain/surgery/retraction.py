@@ -43,11 +43,12 @@ _CHECK = "check: "
 class Outcome:
     """What a protocol's run leaves behind, small enough to pass between processes.
 
-    rows   columns of `Row` by name, SI units; peak: strain at its largest; steps, rejected, newton, factorisations: work,
-    with that of a beginning shared with another protocol
+    rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
+    strain at its largest; steps, rejected, newton, factorisations: work, with that of a beginning shared with another protocol
     """
 
     rows: dict[str, np.ndarray]
+    events: tuple[float, ...]
     peak: Peak
     working_s: float
     steps: int
@@ -158,7 +159,7 @@ def _outcome(run: ProtocolRun) -> Outcome:
     assert run.peak is not None
     at = run.transient.progress
     work = (at.steps, at.rejected, at.newton, at.work.factorisations)
-    return Outcome(table(run.rows), run.peak, run.protocol.working_s, *work)
+    return Outcome(table(run.rows), run.protocol.times, run.peak, run.protocol.working_s, *work)
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:

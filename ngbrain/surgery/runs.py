@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
-from ngbrain.forward.steps import Progress, StepControl
+from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.transient import Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.pool import Tell
@@ -75,7 +75,7 @@ class ProtocolRun:
         folder: Path | None,
         resume: bool = False,
         start: Snapshot | None = None,
-        control: StepControl | None = None,
+        control: Control | None = None,
     ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"

@@ -85,6 +85,15 @@ def test_a_step_that_is_too_inexact_is_taken_again(make_body, plate):
     assert at.rejected > 0 and at.t == 4.0 and at.steps > 6
 
 
+def test_no_step_is_longer_than_asked_for_while_it_pushes(make_body, plate):
+    drive = plate(*HALF_AN_HOUR)
+    control = ErrorControl(0.1, touch=0.1, longest=400.0, pushing=0.5)
+    _, rows = run(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control)
+    steps = np.diff(rows[:, 0])
+    pushed = rows[1:, 0] <= 4.0
+    assert 0.4 < steps[pushed].max() <= 0.5 and 100 < steps[~pushed].max() <= 400
+
+
 def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
     def made():
         drive = plate(*HALF_AN_HOUR)
@@ -105,6 +114,7 @@ def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
         ({"tolerance": 2.0}, "tolerance"),
         ({"touch": 1e-5}, "ErrorControl"),
         ({"longest": 0.01}, "0 <"),
+        ({"pushing": 0.01}, "0 <"),
     ],
 )
 def test_bad_input(values, name):

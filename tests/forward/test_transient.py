@@ -149,3 +149,21 @@ def test_forces_after_a_step_are_those_that_balanced_in_it(plate):
     off = []
     transient.run(lambda b, at, record: off.append(np.abs((b.tissue_forces() + b.contact_forces())[free]).max()))
     assert max(off) < 1e-6 * np.abs(body.contact_forces()).max()
+
+
+def test_a_hold_is_foreseen(make_body, plate):
+    """In the logarithm of time, from the step before; without, the hold takes more iterations to the same forces."""
+    iterations, forces = [], []
+    for foreseen in (True, False):
+        drive = plate((0, 4, 1800), (0, 3e-3, 3e-3))
+        transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3, Newton(rtol=1e-5))
+
+        def watch(body, at, record, transient=transient, foreseen=foreseen):
+            transient.drift = transient.drift * foreseen
+
+        transient.run(watch, until=4.0)
+        before = transient.progress.newton
+        transient.run(watch)
+        iterations.append(transient.progress.newton - before)
+        forces.append(np.linalg.norm(transient.body.contact_forces()))
+    assert forces[0] == pytest.approx(forces[1], rel=1e-4) and iterations[0] < 0.8 * iterations[1], iterations
