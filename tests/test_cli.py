@@ -60,6 +60,14 @@ def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):
     assert not (tmp_path / "out" / "result.json").exists()
 
 
+def test_a_template_is_printed_and_is_the_demo(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["retract", "--template"])
+    scene = tmp_path / "scene.toml"
+    scene.write_text(capsys.readouterr().out)
+    assert stopped.value.code == 0 and Scene.from_toml(scene) == Scene.shipped("demo")
+
+
 def test_unreadable_and_truncated_files(tmp_path, capsys):
     for name, content in (
         ("binary.toml", b"\x89HDF\r\n\x00\xff"),

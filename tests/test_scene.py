@@ -551,3 +551,16 @@ def test_every_field_of_every_part_says_how_it_stands_in_toml():
 def test_protocol_name_defaults_to_its_kind():
     assert Protocol(kind="staged", stages=3, rest=1.0).name == "staged"
     assert Protocol(kind="staged", name="gentle 2", stages=3, rest=1.0).name == "gentle 2"
+
+
+def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
+    text = Scene.template()
+    parts = [room.Body, Tissue, room.Support, Cleft, Blade, room.Retraction, Protocol, room.Steps]
+    keys = {entry.key for part in parts for entry in fields.entries(part).values()}
+    assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
+    head, program = text.split('# [[protocol]]\n# kind = "program"')
+    scene = Scene.from_dict(tomllib.loads(head + '[[protocol]]\nkind = "program"' + program.replace("\n# ", "\n", 3)))
+    assert scene.protocols[-1].kind == "program" and scene.protocols[:3] == Scene.shipped("demo").protocols
+    with_ways = re.sub(r"(?m)^# (approach|across) = ", r"\1 = ", text)
+    assert with_ways.count("\napproach") == with_ways.count("\nacross") == 1
+    assert Scene.from_dict(tomllib.loads(with_ways)).cleft.across == (0.0, 1.0, 0.0)

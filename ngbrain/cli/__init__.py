@@ -74,6 +74,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.set_defaults(verb=_demo)
     retract = verbs.add_parser("retract", help="one scene")
     retract.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
+    retract.add_argument(
+        "--template", action=_Template, nargs=0, help="print a commented scene to start from, and stop"
+    )
     retract.set_defaults(verb=_retract)
     mesh = add_mesh(verbs)
     invert = add_invert(verbs)
@@ -93,6 +96,14 @@ def _parser() -> argparse.ArgumentParser:
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser
+
+
+class _Template(argparse.Action):
+    """Print a scene that says what can be in one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(Scene.template(), end="")
+        parser.exit()
 
 
 def _positive(text: str) -> int:

@@ -12,6 +12,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 from typing import Protocol as Interface
@@ -306,16 +307,26 @@ class Scene(Section):
     @classmethod
     def shipped(cls, name: str) -> Scene:
         """One that comes with the package: "demo" (a real head), "idealised", or a coarser "demo_fast", "idealised_fast"."""
-        files = {Path(file.name).stem: file for file in resources.files("ngbrain.scenes").iterdir()}
-        known = [stem for stem, file in files.items() if file.name.endswith(".toml")]
-        if name not in known:
-            raise InputError("scene", brief(name), nearest(str(name), known))
+        files = _shipped()
+        if name not in files:
+            raise InputError("scene", brief(name), nearest(str(name), list(files)))
         with resources.as_file(files[name]) as path:
             return cls.from_toml(path)
+
+    @staticmethod
+    def template() -> str:
+        """The text of a file to start from: "demo", with every key that there is explained."""
+        return _shipped()["demo"].read_text(encoding="utf-8")
 
     def to_toml(self) -> str:
         """As the text of a file; reading it gives the same scene back."""
         return to_toml(self.to_dict())
+
+
+def _shipped() -> dict[str, Traversable]:
+    """Scenes that come with the package, by name."""
+    files = resources.files("ngbrain.scenes").iterdir()
+    return {Path(file.name).stem: file for file in files if file.name.endswith(".toml")}
 
 
 def _as_file(name: str) -> str:
