@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import _front
@@ -23,7 +23,6 @@ import ngsolve as ngs
 import numpy as np
 from _command import main
 from ngsolve.solvers import Newton as NgsolveNewton
-from scipy.interpolate import PchipInterpolator
 
 from ngbrain.errors import SolverError, require
 from ngbrain.forward.body import Body, Material
@@ -33,6 +32,7 @@ from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
+from ngbrain.surgery.injury import curve
 from ngbrain.surgery.protocols import Drive, Protocol, continuous
 from ngbrain.tensors import isochoric
 
@@ -55,11 +55,7 @@ def contact(level: ngs.CoefficientFunction) -> Contact:
 
 def dose(t: list[float], f: list[float], protocol: Protocol) -> float:
     """∫ force dt (N s) of a monotone cubic between events, which steps end on: holds are followed in few steps."""
-    times, forces, total = np.array(t), np.array(f), 0.0
-    for start, end in pairwise(protocol.times):
-        there = (times >= start - 1e-9) & (times <= end + 1e-9)
-        total += float(PchipInterpolator(times[there], forces[there]).integrate(start, end))
-    return total
+    return float(curve(np.array(t), np.array(f), protocol.times).integrate(0.0, protocol.times[-1]))
 
 
 def up_forces(space: ngs.FESpace) -> np.ndarray:
@@ -210,7 +206,7 @@ def chart(records: list[dict], path: str) -> None:
     marks = dict(zip(grids, "osvd^DP*", strict=False))
     for (method, colour), grid in product(colours(short).items(), grids):
         rows = [r for r in short if r["method"] == method and (r["order"], r["maxh"]) == grid]
-        curve(left, rows, "cpu_s", marks[grid] + "-", colour)
+        drawn(left, rows, "cpu_s", marks[grid] + "-", colour)
     lines = require("matplotlib.lines", "report")
     keys = [lines.Line2D([], [], color=colour, label=method) for method, colour in colours(short).items()]
     keys += [
@@ -222,7 +218,7 @@ def chart(records: list[dict], path: str) -> None:
     left.set(xlabel="CPU time (s)", ylabel="relative error of the dose", title="Meshes and steps, 40 s")
     for axes, x in ((middle, "cpu_s"), (right, "n_steps")):
         for method, colour in colours(long).items():
-            curve(axes, [r for r in long if r["method"] == method], x, "o-", colour, method)
+            drawn(axes, [r for r in long if r["method"] == method], x, "o-", colour, method)
     middle.legend(fontsize=7)
     middle.set(xlabel="CPU time (s)", ylabel="relative error of the peak force", title="Steps alone, half an hour")
     right.set(xlabel="steps", ylabel="relative error of the peak force", title="The same by number of steps")
@@ -239,7 +235,7 @@ def colours(records: list[dict]) -> dict[str, str]:
     return {method: found[-1] if method.startswith("plain") else found[k] for k, method in enumerate(methods)}
 
 
-def curve(axes: Any, rows: list[dict], x: str, style: str, colour: str, label: str | None = None) -> None:
+def drawn(axes: Any, rows: list[dict], x: str, style: str, colour: str, label: str | None = None) -> None:
     """Of one method; what failed is a cross on top."""
     good, bad = ([r for r in rows if r["converged"] is state] for state in (True, False))
     axes.loglog([r[x] for r in good], [r["error"] for r in good], style, color=colour, ms=5, label=label)
