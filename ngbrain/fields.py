@@ -28,8 +28,17 @@ from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
 
-UNITS = {"mm": (1000, "length in mm"), "Pa_s": (1, "viscosity"), "Pa": (1, "modulus in Pa"), "s": (1, "time in s")}
-"""End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words."""
+UNITS = {
+    "mm": (1000, "length in mm"),
+    "Pa_s": (1, "viscosity"),
+    "Pa": (1, "modulus in Pa"),
+    "s": (1, "time in s"),
+    "mmHg": (1, "pressure in mmHg"),
+}
+"""End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words.
+
+Pressures of a patient stay in mmHg, of which no whole number is an SI unit.
+"""
 LARGEST = 1_000_000
 """Bytes of a file that is still read: more is something else than a scene."""
 
@@ -162,9 +171,9 @@ class Section:
         return cls(**{f.name: f.metadata["entry"].read(data[key], path + key) for key, f in given.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """In TOML's keys and units, fit for JSON; `read` gives the same part back."""
+        """In TOML's keys and units, fit for JSON, without tables in which nothing is given; `read` gives the same part back."""
         values = {entry.key: self.shown(name) for name, entry in entries(self).items()}
-        return {key: value for key, value in values.items() if value is not None}
+        return {key: value for key, value in values.items() if value is not None and value != {}}
 
     def shown(self, name: str) -> Any:
         """A field's value as TOML has it, in the unit of its key; None where it is not given."""

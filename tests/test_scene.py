@@ -139,7 +139,9 @@ def test_round_trip_of_a_scene_with_everything_there_is(demo):
     demo["protocol"].append({"kind": "program", "name": "mine", "t_s": [0, 1, 900], "opening_mm": [-1, 3.3, 3.3]})
     demo["tissue"].append({"region": "x", "mu_Pa": [1.1, 2.2], "alpha": [-4.7, 3.0], "eta_Pa_s": [7.7]})
     demo["cleft"] |= {"approach": [0, 0, 1], "across": [1, 0.5, 0]}
+    demo["patient"] = {"map_mmHg": 85.3, "icp_mmHg": 0.0}
     scene = Scene.from_dict(demo)
+    assert scene.to_dict()["patient"] == demo["patient"]
     assert Scene.from_dict(tomllib.loads(scene.to_toml())) == scene
     assert scene.protocols[3].opening == (-0.001, 0.0033, 0.0033) and scene.protocols[3].times == (0, 1, 900)
     assert scene.cleft.across == (1.0, 0.5, 0.0)
@@ -336,6 +338,12 @@ BAD = [
     ("steps.contact_s", datetime.date(2024, 1, 1), r"steps\.contact_s is "),
     ("steps.tolerance", 0.0, r"steps\.tolerance is 0\.0; wanted: a number greater than 0"),
     ("steps.tolerance", 0.5, r"steps\.tolerance is 0\.5; wanted: a relative error of 1e-6 to 0\.1"),
+    ("patient", {"map_mmHg": -1.0}, r"patient\.map_mmHg is -1\.0; wanted: a pressure in mmHg greater than 0"),
+    ("patient", {"map_mmHg": 0.1}, r"patient\.map_mmHg is 0\.1; wanted: a pressure of 20 to 300 mmHg"),
+    ("patient", {"map_mmHg": 80.0, "icp_mmHg": -1.0}, r"patient\.icp_mmHg is -1\.0; wanted: .*mmHg of at least 0"),
+    ("patient", {"map_mmHg": 80.0, "icp_mmHg": 90.0}, r"patient\.icp_mmHg is 90\.0; wanted: less than .*map_mmHg, 80"),
+    ("patient", {"icp_mmHg": 10.0}, r"patient\.icp_mmHg is 10\.0; wanted: a value only with patient\.map_mmHg"),
+    ("patient", {"map_mmhg": 80.0}, r"patient\.map_mmhg is not a known key; .*'map_mmHg'"),
     ("title", "two\nlines", r"title is 'two\\nlines'; wanted: one line of text"),
 ]  # fmt: skip
 
@@ -555,12 +563,15 @@ def test_protocol_name_defaults_to_its_kind():
 
 def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     text = Scene.template()
-    parts = [room.Body, Tissue, room.Support, Cleft, Blade, room.Retraction, Protocol, room.Steps]
+    parts = [room.Body, Tissue, room.Support, Cleft, Blade, room.Retraction, Protocol, room.Steps, room.Patient]
     keys = {entry.key for part in parts for entry in fields.entries(part).values()}
     assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
     head, program = text.split('# [[protocol]]\n# kind = "program"')
     scene = Scene.from_dict(tomllib.loads(head + '[[protocol]]\nkind = "program"' + program.replace("\n# ", "\n", 3)))
     assert scene.protocols[-1].kind == "program" and scene.protocols[:3] == Scene.shipped("demo").protocols
+    head, patient = text.split("# [patient]")
+    scene = Scene.from_dict(tomllib.loads(head + "[patient]" + patient.replace("\n# ", "\n")))
+    assert scene.patient == room.Patient(map_mmHg=85.0, icp_mmHg=10.0)
     with_ways = re.sub(r"(?m)^# (approach|across) = ", r"\1 = ", text)
     assert with_ways.count("\napproach") == with_ways.count("\nacross") == 1
     assert Scene.from_dict(tomllib.loads(with_ways)).cleft.across == (0.0, 1.0, 0.0)

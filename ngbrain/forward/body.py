@@ -233,6 +233,10 @@ class Body:
         self._relax(self.state)
         return self._tissue_forces()[self.is_u]
 
+    def tissue_stress(self) -> np.ndarray:
+        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the points of `history.space`, where `tissue_forces` was last asked."""
+        return self._tissue_forces.stress
+
     def contact_forces(self) -> np.ndarray:
         """Nodal forces (N) of the contact energies at the current state."""
         return self._contact_forces()[self.is_u]

@@ -68,6 +68,11 @@ class Forces:
         self._moving = np.repeat(~elements, self._moving.size // elements.size)
         self._values[:] = 0
 
+    @property
+    def stress(self) -> np.ndarray:
+        """∂W/∂F (Pa), (n, 3, 3) at the points of `space`, as the last call found it."""
+        return self._values[:9].T.reshape(-1, 3, 3)
+
     def __call__(self) -> np.ndarray:
         """At the current state, one number for each unknown."""
         self._values[:, self._moving] = self._derived(self._points[self._moving]).T

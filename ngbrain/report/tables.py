@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
@@ -35,6 +35,7 @@ class Check:
 METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("peak_pressure_mmHg", "Peak pressure under the blade", "mmHg", True),
     ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
+    ("peak_centre_pressure_mmHg", "Peak pressure in the middle of the face (5 mm across)", "mmHg", True),
     ("peak_force_N", "Peak force on the blade", "N", True),
     ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
     ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
@@ -42,12 +43,31 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("longest_s_above_30_mmHg", "Time above 30 mmHg, longest without a break", "s", True),
     ("margin_to_20_mmHg", "Margin to 20 mmHg (negative: above it)", "mmHg", False),
     ("dose_mmHg_min", "Dose: pressure × time", "mmHg min", True),
+    (
+        "s_perfusion_below_10_mmHg",
+        "Time with less than 10 mmHg of perfusion pressure (MAP less pressure), in all",
+        "s",
+        True,
+    ),
+    (
+        "longest_s_perfusion_below_10_mmHg",
+        "Time with less than 10 mmHg of perfusion pressure, longest without a break",
+        "s",
+        True,
+    ),
+    ("min_perfusion_reserve_mmHg", "Smallest perfusion reserve: MAP less the larger of pressure and ICP", "mmHg", True),
     ("working_s", "Working time: at full opening", "s", False),
     ("mps_p50", "Largest principal strain near the site, median", "%", True),
     ("mps_p95", "Largest principal strain near the site, 95th percentile", "%", True),
     ("mps_p99", "Largest principal strain near the site, 99th percentile", "%", True),
+    ("mps_max_over_0_1_ml", "Largest principal strain near the site, mean of the worst 0.1 ml", "%", True),
     ("oss_p95", "Octahedral shear strain near the site, 95th percentile", "%", True),
-    ("beyond_fit_ml", "Tissue strained beyond what the law was fitted to", "ml", True),
+    ("oss_max_over_0_1_ml", "Octahedral shear strain near the site, mean of the worst 0.1 ml", "%", True),
+    ("von_mises_p95_kPa", "Von Mises stress near the site, 95th percentile", "kPa", True),
+    ("von_mises_max_over_0_1_ml_kPa", "Von Mises stress near the site, mean of the worst 0.1 ml", "kPa", True),
+    ("strain_rate_p95_per_s", "Rate of deformation near the site, 95th percentile", "1/s", True),
+    ("strain_rate_max_over_0_1_ml_per_s", "Rate of deformation near the site, mean of the worst 0.1 ml", "1/s", True),
+    ("beyond_fit_ml", "Tissue strained beyond what its law was fitted to", "ml", True),
     ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
     ("min_det_F", "Smallest volume ratio of any point", "", False),
 )
@@ -192,6 +212,47 @@ def checks(values: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
             verdict = "met" if check.met(float(value)) else "NOT MET"
         rows.append((check.name, shown, check.wanted, verdict))
     return rows
+
+
+def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """(what the columns are, (region, its ml as text) for each region and protocol), of the tissue above strains.
+
+    A region's text is its ml above each threshold and, last, beyond what its law was fitted to.
+    """
+    key = "volume_mps_above_by_region_ml"
+    known = {name: answer for name, answer in answers.items() if answer.get(key)}
+    if not known:
+        return [], []
+    thresholds = list(next(iter(next(iter(known.values()))[key].values())))
+    columns = [f"above {100 * float(threshold):g} %" for threshold in thresholds] + ["beyond its fit"]
+    rows = []
+    for name, answer in known.items():
+        for region, volumes in answer[key].items():
+            beyond = (answer.get("beyond_fit_by_region_ml") or {}).get(region)
+            label = region if len(known) == 1 else f"{region}, {name}"
+            rows.append((label, [number(value, 2) for value in (*volumes.values(), beyond)]))
+    return columns, rows
+
+
+def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(protocol, pressure held for 15 minutes, minutes pressed, range of probabilities) in words."""
+    rows = []
+    for name, answer in answers.items():
+        if interval := answer.get("infarct_probability_95"):
+            held = answer.get("pressure_held_15_min_mmHg")
+            shown = f"{number(held)} mmHg" if held else "none"
+            rows.append((name, shown, f"{number(answer.get('pressed_min'), 2)} min", percents(interval)))
+    return rows
+
+
+def percents(interval: Sequence[float]) -> str:
+    """An interval of probabilities.
+
+    >>> percents([0.0042, 0.6412]), percents([0.0, 1.0])
+    ('0.4 to 64 %', '0 to 100 %: not known')
+    """
+    low, high = (number(100 * p, 2 if p >= 0.01 else 1) for p in interval)
+    return f"{low} to {high} %" + (": not known" if tuple(interval) == (0.0, 1.0) else "")
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -243,6 +243,21 @@ class Steps(Section):
             self._need(getattr(self, name) >= scene.retraction.moment, path, name, scene.retraction.not_shorter)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Patient(Section):
+    """Pressures of the patient (mmHg): mean arterial and intracranial. Without the first, nothing is said on perfusion."""
+
+    map_mmHg: float | None = number("map_mmHg", None)  # noqa: N815
+    icp_mmHg: float | None = number("icp_mmHg", None, least=0.0)  # noqa: N815
+
+    def _check(self, path: str, scene: Scene) -> None:
+        arterial, intracranial = self.map_mmHg, self.icp_mmHg
+        self._need(arterial is None or 20 <= arterial <= 300, path, "map_mmHg", "a pressure of 20 to 300 mmHg")
+        self._need(intracranial is None or arterial is not None, path, "icp_mmHg", "a value only with patient.map_mmHg")
+        wanted = f"less than patient.map_mmHg, {arterial or 0:g}"
+        self._need(intracranial is None or intracranial < (arterial or 0), path, "icp_mmHg", wanted)
+
+
 def _protocols() -> tuple[Protocol, ...]:
     staged = Protocol(kind="staged", stages=5, rest=30.0)
     return Protocol(kind="continuous"), Protocol(kind="intermittent", hold=230.0, rest=90.0), staged
@@ -266,6 +281,7 @@ class Scene(Section):
     retraction: Retraction = table(Retraction, Retraction)
     protocols: tuple[Protocol, ...] = table(Protocol, _protocols, size=0)
     steps: Steps = table(Steps, Steps)
+    patient: Patient = table(Patient, Patient)
 
     def __post_init__(self) -> None:
         super().__post_init__()

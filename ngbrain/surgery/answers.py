@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ngbrain.scene import Scene
-from ngbrain.surgery.checks import HALF, MILLER, ORDER
+from ngbrain.scene import Patient, Scene
+from ngbrain.surgery.checks import HALF, ORDER
 from ngbrain.surgery.injury import curve, dose, times_above
 from ngbrain.surgery.model import TISSUE, Model
-from ngbrain.units import to_ml, to_mm, to_mmHg
+from ngbrain.surgery.perfusion import perfusion
+from ngbrain.surgery.response import infarct
+from ngbrain.surgery.sampling import Spread
+from ngbrain.units import to_kPa, to_ml, to_mm, to_mmHg
 
 if TYPE_CHECKING:
     from ngbrain.surgery.retraction import Outcome
@@ -31,7 +35,7 @@ LEFT_OUT = (
 )
 
 
-def answer(run: Outcome) -> dict[str, Any]:
+def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
     course, times = curve(t, pressure, run.events), {}
@@ -39,22 +43,30 @@ def answer(run: Outcome) -> dict[str, Any]:
         total, longest = times_above(course, threshold)
         times[f"s_above_{threshold:.0f}_mmHg"] = total
         times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
-    peak = run.peak
+    peak, stress, rate = run.peak, run.largest["von_mises"], run.largest["rate"]
     return {
         "peak_pressure_mmHg": float(pressure.max()),
         "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
+        "peak_centre_pressure_mmHg": float(to_mmHg(run.column("centre_pressure").max())),
         "peak_force_N": float(run.column("force").max()),
         "min_net_reaction_N": float(run.column("net_reaction").min()),
         "dose_mmHg_min": dose(course),
         **times,
         "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
-        "oss_p95": peak.oss_p95,
-        "mps_p50": peak.mps_p50,
-        "mps_p95": peak.mps_p95,
-        "mps_p99": peak.mps_p99,
+        **perfusion(patient, course),
+        **infarct(course),
+        **_spread("mps", peak.mps),
+        **_spread("oss", peak.oss),
         "strain_peak_at_s": peak.t,
-        "volume_mps_above": peak.volume_mps_above,
-        "beyond_fit_ml": peak.beyond_fit_ml,
+        **_spread("von_mises", stress, "_kPa", to_kPa),
+        "von_mises_peak_at_s": stress.t,
+        **_spread("strain_rate", rate, "_per_s"),
+        "strain_rate_peak_at_s": rate.t,
+        "volume_mps_above": {threshold: sum(parts.values()) for threshold, parts in peak.volume_mps_above.items()},
+        "volume_mps_above_by_region_ml": _by_region(peak.volume_mps_above),
+        "beyond_fit_ml": sum(peak.beyond_fit.values()),
+        "beyond_fit_by_region_ml": peak.beyond_fit,
+        "region_ml": peak.tissue,
         "volumes_ml": peak.volume,
         "min_det_F": float(run.column("min_det_F").min()),
         "working_s": run.working_s,
@@ -66,9 +78,22 @@ def answer(run: Outcome) -> dict[str, Any]:
             "contact_area_mm2": (1e6 * run.column("area")).tolist(),
             "pressure_mmHg": pressure.tolist(),
             "tip_pressure_mmHg": to_mmHg(run.column("tip_pressure")).tolist(),
+            "centre_pressure_mmHg": to_mmHg(run.column("centre_pressure")).tolist(),
             "min_gap_mm": to_mm(run.column("gap")).tolist(),
         },
     }
+
+
+def _spread(name: str, spread: Spread, unit: str = "", to_unit: Callable[[float], float] = float) -> dict[str, float]:
+    """Percentiles and the largest mean over `AMOUNT`, 0.1 ml, by key."""
+    shown = {"p50": spread.p50, "p95": spread.p95, "p99": spread.p99, "max_over_0_1_ml": spread.largest}
+    return {f"{name}_{key}{unit}": to_unit(value) for key, value in shown.items()}
+
+
+def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Threshold → region → ml turned over: region → threshold → ml."""
+    regions = next(iter(volumes.values()))
+    return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
 
 
 def model(made: Model, runs: Runs) -> dict[str, Any]:
@@ -147,9 +172,8 @@ def _recovered(run: Outcome, away: np.ndarray) -> float:
     return min(recovered, default=float("nan"))
 
 
-def comparison(runs: Runs) -> dict[str, Any]:
-    """Metric by metric, which protocol is lowest; and continuous against intermittent at equal working time."""
-    numbers = {name: answer(run) for name, run in runs.items()}
+def comparison(runs: Runs, numbers: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work."""
     findings = []
     for metric, text in (
         ("peak_pressure_mmHg", "Peak pressure (mmHg)"),
@@ -187,18 +211,3 @@ def _ranked(values: dict[str, float]) -> str:
     if spread <= 5e-3 * abs(max(values.values())):
         return f"equal within 0.5 % ({listed})."
     return f"lowest with {min(values, key=values.__getitem__)} ({listed})."
-
-
-def material_band(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, Any]:
-    """Peak pressure as given and with Miller's exponent, and how much tissue is strained beyond what the law was fitted to."""
-    first, miller = next(iter(runs.values())), results[MILLER]
-    fits = [tissue.fitted_strain for tissue in scene.tissues if tissue.fitted_strain is not None]
-    return {
-        "peak_pressure_mmHg": {
-            "as given": max(float(to_mmHg(run.column("pressure").max())) for run in runs.values()),
-            "Miller alpha -4.7": None if miller is None else float(to_mmHg(miller)),
-        },
-        "fitted_strain": min(fits, default=None),
-        "beyond_fit_ml": first.peak.beyond_fit_ml,
-        "beyond_fit_percent": 100 * first.peak.beyond_fit_ml / first.peak.tissue_ml,
-    }

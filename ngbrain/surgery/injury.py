@@ -1,4 +1,4 @@
-"""What a retraction does to tissue: strain percentiles and volumes, pressure doses and times above thresholds."""
+"""What a retraction does to tissue: strain, stress and their rate at points, pressure doses and times above thresholds."""
 
 from __future__ import annotations
 
@@ -6,30 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import ngsolve as ngs
 import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly
 
-from ngbrain.forward.body import Body
-from ngbrain.mesh.cleft import Cleft
-from ngbrain.tensors import deformation_gradient, octahedral_shear
-from ngbrain.units import to_minutes, to_ml
+from ngbrain.tensors import octahedral_shear
+from ngbrain.units import to_minutes
 
-NEIGHBOURHOOD = 20e-3
-"""Strain percentiles are over tissue this near (m) to the unloaded cleft walls."""
 MPS_THRESHOLDS = (0.14, 0.18, 0.21, 0.34)
 """Maximum principal strains of axonal injury in the optic nerve: Bain & Meaney 2000, 10.1115/1.1324667."""
-SAMPLE_RULE = 2
-"""Order of the rule at whose points strain is sampled; its points carry the volumes."""
 
 
 @dataclass(frozen=True)
 class Strain:
-    """Strain at sample points: stretches λ (n, 3) ascending, volumes (m³), and which points are near the site."""
+    """Strain at points: stretches λ (n, 3), ascending."""
 
     stretch: np.ndarray
-    volume: np.ndarray
-    near: np.ndarray
 
     @property
     def mps(self) -> np.ndarray:
@@ -41,38 +32,37 @@ class Strain:
         """Octahedral shear strain of the logarithmic strain."""
         return octahedral_shear(np.log(self.stretch))
 
-    def percentile(self, values: np.ndarray, percent: float) -> float:
-        """Volume-weighted percentile over the tissue near the site."""
-        values, weights = values[self.near], self.volume[self.near]
-        order = np.argsort(values, kind="stable")
-        share = np.cumsum(weights[order]) / np.sum(weights)
-        return float(values[order][np.searchsorted(share, percent / 100)])
-
-    def volume_where(self, mask: np.ndarray) -> float:
-        """Unloaded volume (ml) of the tissue where a mask holds."""
-        return to_ml(float(np.sum(self.volume[mask])))
+    def beyond(self, fitted: np.ndarray) -> np.ndarray:
+        """Where some |λ - 1| is larger than what the law at each point was fitted up to, (n,)."""
+        return np.any(np.abs(self.stretch - 1) > fitted[:, None], axis=1)
 
 
-class StrainSampler:
-    """Evaluates strain at quadrature points of the tissue regions, with their volumes and distance to the cleft."""
+def von_mises(F: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Von Mises stress √(3/2 dev σ : dev σ) of the Cauchy stress σ = P Fᵀ / J, (n,) in the unit of P.
 
-    def __init__(self, body: Body, cleft: Cleft, tissue: str) -> None:
-        rule = ngs.IntegrationRule(ngs.TET, SAMPLE_RULE)
-        mesh = body.mesh
-        region = mesh.Materials(tissue)
-        self._points = mesh.MapToAllElements(rule, region)
-        jacobian = np.abs(ngs.Det(ngs.specialcf.JacobianMatrix(3))(self._points)).ravel()
-        n_elements = jacobian.size // len(rule.weights)
-        self.volume = jacobian * np.tile(np.array(rule.weights), n_elements)
-        positions = ngs.CF((ngs.x, ngs.y, ngs.z))(self._points)
-        self.near = cleft.distance_to_walls(positions) <= NEIGHBOURHOOD
-        self._F = deformation_gradient(body.u).Compile()
+    F, P   deformation gradient and nominal stress ∂W/∂F, (n, 3, 3)
 
-    def __call__(self) -> Strain:
-        """The strain of the body as it stands."""
-        F = self._F(self._points).reshape(-1, 3, 3)
-        stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F, F)))
-        return Strain(stretch, self.volume, self.near)
+    >>> F = np.diag([4.0, 0.5, 0.5])
+    >>> float(von_mises(F[None], np.diag([3.0, 0.0, 0.0])[None])[0])  # 3 of nominal stress on a quarter of the area
+    12.0
+    """
+    stress = np.einsum("nik,njk->nij", P, F) / np.linalg.det(F)[:, None, None]
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("nij,nij->n", deviator, deviator)))
+
+
+def stretching_rate(before: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
+    """Largest principal rate of deformation, in the mean over a time dt: the largest eigenvalue of ln(fᵀf) / 2dt, (n,) in 1/dt.
+
+    With f = F₁ F₀⁻¹ from one deformation gradient (n, 3, 3) to the next, this is the largest eigenvalue of
+    D = sym(Ḟ F⁻¹) where that is steady, for dt → 0 always; a rotation has none, and unloading counts as loading does.
+
+    >>> F = np.diag([1.0, 1.0, np.exp(0.2)])
+    >>> round(float(stretching_rate(np.eye(3)[None], F[None], 0.1)[0]), 12)
+    2.0
+    """
+    f = after @ np.linalg.inv(before)
+    return np.asarray(np.log(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", f, f))[:, 2]) / (2 * dt))
 
 
 def curve(t: np.ndarray, pressure: np.ndarray, events: Sequence[float]) -> PPoly:

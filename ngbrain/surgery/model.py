@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.sampling import Part
 
 WALL = "wall_plus"
 """The wall that the blade pushes."""
@@ -109,6 +111,20 @@ class Model:
         if bare := sorted(set(names) - set(found)):
             raise InputError("tissue", f"not given for {', '.join(bare)}", "a tissue for every region of the head")
         return found
+
+    def parts(self, order: int | None = None) -> dict[str, Part]:
+        """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
+        mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
+        counted = {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
+        tissues = self._tissues([name for shares in mixtures.values() for name in shares])
+        parts = {}
+        for name in {name: None for shares in counted.values() for name in shares}:
+            where = {region: shares.get(name, 0.0) for region, shares in counted.items()}
+            fitted, modulus = tissues[name].fitted_strain, tissues[name].initial_modulus
+            parts[name] = Part(
+                self.mesh.MaterialCF(where, default=0.0), math.inf if fitted is None else fitted, modulus
+            )
+        return parts
 
     def run(
         self,

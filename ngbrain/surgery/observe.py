@@ -13,7 +13,9 @@ from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Spatula
 
 PATCH_MARGIN = 1e-3
-"""The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own."""
+"""The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
+CENTRE = FACED / 2
+"""and so has its middle: what of it is within this distance (m) of its centroid, both on the unloaded wall."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Row:
     area: float
     pressure: float
     tip_pressure: float
+    centre_pressure: float
     gap: float
     min_det_F: float  # noqa: N815
     balance: float
@@ -41,11 +44,12 @@ class Observer:
     """Evaluates a `Row`; holds the boundary integrals' expressions and the running work.
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
-    the same over its last 5 mm. Force is what the blade feels along the push. The net reaction is the tissue's own
-    nodal force on the wall along the push, from the equilibrium residual without the contact term; `balance` is
-    |blade + supports| / |blade| (0 without a force). Blade work is ∫ force d(advance) + ∫ (sum of contact pressures)
-    d(offset); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that,
-    Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
+    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Force is what the blade feels along the
+    push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium residual
+    without the contact term; `balance` is |blade + supports| / |blade| (0 without a force). Blade work is ∫ force
+    d(advance) + ∫ (sum of contact pressures) d(offset); it goes into the contact energy, which the penalty stores, and
+    the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to
+    it is not flattered.
     """
 
     def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
@@ -57,7 +61,11 @@ class Observer:
         pressure = self.contact.pressure(u)
         area = ngs.Norm(current_normal_area(u))
         patch, tip = blade.patch(PATCH_MARGIN), blade.patch(PATCH_MARGIN, FACED)
-        self._reference_area = ngs.Integrate(patch, body.mesh, definedon=self._wall, order=SURFACE_ORDER)
+        x = ngs.CF((ngs.x, ngs.y, ngs.z))
+        moments = ngs.Integrate(ngs.CF((patch, patch * x)), body.mesh, definedon=self._wall, order=SURFACE_ORDER)
+        self._reference_area = moments[0]
+        off = x - ngs.CF(tuple(moments[i] / moments[0] for i in (1, 2, 3)))
+        centre = patch * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
         # One pass over the wall for all of them.
         self._integrals = ngs.CF(
             (
@@ -66,6 +74,8 @@ class Observer:
                 patch * area,
                 tip * pressure,
                 tip * area,
+                centre * pressure,
+                centre * area,
                 patch * ngs.InnerProduct(u, push),
                 pressure,
             )
@@ -82,7 +92,7 @@ class Observer:
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
         """The body as it stands at time t with the blade at `advance` (m)."""
         values = ngs.Integrate(self._integrals, self.body.mesh, definedon=self._wall, order=SURFACE_ORDER)
-        area, patch_force, patch_area, tip_force, tip_area, opening, squeeze = values
+        area, patch_force, patch_area, tip_force, tip_area, centre_force, centre_area, opening, squeeze = values
         tissue = self.body.tissue_forces()
         contact = self.body.contact_forces()
         reaction = float(self._push[self._on_wall] @ tissue[self._on_wall])
@@ -98,6 +108,7 @@ class Observer:
             area,
             patch_force / patch_area,
             tip_force / tip_area,
+            centre_force / centre_area,
             self.body.min_gap(),
             min_det,
             abs(supports + force) / force if force else 0.0,

@@ -19,10 +19,11 @@ from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.pool import Tell
 from ngbrain.scene import Scene
-from ngbrain.surgery import answers, checks
+from ngbrain.surgery import answers, band, checks, response
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import Peak, ProtocolRun, table
+from ngbrain.surgery.sampling import Spread
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
     checks.ORDER: checks.one_order_more,
@@ -44,12 +45,14 @@ class Outcome:
     """What a protocol's run leaves behind, small enough to pass between processes.
 
     rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
-    strain at its largest; steps, rejected, newton, factorisations: work, with that of a beginning shared with another protocol
+    strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
+    beginning shared with another protocol
     """
 
     rows: dict[str, np.ndarray]
     events: tuple[float, ...]
     peak: Peak
+    largest: dict[str, Spread]
     working_s: float
     steps: int
     rejected: int
@@ -94,6 +97,8 @@ def solve(
         results = pool.run(_tasks(model, where, resume, Path(shared)), threads, tell)
     runs = {p.name: results[p.name] for p in scene.protocols}
     checked = {name: results[_CHECK + name] for name in _CHECKS}
+    found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
+    worth = answers.checks(scene, runs, checked)
     result = {
         "verb": "retract",
         "title": scene.title,
@@ -104,10 +109,11 @@ def solve(
         "head": model.head.describe(model.mesh),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
-        "checks": answers.checks(scene, runs, checked),
-        "answers": {name: answers.answer(run) for name, run in runs.items()},
-        "comparison": answers.comparison(runs),
-        "material_band": answers.material_band(scene, runs, checked),
+        "checks": worth,
+        "answers": found,
+        "comparison": answers.comparison(runs, found),
+        "dose_response": response.points(),
+        "material_band": band.material_band(model, runs, checked[checks.MILLER], worth),
         "left_out": [*answers.LEFT_OUT, model.head.left_out],
         "time_s": time.perf_counter() - started,
     }
@@ -159,7 +165,7 @@ def _outcome(run: ProtocolRun) -> Outcome:
     assert run.peak is not None
     at = run.transient.progress
     work = (at.steps, at.rejected, at.newton, at.work.factorisations)
-    return Outcome(table(run.rows), run.protocol.times, run.peak, run.protocol.working_s, *work)
+    return Outcome(table(run.rows), run.protocol.times, run.peak, run.largest, run.protocol.working_s, *work)
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:

@@ -17,15 +17,18 @@ from ngbrain.forward.transient import Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.pool import Tell
 from ngbrain.solvers.record import NewtonRecord
-from ngbrain.surgery.injury import MPS_THRESHOLDS, Strain, StrainSampler
+from ngbrain.surgery.injury import MPS_THRESHOLDS
 from ngbrain.surgery.model import TISSUE, WALL, Model
 from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
 from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.sampling import Sample, Sampler, Spread
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml
 
 FRAME_SPACING = 1 / 12
 """A frame is kept at events and at least every such share of the run."""
+LARGEST = ("von_mises", "rate")
+"""Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
 
 Snapshot = tuple[dict[str, Any], list[Frame]]
 """All that decides what is still to come and what there was, and the frames kept so far."""
@@ -33,36 +36,46 @@ Snapshot = tuple[dict[str, Any], list[Frame]]
 
 @dataclass
 class Peak:
-    """Strain at the step where its 95th percentile was largest."""
+    """Tissue at the step where the 95th percentile of its maximum principal strain was largest.
+
+    mps, oss            near the site
+    volume_mps_above    threshold → name of tissue → ml
+    beyond_fit          name of tissue → ml strained beyond what its own law was fitted to
+    tissue, near        name of tissue → ml in all, and near the site
+    volume              what moves where (ml)
+    """
 
     t: float
-    oss_p95: float
-    mps_p50: float
-    mps_p95: float
-    mps_p99: float
-    volume_mps_above: dict[str, float]
-    beyond_fit_ml: float
-    tissue_ml: float
+    mps: Spread
+    oss: Spread
+    volume_mps_above: dict[str, dict[str, float]]
+    beyond_fit: dict[str, float]
+    tissue: dict[str, float]
+    near: dict[str, float]
     volume: dict[str, float]
 
     @classmethod
-    def of(cls, t: float, strain: Strain, fitted: float, volume: dict[str, float]) -> Peak:
-        """Percentiles near the site and volumes over all tissue; `fitted` is the strain range of the law's data."""
-        mps = strain.mps
-        above = {f"{threshold:.2f}": strain.volume_where(mps > threshold) for threshold in MPS_THRESHOLDS}
-        beyond = np.any(np.abs(strain.stretch - 1) > fitted, axis=1)
-        p50, p95, p99 = (strain.percentile(mps, q) for q in (50, 95, 99))
+    def of(cls, sample: Sample, spreads: dict[str, Spread], volume: dict[str, float]) -> Peak:
+        """What `sample` holds."""
+        sites, mps = sample.sites, sample.strain.mps
+        everywhere = np.ones(len(mps), bool)
+        near = np.zeros_like(everywhere)
+        near[sites.near] = True
         return cls(
-            t,
-            strain.percentile(strain.oss, 95),
-            p50,
-            p95,
-            p99,
-            above,
-            strain.volume_where(beyond),
-            to_ml(float(np.sum(strain.volume))),
+            sample.t,
+            spreads["mps"],
+            spreads["oss"],
+            {f"{threshold:.2f}": sites.ml(mps > threshold) for threshold in MPS_THRESHOLDS},
+            sites.ml(sample.beyond),
+            sites.ml(everywhere),
+            sites.ml(near),
             volume,
         )
+
+    @classmethod
+    def restored(cls, saved: dict[str, Any]) -> Peak:
+        """From `dataclasses.asdict`."""
+        return cls(**{**saved, "mps": Spread(**saved["mps"]), "oss": Spread(**saved["oss"])})
 
 
 class ProtocolRun:
@@ -82,13 +95,12 @@ class ProtocolRun:
         self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
         self.observer = Observer(body, model.blade, WALL, model.scene.support.fixed)
-        self.sampler = StrainSampler(body, model.cleft, TISSUE)
+        self.sampler = Sampler(body, model.cleft, model.parts())
         self.rows: list[Row] = []
         self.peak: Peak | None = None
+        self.largest: dict[str, Spread] = {}
         self.frames: list[Frame] = []
         self.grid = None if self.path is None else QuadraticGrid(model.mesh)
-        fits = [tissue.fitted_strain for tissue in model.scene.tissues if tissue.fitted_strain is not None]
-        self._fitted = min(fits, default=float("inf"))
         if resume and self.path is not None and self.path.exists():
             self._restore(load(self.path))
         elif start is not None:
@@ -114,9 +126,14 @@ class ProtocolRun:
 
     def _look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
         self.rows.append(self.observer(at.t, self.protocol.at(at.t), record.min_det_F))
-        strain = self.sampler()
-        if self.peak is None or strain.percentile(strain.mps, 95) > self.peak.mps_p95:
-            self.peak = Peak.of(at.t, strain, self._fitted, self._volumes(body))
+        sample = self.sampler(at.t)
+        spreads = sample.spreads()
+        if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
+            self.peak = Peak.of(sample, spreads, self._volumes(body))
+        for name in LARGEST:
+            self.largest[name] = max(
+                self.largest.get(name, spreads[name]), spreads[name], key=lambda spread: spread.p95
+            )
         if self.path is not None:
             self._save(body, at)
 
@@ -149,6 +166,7 @@ class ProtocolRun:
             "observer": self.observer.checkpoint(),
             "rows": table(self.rows),
             "peak": asdict(self.peak),
+            "largest": {name: asdict(spread) for name, spread in self.largest.items()},
         }
 
     def _fields(self, body: Body) -> dict[str, np.ndarray]:
@@ -172,7 +190,9 @@ class ProtocolRun:
         self.rows = [
             Row(*values) for values in zip(*(state["rows"][name].tolist() for name in Row.__annotations__), strict=True)
         ]
-        self.peak = Peak(**state["peak"])
+        self.peak = Peak.restored(state["peak"])
+        self.largest = {name: Spread(**spread) for name, spread in state["largest"].items()}
+        self.sampler.start(self.transient.progress.t)
         self.frames = list(frames)
 
 

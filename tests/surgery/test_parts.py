@@ -86,17 +86,9 @@ def test_a_hold_in_few_steps_has_its_dose():
 
 
 def test_strain_measures_of_a_known_stretch():
-    stretch = np.tile([0.8, 1.0, 1.25], (10, 1))
-    strain = Strain(stretch, np.full(10, 1e-6), np.arange(10) < 5)
+    strain = Strain(np.tile([0.8, 1.0, 1.25], (10, 1)))
     assert strain.mps == pytest.approx(np.full(10, (1.25**2 - 1) / 2))
     e = np.log(1.25)
     assert strain.oss == pytest.approx(np.full(10, 2 / 3 * np.sqrt(6) * e))
-    assert strain.volume_where(strain.mps > 0.2) == pytest.approx(10.0)
-
-
-def test_percentiles_are_weighted_by_volume_and_near_the_site():
-    stretch = np.ones((4, 3))
-    stretch[:, 2] = np.sqrt(1 + 2 * np.array([0.1, 0.2, 0.3, 9.0]))
-    strain = Strain(stretch, np.array([1.0, 1.0, 2.0, 50.0]), np.array([True, True, True, False]))
-    assert strain.percentile(strain.mps, 50) == pytest.approx(0.2)
-    assert strain.percentile(strain.mps, 95) == pytest.approx(0.3)
+    fitted = np.where(np.arange(10) < 4, 0.22, 0.3)
+    assert strain.beyond(fitted).tolist() == [True] * 4 + [False] * 6

@@ -1,0 +1,92 @@
+"""What animals say on the probability of an infarct under a retractor: published counts, and the range they leave."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from scipy.interpolate import PPoly
+from scipy.stats import binomtest
+
+from ngbrain.surgery.injury import times_above
+from ngbrain.units import MINUTE
+
+CONFIDENCE = 0.95
+HELD_MINUTES = 15.0
+"""How long each animal's brain was retracted,"""
+MISSING = 0.05
+"""and the share of that which a pressure that counts as held may miss: the way up."""
+HALVINGS = 40
+"""Of the range in which a pressure is looked for."""
+COUNTS = {20.0: (1, 6), 30.0: (5, 6), 40.0: (6, 6)}
+"""Retraction pressure (mmHg) → rats with an infarct, of how many: Rosenorn & Diemer 1985, 10.3171/jns.1985.63.4.0608."""
+SOURCE = "Rosenørn & Diemer 1985, 10.3171/jns.1985.63.4.0608"
+CONDITIONS = f"rats, an even pressure for {HELD_MINUTES:.0f} minutes, 6 animals at each"
+
+
+def interval(infarcts: int, animals: int) -> tuple[float, float]:
+    """Exact (Clopper-Pearson) 95 % interval of a probability.
+
+    Source: Clopper & Pearson 1934, 10.1093/biomet/26.4.404.
+
+    >>> [round(p, 4) for p in interval(6, 6)]
+    [0.5407, 1.0]
+    """
+    found = binomtest(infarcts, animals).proportion_ci(CONFIDENCE, method="exact")
+    return float(found.low), float(found.high)
+
+
+def at_least(mmHg: float) -> float:  # noqa: N803
+    """Lower end for a pressure held for 15 minutes: that of the largest dose not above it, 0 below all."""
+    return max((interval(*counts)[0] for dose, counts in COUNTS.items() if dose <= mmHg), default=0.0)
+
+
+def at_most(mmHg: float) -> float:  # noqa: N803
+    """Upper end for a pressure held for 15 minutes: that of the smallest dose not below it, 1 above all; 0 without pressure."""
+    if mmHg <= 0:
+        return 0.0
+    return min((interval(*counts)[1] for dose, counts in COUNTS.items() if dose >= mmHg), default=1.0)
+
+
+def held(pressure: PPoly, seconds: float) -> float:
+    """The largest pressure that a `curve` stays above for a time (s) without a break; 0 if it never presses that long.
+
+    >>> import numpy as np
+    >>> from ngbrain.surgery.injury import curve
+    >>> round(held(curve(np.array([0.0, 10.0, 20.0]), np.array([0.0, 40.0, 0.0]), [0.0, 10.0, 20.0]), 5.0), 6)
+    30.0
+    """
+
+    low, high = 0.0, float(pressure(pressure.x).max())
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        longest = times_above(pressure, middle)[1]
+        low, high = (middle, high) if longest >= seconds * (1 - 1e-9) else (low, middle)
+    return low
+
+
+def infarct(pressure: PPoly) -> dict[str, Any]:
+    """The range of probabilities that the counts leave for a course of pressure (a `curve`, mmHg).
+
+    One thing is assumed: what presses less, for a shorter time, or with breaks does no more harm. So the probability is at
+    least that of the pressure held for 15 minutes (less 5 %) without a break, and at most that of 15 minutes at the peak, if the
+    tissue is pressed for no longer in all; where it is, nothing is known from above. Each end is a bound of 97.5 %, so that
+    the interval is one of 95 % or more; what differs between rat and patient is not in it.
+    """
+    minutes = times_above(pressure, 0.0)[0] / MINUTE
+    even = held(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
+    peak = float(pressure(pressure.x).max())
+    high = at_most(peak) if minutes <= HELD_MINUTES else 1.0
+    return {
+        "pressure_held_15_min_mmHg": even,
+        "pressed_min": minutes,
+        "infarct_probability_95": [at_least(even), high],
+    }
+
+
+def points() -> dict[str, Any]:
+    """The counts with their intervals, where they come from and under which conditions."""
+    doses = [
+        {"pressure_mmHg": dose, "infarcts": counts[0], "animals": counts[1], "probability_95": list(interval(*counts))}
+        for dose, counts in COUNTS.items()
+    ]
+    return {"source": SOURCE, "conditions": CONDITIONS, "points": doses}

@@ -1,0 +1,46 @@
+"""Pressures on the parts of a blade's face, of a wall that is pressed unevenly in a known way."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.materials import NeoHooke
+from ngbrain.mesh import Cleft, block
+from ngbrain.scene import FACED
+from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer
+
+SIZE = (0.02, 0.04, 0.01)
+TIP, WIDTH, DEPTH = 4e-3, 12e-3, 32e-3
+PENALTY = 1e6
+
+
+def observed(press):
+    """Rest of a block whose top is a wall that a blade stands on; it goes up by press(height above the tip) m."""
+    target = np.array([SIZE[0] / 2, 0.004, SIZE[2] + 2e-3])
+    cleft = Cleft(target, np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), DEPTH, 4e-3, 12e-3)
+    blade = Spatula(cleft, WIDTH, 1e-3, TIP, 2e-3)
+    contact = Contact("top", blade.distance(ngs.CF(0.0)), PENALTY, 1e-9)
+    body = Body(block(SIZE, 2e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, "bottom", [contact])
+    up = press(ngs.y - target[1] - TIP)
+    body.u.Interpolate(ngs.CF((0, 0, up * ngs.z / SIZE[2])))
+    return Observer(body, blade, "top", "bottom")(0.0, 0.0, 1.0)
+
+
+def test_an_even_pressure_is_the_same_everywhere():
+    row = observed(lambda height: ngs.CF(5e-5))
+    assert [row.pressure, row.tip_pressure, row.centre_pressure] == pytest.approx([PENALTY * 5e-5] * 3, rel=1e-3)
+
+
+def test_the_centre_is_a_disc_in_the_middle_of_the_patch_and_the_tip_its_end():
+    """A pressure with the square of the distance from the middle: R²/4 in the mean over a disc, H²/12 over the patch."""
+    low, high = PATCH_MARGIN, SIZE[1] - 0.004 - TIP  # the patch, in heights above the tip
+    middle, length = (low + high) / 2, high - low
+    row = observed(lambda height: 1e-6 + (height - middle) ** 2)
+    assert row.pressure == pytest.approx(PENALTY * (1e-6 + length**2 / 12), rel=0.02)
+    ends = (FACED - middle) ** 3 - (low - middle) ** 3
+    assert row.tip_pressure == pytest.approx(PENALTY * (1e-6 + ends / 3 / (FACED - low)), rel=0.03)
+    assert 2 * CENTRE < WIDTH - 2 * PATCH_MARGIN  # the whole disc is on the patch
+    assert row.centre_pressure == pytest.approx(PENALTY * (1e-6 + CENTRE**2 / 4), rel=0.1)
