@@ -52,6 +52,7 @@ def build(folder: str | os.PathLike[str]) -> Path:
         checks=tables.checks(result.get("checks") or {}),
         equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
         band=result.get("material_band") or {},
+        laws=tables.band(result.get("material_band") or {}),
         geometry=result["geometry"],
         model=result.get("model") or {},
         volumes=slices.volumes(result.get("head") or {}, result.get("model") or {}),

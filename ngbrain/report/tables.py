@@ -36,6 +36,7 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("peak_pressure_mmHg", "Peak pressure under the blade", "mmHg", True),
     ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
     ("peak_centre_pressure_mmHg", "Peak pressure in the middle of the face (5 mm across)", "mmHg", True),
+    ("peak_pressure_over_10_mm2_mmHg", "Peak pressure, mean of the worst 10 mm² of the wall", "mmHg", True),
     ("peak_force_N", "Peak force on the blade", "N", True),
     ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
     ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
@@ -62,11 +63,9 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("mps_p99", "Largest principal strain near the site, 99th percentile", "%", True),
     ("mps_max_over_0_1_ml", "Largest principal strain near the site, mean of the worst 0.1 ml", "%", True),
     ("oss_p95", "Octahedral shear strain near the site, 95th percentile", "%", True),
-    ("oss_max_over_0_1_ml", "Octahedral shear strain near the site, mean of the worst 0.1 ml", "%", True),
     ("von_mises_p95_kPa", "Von Mises stress near the site, 95th percentile", "kPa", True),
     ("von_mises_max_over_0_1_ml_kPa", "Von Mises stress near the site, mean of the worst 0.1 ml", "kPa", True),
     ("strain_rate_p95_per_s", "Rate of deformation near the site, 95th percentile", "1/s", True),
-    ("strain_rate_max_over_0_1_ml_per_s", "Rate of deformation near the site, mean of the worst 0.1 ml", "1/s", True),
     ("beyond_fit_ml", "Tissue strained beyond what its law was fitted to", "ml", True),
     ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
     ("min_det_F", "Smallest volume ratio of any point", "", False),
@@ -214,24 +213,29 @@ def checks(values: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """(what the columns are, (region, its ml as text) for each region and protocol), of the tissue above strains.
+def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str, list[str]]]]:
+    """What the columns are, and (region, protocols, its ml as text): above each strain and, last, beyond its law's fit.
 
-    A region's text is its ml above each threshold and, last, beyond what its law was fitted to.
+    Protocols of which a region has the same share a line.
     """
-    key = "volume_mps_above_by_region_ml"
-    known = {name: answer for name, answer in answers.items() if answer.get(key)}
-    if not known:
-        return [], []
-    thresholds = list(next(iter(next(iter(known.values()))[key].values())))
-    columns = [f"above {100 * float(threshold):g} %" for threshold in thresholds] + ["beyond its fit"]
-    rows = []
-    for name, answer in known.items():
-        for region, volumes in answer[key].items():
+    columns: list[str] = []
+    rows: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for name, answer in answers.items():
+        for region, volumes in (answer.get("volume_mps_above_by_region_ml") or {}).items():
+            columns = [f"above {100 * float(threshold):g} %" for threshold in volumes] + ["beyond its fit"]
             beyond = (answer.get("beyond_fit_by_region_ml") or {}).get(region)
-            label = region if len(known) == 1 else f"{region}, {name}"
-            rows.append((label, [number(value, 2) for value in (*volumes.values(), beyond)]))
-    return columns, rows
+            shown = tuple(number(value, 2) for value in (*volumes.values(), beyond))
+            rows.setdefault((region, shown), []).append(name)
+    return columns, [(region, ", ".join(names), list(shown)) for (region, shown), names in sorted(rows.items())]
+
+
+def band(given: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
+    """(what is changed, how, peak pressure in mmHg): material laws as computed, then in proportion to published moduli."""
+    rows = [(name, "computed", value) for name, value in (given.get("peak_pressure_mmHg") or {}).items()]
+    moduli = given.get("published_moduli_Pa") or {}
+    for name, value in sorted((given.get("peak_pressure_by_modulus_mmHg") or {}).items(), key=lambda item: item[1]):
+        rows.append((f"as stiff as {name.split(':')[0]}", f"{number(moduli.get(name))} Pa", value))
+    return rows
 
 
 def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
@@ -249,9 +253,9 @@ def percents(interval: Sequence[float]) -> str:
     """An interval of probabilities.
 
     >>> percents([0.0042, 0.6412]), percents([0.0, 1.0])
-    ('0.4 to 64 %', '0 to 100 %: not known')
+    ('0.420 to 64.1 %', '0 to 100 %: not known')
     """
-    low, high = (number(100 * p, 2 if p >= 0.01 else 1) for p in interval)
+    low, high = (number(100 * p) for p in interval)
     return f"{low} to {high} %" + (": not known" if tuple(interval) == (0.0, 1.0) else "")
 
 

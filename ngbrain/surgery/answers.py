@@ -48,6 +48,7 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
         "peak_pressure_mmHg": float(pressure.max()),
         "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
         "peak_centre_pressure_mmHg": float(to_mmHg(run.column("centre_pressure").max())),
+        "peak_pressure_over_10_mm2_mmHg": float(to_mmHg(run.column("worst_pressure").max())),
         "peak_force_N": float(run.column("force").max()),
         "min_net_reaction_N": float(run.column("net_reaction").min()),
         "dose_mmHg_min": dose(course),

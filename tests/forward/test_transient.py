@@ -38,6 +38,24 @@ def test_a_step_is_second_order_in_time(make_body, plate):
     assert errors[0] < 0.02 and np.all(rates > 1.7), (errors, rates)
 
 
+def test_forces_are_proportional_to_the_moduli_if_all_of_them_are(make_body, plate):
+    """Three times as stiff in every branch, in bulk and in contact, with the same times: what needs no run of its own."""
+    found = []
+    for factor in (1.0, 3.0):
+        branches = (
+            Maxwell(Ogden(700.0 * factor, -15.0), 2100.0 * factor),
+            Branch(NeoHooke(500.0 * factor), 200.0),
+        )
+        drive = plate((0, 4, 40), (0, 2e-3, 2e-3))
+        body = make_body(
+            Viscous(Ogden(300.0 * factor, -12.0), branches), [drive.contact(1e8 * factor)], bulk=1.5e6 * factor
+        )
+        found.append(run(body, drive, StepControl(2.0, dt_max=10))[1])
+    (soft, stiff) = found
+    assert soft[:, 1].max() > 0.1
+    assert np.array_equal(soft[:, 0], stiff[:, 0]) and stiff[:, 1] == pytest.approx(3 * soft[:, 1], rel=1e-5)
+
+
 @dataclass
 class Failing(Newton):
     """Gives up at some attempts, counted from 0."""

@@ -17,6 +17,7 @@ from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Sizes, cleft_to, idealised_head
 from ngbrain.report import build, peak, render, style, surface, tables
 from ngbrain.report.peak import Peak
+from ngbrain.surgery.response import points
 
 RADIUS = 0.05  # m
 PROTOCOLS = ("continuous", "intermittent", "my own <way>")
@@ -168,6 +169,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "dose_mmHg_min": 512.3 + k,
             "mps_p95": 0.231,
             "volume_mps_above": {"0.18": 2.1, "0.34": 0.41},
+            "volume_mps_above_by_region_ml": {
+                "cortex": {"0.18": 0.5, "0.34": 0.11},
+                "white": {"0.18": 1.6 + (k == 2), "0.34": 0.3},
+            },
+            "beyond_fit_by_region_ml": {"cortex": 1.31, "white": 5.0},
+            "von_mises_p95_kPa": 1.234,
+            "min_perfusion_reserve_mmHg": -61.0,
+            "pressure_held_15_min_mmHg": 21.5 if k == 0 else 0.0,
+            "pressed_min": 16.0,
+            "infarct_probability_95": [0.0042, 1.0] if k == 0 else [0.0, 1.0],
             "series": series(146.04 - 10 * k, 5.0),
         }
     geometry = {
@@ -186,7 +197,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "answers": answers,
         "geometry": geometry,
         "checks": {"reaction_balance": 3.2e-9, "dt_halving": 0.05, "gap_while_off_mm": None, "unheard_of": 1.5},
-        "material_band": {"peak_pressure_mmHg": {"as given": 146.04, "Miller alpha -4.7": 60.0}, "beyond_fit_ml": 6.31},
+        "dose_response": points(),
+        "material_band": {
+            "peak_pressure_mmHg": {"as given": 146.04, "Miller alpha -4.7": 60.0},
+            "beyond_fit_ml": 6.31,
+            "modulus_near_site_Pa": 1500.0,
+            "published_moduli_Pa": {"somebody1999:brain": 750.0},
+            "peak_pressure_by_modulus_mmHg": {"somebody1999:brain": 73.02},
+            "peak_pressure_range_mmHg": [60.0, 146.04],
+            "discretisation_error_mmHg": {"half the time step": 7.3, "one order more": None},
+        },
         "left_out": ["blood"],
         "later": {"keys": ["are", "no", "trouble"]},
     }
@@ -233,6 +253,17 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "lowest with my own &lt;way&gt; (my own &lt;way&gt; 126, intermittent 136, continuous 146 mmHg)" in text
     assert "Tissue with principal strain above 34 % ml 0.410" in text
     assert "6.31 ml of tissue went beyond" in text
+    assert "Von Mises stress near the site, 95th percentile kPa 1.23 1.23 1.23" in text
+    assert "Smallest perfusion reserve: MAP less the larger of pressure and ICP mmHg −61.0 −61.0 −61.0" in text
+    assert "cortex continuous, intermittent, my own &lt;way&gt; 0.50 0.11 1.3 " in text
+    assert "white continuous, intermittent 1.6 0.30 5.0 white my own &lt;way&gt; 2.6 0.30 5.0 " in text
+    assert "continuous 21.5 mmHg 16 min 0.420 to 100 % intermittent none 16 min 0 to 100 %: not known" in text
+    assert "counted in rats, an even pressure for 15 minutes" in text and "1 of 6 at 20 mmHg: 0.421 to 64.1 %" in text
+    assert "as stiff as somebody1999 750 Pa 73.0" in text
+    assert (
+        "In all 60.0 to 146 mmHg. Beside that, the numerics: half the time step moves the peak as given by 7.3 mmHg."
+        in text
+    )
     assert "3.2e-09 at most 1e-4 met" in text
     assert "0.0500 less than 0.03 NOT MET" in text
     assert "does not apply" in text

@@ -1,0 +1,83 @@
+"""From a run's record to what a result says: units, sums over regions, and the band of what is not known."""
+
+from types import SimpleNamespace as Namespace
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+
+from ngbrain.materials import CATALOGUE
+from ngbrain.scene import Patient
+from ngbrain.surgery.answers import answer
+from ngbrain.surgery.band import material_band, published_moduli
+from ngbrain.surgery.observe import Row
+from ngbrain.surgery.retraction import Outcome
+from ngbrain.surgery.runs import Peak
+from ngbrain.surgery.sampling import Part, Spread
+from ngbrain.units import mmHg
+
+T = np.array([0.0, 10.0, 1000.0])
+PEAK = Peak(
+    t=10.0,
+    mps=Spread(10.0, 0.01, 0.07, 0.12, 0.21),
+    oss=Spread(10.0, 0.02, 0.12, 0.17, 0.22),
+    volume_mps_above={"0.14": {"grey": 0.2, "white": 0.3}, "0.18": {"grey": 0.05, "white": 0.0}},
+    beyond_fit={"grey": 1.0, "white": 3.0},
+    tissue={"grey": 400.0, "white": 600.0},
+    near={"grey": 10.0, "white": 30.0},
+    volume={"window": 0.0},
+)
+LARGEST = {"von_mises": Spread(10.0, 30.0, 400.0, 1100.0, 2200.0), "rate": Spread(5.0, 0.002, 0.007, 0.011, 0.018)}
+
+
+def run(pressure_mmHg):  # noqa: N803
+    rows = {name: np.zeros(len(T)) for name in Row.__annotations__}
+    rows |= {"t": T, "pressure": mmHg(np.array(pressure_mmHg)), "centre_pressure": mmHg(np.array([0.0, 12.0, 5.0]))}
+    return Outcome(rows, tuple(T), PEAK, LARGEST, 990.0, 2, 0, 5, 3)
+
+
+def test_an_answer_in_the_units_of_its_keys():
+    found = answer(run([0.0, 34.0, 24.0]), Patient(map_mmHg=40.0, icp_mmHg=5.0))
+    assert found["peak_centre_pressure_mmHg"] == pytest.approx(12.0)
+    assert found["series"]["centre_pressure_mmHg"] == pytest.approx([0.0, 12.0, 5.0])
+    assert (found["von_mises_p95_kPa"], found["von_mises_max_over_0_1_ml_kPa"]) == pytest.approx((0.4, 2.2))
+    assert (found["strain_rate_p99_per_s"], found["strain_rate_peak_at_s"]) == (0.011, 5.0)
+    assert (found["mps_p50"], found["oss_p95"], found["mps_max_over_0_1_ml"]) == (0.01, 0.12, 0.21)
+    assert found["volume_mps_above"] == {"0.14": 0.5, "0.18": 0.05} and found["beyond_fit_ml"] == 4.0
+    assert found["volume_mps_above_by_region_ml"]["grey"] == {"0.14": 0.2, "0.18": 0.05}
+    assert found["beyond_fit_by_region_ml"]["white"] == 3.0
+    assert found["min_perfusion_reserve_mmHg"] == pytest.approx(6.0)
+    assert found["s_perfusion_below_10_mmHg"] > 300
+    assert found["pressure_held_15_min_mmHg"] == pytest.approx(24 + 10 * (1000 - 865) / 990, abs=0.3)
+    assert 0 < found["infarct_probability_95"][0] < 0.01 and found["infarct_probability_95"][1] == 1.0
+
+
+def test_without_a_patient_no_perfusion():
+    assert not [key for key in answer(run([0.0, 30.0, 20.0]), Patient()) if "perfusion" in key]
+
+
+def band(**checks):
+    parts = {"grey": Part(ngs.CF(1), 0.1, 2400.0), "white": Part(ngs.CF(1), 0.3, 1200.0)}
+    model = Namespace(parts=lambda: parts)
+    runs = {"soft": run([0.0, 30.0, 20.0]), "hard": run([0.0, 50.0, 20.0])}
+    return material_band(model, runs, mmHg(18.0), {"dt_halving": None, "order_plus_one": None} | checks)
+
+
+def test_the_band_is_the_peak_times_published_moduli_over_that_near_the_site():
+    found = band(dt_halving=0.01, order_plus_one=0.04)
+    assert found["modulus_near_site_Pa"] == pytest.approx((10 * 2400 + 30 * 1200) / 40)
+    assert found["peak_pressure_by_modulus_mmHg"]["miller2002:brain"] == pytest.approx(50 * 842 / 1500)
+    assert found["peak_pressure_by_modulus_mmHg"].keys() == published_moduli().keys()
+    assert found["peak_pressure_range_mmHg"] == pytest.approx([18.0, 50 * 6825.142 / 1500])
+    assert found["discretisation_error_mmHg"] == pytest.approx({"half the time step": 0.5, "one order more": 2.0})
+    assert found["fitted_strain_by_region"] == {"grey": 0.1, "white": 0.3} and found["fitted_strain"] == 0.1
+    assert (found["beyond_fit_ml"], found["beyond_fit_percent"]) == pytest.approx((4.0, 0.4))
+
+
+def test_a_check_that_failed_leaves_its_error_out():
+    assert band()["discretisation_error_mmHg"] == {"half the time step": None, "one order more": None}
+
+
+def test_published_moduli_are_of_whole_brain_and_have_a_source():
+    names = {"miller1997:brain", "miller2002:brain", "laksari2012:brain", "franceschini2006:brain", "bennion2022:brain"}
+    assert published_moduli().keys() == names and all(CATALOGUE[name].doi for name in names)
