@@ -37,7 +37,7 @@ UNITS = {
 }
 """End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words.
 
-Pressures of a patient stay in mmHg, of which no whole number is an SI unit.
+Pressures of a patient stay in mmHg: a pascal is no whole number of them.
 """
 LARGEST = 1_000_000
 """Bytes of a file that is still read: more is something else than a scene."""

@@ -195,6 +195,15 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
     assert checks["first_peaks_differ"] < 1e-6 and checks["min_net_reaction_N"] > -1e-5
     assert checks["dt_halving"] < 0.03 and checks["order_plus_one"] < 0.1
     for answer in result["answers"].values():
+        for threshold, ml in answer["volume_mps_above"].items():
+            assert sum(v[threshold] for v in answer["volume_mps_above_by_region_ml"].values()) == pytest.approx(ml)
+        assert sum(answer["region_ml"].values()) == pytest.approx(result["model"]["brain_ml"], rel=1e-6)
+        assert 0 < answer["von_mises_p95_kPa"] < answer["von_mises_p99_kPa"] and answer["strain_rate_p95_per_s"] > 0
+        assert (
+            answer["peak_centre_pressure_mmHg"]
+            < answer["peak_pressure_mmHg"]
+            < answer["peak_pressure_over_10_mm2_mmHg"]
+        )
         series = answer["series"]
         assert len({len(values) for values in series.values()}) == 1
         assert answer["peak_force_N"] > 0 and answer["s_above_20_mmHg"] == 0

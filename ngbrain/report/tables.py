@@ -238,14 +238,16 @@ def band(given: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
     return rows
 
 
-def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """(protocol, pressure held for 15 minutes, minutes pressed, range of probabilities) in words."""
+def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """(protocol, pressure held for 15 minutes, range of probabilities of that alone, minutes pressed, range in all) in words."""
     rows = []
     for name, answer in answers.items():
         if interval := answer.get("infarct_probability_95"):
             held = answer.get("pressure_held_15_min_mmHg")
             shown = f"{number(held)} mmHg" if held else "none"
-            rows.append((name, shown, f"{number(answer.get('pressed_min'), 2)} min", percents(interval)))
+            alone = answer.get("infarct_probability_95_at_held")
+            minutes = f"{number(answer.get('pressed_min'), 2)} min"
+            rows.append((name, shown, percents(alone) if alone else "–", minutes, percents(interval)))
     return rows
 
 

@@ -49,8 +49,8 @@ class Observer:
     """Evaluates a `Row`; holds the boundary integrals' expressions and the running work.
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
-    the same over its last 5 mm, worst pressure the largest mean over 10 mm² of the wall, centre pressure within 2.5 mm
-    of its middle. Force is what the blade feels along the push. The net reaction is the tissue's own nodal force on the
+    the same over its last 5 mm, centre pressure within 2.5 mm of its middle; worst pressure is the `largest_mean` over
+    10 mm² of the wall. Force is what the blade feels along the push. The net reaction is the tissue's own nodal force on the
     wall along the push, from the equilibrium residual without the contact term; `balance` is |blade + supports| /
     |blade| (0 without a force). Blade work is ∫ force d(advance) + ∫ (sum of contact pressures) d(offset); it goes into
     the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps,

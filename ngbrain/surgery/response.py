@@ -70,7 +70,8 @@ def infarct(pressure: PPoly) -> dict[str, Any]:
     One thing is assumed: what presses less, for a shorter time, or with breaks does no more harm. So the probability is at
     least that of the pressure held for 15 minutes (less 5 %) without a break, and at most that of 15 minutes at the peak, if the
     tissue is pressed for no longer in all; where it is, nothing is known from above. Each end is a bound of 97.5 %, so that
-    the interval is one of 95 % or more; what differs between rat and patient is not in it.
+    the interval is one of 95 % or more; what differs between rat and patient is not in it. `_at_held` is the interval of
+    15 minutes at the pressure held alone, None where none is held for so long.
     """
     minutes = times_above(pressure, 0.0)[0] / MINUTE
     even = held(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
@@ -79,6 +80,7 @@ def infarct(pressure: PPoly) -> dict[str, Any]:
     return {
         "pressure_held_15_min_mmHg": even,
         "pressed_min": minutes,
+        "infarct_probability_95_at_held": [at_least(even), at_most(even)] if even else None,
         "infarct_probability_95": [at_least(even), high],
     }
 

@@ -177,6 +177,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "von_mises_p95_kPa": 1.234,
             "min_perfusion_reserve_mmHg": -61.0,
             "pressure_held_15_min_mmHg": 21.5 if k == 0 else 0.0,
+            "infarct_probability_95_at_held": [0.0042, 0.996] if k == 0 else None,
             "pressed_min": 16.0,
             "infarct_probability_95": [0.0042, 1.0] if k == 0 else [0.0, 1.0],
             "series": series(146.04 - 10 * k, 5.0),
@@ -257,7 +258,9 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "Smallest perfusion reserve: MAP less the larger of pressure and ICP mmHg −61.0 −61.0 −61.0" in text
     assert "cortex continuous, intermittent, my own &lt;way&gt; 0.50 0.11 1.3 " in text
     assert "white continuous, intermittent 1.6 0.30 5.0 white my own &lt;way&gt; 2.6 0.30 5.0 " in text
-    assert "continuous 21.5 mmHg 16 min 0.420 to 100 % intermittent none 16 min 0 to 100 %: not known" in text
+    assert (
+        "continuous 21.5 mmHg 0.420 to 99.6 % 16 min 0.420 to 100 % intermittent none – 16 min 0 to 100 %: not" in text
+    )
     assert "counted in rats, an even pressure for 15 minutes" in text and "1 of 6 at 20 mmHg: 0.421 to 64.1 %" in text
     assert "as stiff as somebody1999 750 Pa 73.0" in text
     assert (

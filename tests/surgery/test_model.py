@@ -1,12 +1,15 @@
 """A head with a cleft: what must be true of forces on it, whatever the numbers."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace as Namespace
 
+import netgen.occ as occ
+import ngsolve as ngs
 import pytest
 
 from ngbrain.forward.steps import ErrorControl
-from ngbrain.scene import Scene, Steps
+from ngbrain.scene import Scene, Steps, Tissue
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import ProtocolRun, table
@@ -36,3 +39,25 @@ def test_the_scene_chooses_the_steps():
     assert Model.control(Namespace(scene=scene)) == ErrorControl(
         0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0
     )
+
+
+def test_parts_are_tissues_by_name_without_the_ventricles():
+    low, high = occ.Box((0, 0, 0), (1, 1, 1)), occ.Box((0, 0, 1), (1, 1, 2))
+    low.mat("brain"), high.mat("ventricles")
+    mesh = ngs.Mesh(occ.OCCGeometry(occ.Glue([low, high])).GenerateMesh(maxh=1.0))
+    left = ngs.IfPos(0.5 - ngs.x, 1.0, 0.0)
+    head = Namespace(
+        mixtures=lambda mesh, order: {"brain": {"grey": left, "white": 1.0 - left}, "ventricles": {"ventricles": 1.0}}
+    )
+    tissues = (
+        Tissue(region="grey", constants="griffiths2024:cortex"),
+        Tissue(region="white", mu=700.0),
+        Tissue(region="ventricle.*", mu=50.0),
+    )
+    parts = Model(replace(Scene.shipped("idealised_fast"), tissues=tissues), head, mesh, None, None).parts()
+    assert [(name, part.fitted, part.modulus) for name, part in parts.items()] == [
+        ("grey", 0.1, 2380.0),
+        ("white", math.inf, 700.0),
+    ]
+    where = [[part.where(mesh(x, 0.5, z)) for part in parts.values()] for x, z in ((0.2, 0.5), (0.8, 0.5), (0.2, 1.5))]
+    assert where == [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]

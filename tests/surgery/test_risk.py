@@ -76,6 +76,8 @@ def test_a_probability_is_never_a_bare_number():
     on_and_off = [(k, 45 * (k % 4 in (1, 2))) for k in range(60)]
     assert range_of(*on_and_off) == (0.0, 1.0)  # two minutes at a time
     assert range_of((0, 0), (60, 0)) == (0.0, 0.0)
+    assert infarct(course((0, 25), (60, 25)))["infarct_probability_95_at_held"] == [low20, high30]
+    assert infarct(course((0, 25), (5, 25)))["infarct_probability_95_at_held"] is None
 
 
 def test_the_points_say_where_they_come_from():

@@ -8,7 +8,7 @@ from netgen.occ import Box, OCCGeometry
 from ngbrain.forward.body import Body, Material
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import Cleft, block
-from ngbrain.surgery.sampling import NEIGHBOURHOOD, Part, Sampler, Sites, largest_mean
+from ngbrain.surgery.sampling import AMOUNT, NEIGHBOURHOOD, Part, Sampler, Sites, largest_mean
 
 SIDE = 0.02
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
@@ -41,6 +41,15 @@ def test_von_mises_stress_of_a_stretched_and_turned_neo_hookean_block():
     deform(body, turn(0.7) @ uniaxial(1.3), pressure=-400.0)
     body.tissue_forces()
     assert sampler(1.0).von_mises == pytest.approx(np.full(len(sampler.sites.near), 700 * (1.3**2 - 1 / 1.3)))
+
+
+def test_von_mises_stress_is_on_the_current_area():
+    """Swollen by J, the law sees the same change of shape, on a body with more room: σ = μ dev(b̄) / J."""
+    body = body_of(NeoHooke(700.0))
+    sampler = Sampler(body, CLEFT, EVERYWHERE)
+    deform(body, 1.1 * uniaxial(1.3))
+    body.tissue_forces()
+    assert sampler(1.0).von_mises == pytest.approx(np.full(len(sampler.sites.near), 700 * (1.3**2 - 1 / 1.3) / 1.1**3))
 
 
 def test_von_mises_stress_relaxes_as_the_law_does():
@@ -112,10 +121,12 @@ def test_what_no_part_is_of_is_not_sampled():
     assert half(0.0).strain.stretch.shape == (len(half.sites.volume), 3)
 
 
-def test_percentiles_are_weighted_by_volume_and_near_the_site():
-    sites = Sites(np.array([1.0, 1.0, 2.0, 50.0]), np.zeros(4, int), np.array([0, 1, 2]), ("tissue",))
-    spread = sites.spread(3.0, np.array([0.1, 0.3, 0.2]))
-    assert (spread.t, spread.p50, spread.p95, spread.p99) == (3.0, 0.2, 0.3, 0.3)
+def test_a_spread_is_weighted_by_volume_and_near_the_site():
+    volume = AMOUNT * np.array([1.0, 0.75, 2.0, 50.0, 25.0])
+    sites = Sites(volume, np.zeros(5, int), np.array([0, 1, 2, 4]), ("tissue",))
+    spread = sites.spread(3.0, np.array([0.1, 0.3, 0.2, 0.0]))
+    assert (spread.t, spread.p50, spread.p95, spread.p99) == (3.0, 0.0, 0.2, 0.3)
+    assert spread.largest == pytest.approx(0.75 * 0.3 + 0.25 * 0.2)
 
 
 def test_near_is_within_the_neighbourhood_of_the_cleft():
