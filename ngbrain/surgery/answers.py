@@ -48,7 +48,6 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
         "peak_pressure_mmHg": float(pressure.max()),
         "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
         "peak_centre_pressure_mmHg": float(to_mmHg(run.column("centre_pressure").max())),
-        "peak_pressure_over_10_mm2_mmHg": float(to_mmHg(run.column("worst_pressure").max())),
         "peak_force_N": float(run.column("force").max()),
         "min_net_reaction_N": float(run.column("net_reaction").min()),
         "dose_mmHg_min": dose(course),
@@ -86,8 +85,8 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
 
 
 def _spread(name: str, spread: Spread, unit: str = "", to_unit: Callable[[float], float] = float) -> dict[str, float]:
-    """Percentiles and the largest mean over `AMOUNT`, 0.1 ml, by key."""
-    shown = {"p50": spread.p50, "p95": spread.p95, "p99": spread.p99, "max_over_0_1_ml": spread.largest}
+    """Percentiles and the largest mean over `AMOUNT`, 0.5 ml, by key."""
+    shown = {"p50": spread.p50, "p95": spread.p95, "p99": spread.p99, "max_over_0_5_ml": spread.largest}
     return {f"{name}_{key}{unit}": to_unit(value) for key, value in shown.items()}
 
 

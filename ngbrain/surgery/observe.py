@@ -8,18 +8,14 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import SURFACE_ORDER, current_normal_area, surface_rule
+from ngbrain.forward.contact import SURFACE_ORDER, current_normal_area
 from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Spatula
-from ngbrain.surgery.sampling import largest_mean
 
 PATCH_MARGIN = 1e-3
 """The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
 CENTRE = FACED / 2
 """and so has its middle: what of it is within this distance (m) of its centroid, both on the unloaded wall."""
-
-WORST = 10e-6
-"""Area (m²) of wall, as it is at the time, over which the largest mean of the pressure is taken: 10 mm²."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,6 @@ class Row:
     pressure: float
     tip_pressure: float
     centre_pressure: float
-    worst_pressure: float
     gap: float
     min_det_F: float  # noqa: N815
     balance: float
@@ -49,12 +44,12 @@ class Observer:
     """Evaluates a `Row`; holds the boundary integrals' expressions and the running work.
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
-    the same over its last 5 mm, centre pressure within 2.5 mm of its middle; worst pressure is the `largest_mean` over
-    10 mm² of the wall. Force is what the blade feels along the push. The net reaction is the tissue's own nodal force on the
-    wall along the push, from the equilibrium residual without the contact term; `balance` is |blade + supports| /
-    |blade| (0 without a force). Blade work is ∫ force d(advance) + ∫ (sum of contact pressures) d(offset); it goes into
-    the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps,
-    is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
+    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Force is what the blade feels along the
+    push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium residual
+    without the contact term; `balance` is |blade + supports| / |blade| (0 without a force). Blade work is ∫ force
+    d(advance) + ∫ (sum of contact pressures) d(offset); it goes into the contact energy, which the penalty stores, and
+    the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to
+    it is not flattered.
     """
 
     def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
@@ -85,9 +80,6 @@ class Observer:
                 pressure,
             )
         ).Compile()
-        J = ngs.specialcf.JacobianMatrix(3, 2)
-        self._points = body.mesh.MapToAllElements(surface_rule(), self._wall)
-        self._pressed = ngs.CF((pressure, area, ngs.sqrt(ngs.Det(J.trans * J)))).Compile()
         displacement = body.fes.components[0]
         self._push = _nodal(displacement, push)
         self._on_wall = _mask(displacement, wall)
@@ -117,7 +109,6 @@ class Observer:
             patch_force / patch_area,
             tip_force / tip_area,
             centre_force / centre_area,
-            self._worst(),
             self.body.min_gap(),
             min_det,
             abs(supports + force) / force if force else 0.0,
@@ -126,12 +117,6 @@ class Observer:
             self.tissue_work,
             self.tissue_work_size,
         )
-
-    def _worst(self) -> float:
-        """`largest_mean` of the pressure on the current area."""
-        pressure, area, size = self._pressed(self._points).T
-        weights = np.tile(np.array(surface_rule().weights), len(size) // len(surface_rule().weights))
-        return largest_mean(pressure / area, weights * size * area, WORST)
 
     def checkpoint(self) -> dict[str, object]:
         """The running work and the state it is measured from."""

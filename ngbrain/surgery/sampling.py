@@ -15,8 +15,13 @@ from ngbrain.units import to_ml
 
 NEIGHBOURHOOD = 20e-3
 """Percentiles and largest means are over tissue this near (m) to the unloaded cleft walls."""
-AMOUNT = 0.1e-6
-"""Volume (m³) over which a value's largest mean is taken: 0.1 ml, a cube of 4.6 mm."""
+AMOUNT = 0.5e-6
+"""Volume (m³) over which a value's largest mean is taken: 0.5 ml, a cube of 8 mm.
+
+As small as settles on meshes that runs can afford. Neo-Hooke on the idealised head, 1 mm opening, elements of 4, 2.8 and 2 mm at
+the site: of maximum principal strain the largest value is .119, .147, .188, the largest mean over 0.1 ml .095, .102, .111, over
+0.5 ml .078, .079, .081; of von Mises stress the largest value is 481, 512, 648 Pa, those means 360, 350, 384 and 296, 291, 297.
+"""
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,9 @@ def test_an_answer_in_the_units_of_its_keys():
     found = answer(run([0.0, 34.0, 24.0]), Patient(map_mmHg=40.0, icp_mmHg=5.0))
     assert found["peak_centre_pressure_mmHg"] == pytest.approx(12.0)
     assert found["series"]["centre_pressure_mmHg"] == pytest.approx([0.0, 12.0, 5.0])
-    assert (found["von_mises_p95_kPa"], found["von_mises_max_over_0_1_ml_kPa"]) == pytest.approx((0.4, 2.2))
+    assert (found["von_mises_p95_kPa"], found["von_mises_max_over_0_5_ml_kPa"]) == pytest.approx((0.4, 2.2))
     assert (found["strain_rate_p99_per_s"], found["strain_rate_peak_at_s"]) == (0.011, 5.0)
-    assert (found["mps_p50"], found["oss_p95"], found["mps_max_over_0_1_ml"]) == (0.01, 0.12, 0.21)
+    assert (found["mps_p50"], found["oss_p95"], found["mps_max_over_0_5_ml"]) == (0.01, 0.12, 0.21)
     assert found["volume_mps_above"] == {"0.14": 0.5, "0.18": 0.05} and found["beyond_fit_ml"] == 4.0
     assert found["volume_mps_above_by_region_ml"]["grey"] == {"0.14": 0.2, "0.18": 0.05}
     assert found["beyond_fit_by_region_ml"]["white"] == 3.0
