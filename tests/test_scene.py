@@ -297,6 +297,11 @@ BAD = [
     ("cleft.width_mm", 10**400, r"cleft\.width_mm is 1000"),
     ("cleft.width_mm", 10**5000, r"cleft\.width_mm is a number of thousands of digits"),
     ("cleft.width_mm", [12.0], r"cleft\.width_mm is \[12\.0\]"),
+    ("blade.kind", "spatual", r"blade\.kind is 'spatual'; wanted: one of spatula, two spatulas, tube"),
+    ("blade.tip_width_mm", 3.0, r"blade\.tip_width_mm is 3\.0; wanted: at least 4, and .*at most 10, blade\.width_mm"),
+    ("blade.bend_radius_mm", 9.0, r"blade\.bend_radius_mm is 9\.0; wanted: at least .*, the height of the wall"),
+    ("blade", {"kind": "tube", "bend_radius_mm": 60.0}, r"blade\.bend_radius_mm is 60\.0; wanted: this key left out"),
+    ("blade", {"kind": "tube", "edge_radius_mm": 3.0}, r"blade\.edge_radius_mm is 3\.0; wanted: at most 2, half of cleft"),
     ("cleft.width_mm", 9.0, r"blade\.width_mm is 10\.0; wanted: at most 9, cleft\.width_mm: .*wider than the cleft"),
     ("blade", 3, r"blade is 3; wanted: a table"),
     ("blade.width_mm", 1.5, r"blade\.width_mm is 1\.5; .*blade\.edge_radius_mm"),
@@ -575,3 +580,13 @@ def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     with_ways = re.sub(r"(?m)^# (approach|across) = ", r"\1 = ", text)
     assert with_ways.count("\napproach") == with_ways.count("\nacross") == 1
     assert Scene.from_dict(tomllib.loads(with_ways)).cleft.across == (0.0, 1.0, 0.0)
+
+
+def test_a_tube_has_to_fit_between_the_ends_of_the_cleft(demo):
+    demo["blade"]["kind"] = "tube"
+    assert Scene.from_dict(demo).blade.kind == "tube"
+    demo["retraction"]["opening_mm"] = 9.0
+    with pytest.raises(
+        InputError, match=r"blade\.kind is 'tube'; wanted: a spatula: a tube of 13 mm, .*width_mm = 12$"
+    ):
+        Scene.from_dict(demo)

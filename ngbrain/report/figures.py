@@ -121,8 +121,8 @@ def strain_slice(peak: Peak) -> bytes:
         box = (-30, 1e3 * centre - 30)
         whole.add_patch(patches.Rectangle(box, 60, 60, fill=False, ec="#333333", lw=0.8, ls=(0, (4, 3)), zorder=9))
         plane.name_regions(whole)
-        x = 1e3 * (peak.cleft.opening / 2 + peak.advance - peak.blade["thickness_m"] / 2)
-        _say(near, "blade", (x, 1e3 * (peak.cleft.depth + 9e-3)), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
+        x = 1e3 * peak.blades[0].across
+        _say(near, peak.tool, (x, 1e3 * (peak.cleft.depth + 9e-3)), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
         window = 1e3 * peak.craniotomy / 2
         _say(
             near,
@@ -163,8 +163,8 @@ class _Plane:
         axes.add_collection(collections.PolyCollection(drops, fc=FLUID, ec=FLUID, lw=0.4, zorder=2.5))
         self._lines(axes, triangles(faces(self.peak.tets, self.peak.region)), color="#444444", linewidths=0.8, zorder=3)
         self._lines(axes, triangles(faces(self.peak.tets)), color="#222222", linewidths=1.1, zorder=4)
-        profile = 1e3 * self.peak.blade_profile()
-        axes.add_patch(patches.Polygon(profile, fc="#9aa3ab", ec="#222222", lw=1.0, zorder=6))
+        for blade in self.peak.blades:
+            axes.add_patch(patches.Polygon(1e3 * blade.profile(), fc="#9aa3ab", ec="#222222", lw=1.0, zorder=6))
 
     def name_regions(self, axes: Any) -> None:
         """Each region's name where it has the most room; the lowest of such places."""

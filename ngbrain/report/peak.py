@@ -14,17 +14,14 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.io import load
 from ngbrain.mesh import Cleft
+from ngbrain.report.blade import TOOLS, Drawn, drawn
 from ngbrain.report.surface import Floats, Ints, faces, triangles
 
-ABOVE = 25e-3
-"""How far (m) the blade is drawn beyond the surface."""
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
 """Boundaries that do not lie on the skull."""
 FOLD = 0.2
 """A tetrahedron is folded where its volume element at a corner is less than this share of the straight one's."""
 _MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])}
-ARC = 7
-"""Points of a rounded corner."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class Peak:
     strain         (n,) maximum principal strain
     tets, region   (ntets, 10) nodes in VTK's order; (ntets,) names
     outer          boundary name → six-node faces of the outer surface, outwards
-    advance        of the blade's face (m) from the wall at rest
+    tool, blades   what opens the cleft, and as it stands
     time           s
     """
 
@@ -49,8 +46,8 @@ class Peak:
     outer: dict[str, Ints]
     cleft: Cleft
     craniotomy: float
-    blade: Mapping[str, float]
-    advance: float
+    tool: str
+    blades: tuple[Drawn, ...]
 
     @classmethod
     def read(cls, folder: Path, protocol: str, geometry: Mapping[str, Any], answer: Mapping[str, Any]) -> Peak:
@@ -87,8 +84,8 @@ class Peak:
             _named(grid.mesh, faces(grid.connectivity)),
             cleft,
             float(geometry["craniotomy_m"]),
-            {key: float(value) for key, value in geometry["blade"].items()},
-            advance,
+            TOOLS[geometry["blade"].get("kind", "spatula")],
+            drawn(geometry["blade"], cleft, advance),
         )
 
     def skull(self) -> Ints:
@@ -111,48 +108,6 @@ class Peak:
     def _triangles(self, wanted: Any) -> Ints:
         parts = [six for name, six in self.outer.items() if wanted(name)]
         return triangles(np.concatenate(parts)) if parts else np.zeros((0, 3), int)
-
-    def blade_profile(self) -> Floats:
-        """The blade cut through its middle: (across, height) in m, (k, 2)."""
-        r = min(self.blade["edge_radius_m"], self.blade["thickness_m"])
-        face, tip, top = self._face(), self.blade["tip_m"], self.cleft.depth + ABOVE
-        angle = np.linspace(-np.pi / 2, 0, ARC)
-        rounded = np.column_stack([face - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
-        back = face - self.blade["thickness_m"]
-        return np.vstack([[back, tip], rounded, [face, top], [back, top]])
-
-    def blade_solid(self) -> tuple[Floats, Ints]:
-        """The blade as points (m) and triangles: a plate whose front edges and tip are rounded."""
-        r = min(self.blade["edge_radius_m"], self.blade["thickness_m"])
-        angle = np.linspace(0, np.pi / 2, ARC)
-        slices = [(r * (1 - np.sin(q)), -r * (1 - np.cos(q))) for q in angle]  # from the face backwards
-        slices = [*reversed(slices), (0.0, -self.blade["thickness_m"])]
-        slices = sorted(slices, key=lambda one: -one[1])
-        rings = [self._outline(r, inset, self._face() + behind) for inset, behind in slices]
-        n, points = len(rings[0]), np.concatenate(rings)
-        i, j = np.arange(n), (np.arange(n) + 1) % n
-        tris = []
-        for k in range(len(rings) - 1):
-            a, b = k * n, (k + 1) * n
-            tris += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
-        for start in (0, len(points) - n):
-            tris.append(start + np.column_stack([0 * i[2:], i[1:-1], i[2:]]))
-        cleft = self.cleft
-        axes = np.stack([cleft.across, cleft.along, cleft.out])
-        return cleft.target + points @ axes, np.concatenate(tris)
-
-    def _outline(self, radius: float, inset: float, across: float) -> Floats:
-        """A section of the blade at a height of `across`: its outline, drawn in by `inset`, rounded at the tip."""
-        half, tip, top = self.blade["width_m"] / 2 - inset, self.blade["tip_m"] + inset, self.cleft.depth + ABOVE
-        r = max(2 * radius - inset, 0.0)
-        angle = np.linspace(-np.pi / 2, 0, ARC)
-        right = np.column_stack([half - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
-        left = right[::-1] * [-1, 1]
-        ring = np.vstack([left, right, [half, top], [-half, top]])
-        return np.column_stack([np.full(len(ring), across), ring])
-
-    def _face(self) -> float:
-        return self.cleft.opening / 2 + self.advance
 
 
 def unfolded(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.report.peak import ABOVE, Peak
+from ngbrain.report.blade import ABOVE
+from ngbrain.report.peak import Peak
 from ngbrain.report.render import Camera, Layer, draw
 from ngbrain.report.style import (
     BONE,
@@ -43,19 +44,18 @@ def head(peak: Peak) -> bytes:
         shape = inches(axes)
         camera = Camera.look(middle + 0.10 * reach * up, toward, up, reach * shape[0] / shape[1], reach)
         opened = _opened_layers(peak, cmap, norm)
-        blade = _blade_layer(peak)
         skull = peak.skull()
         hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), opacity=0.42)
         inner = peak.ventricles()
         ventricles = Layer(peak.points, inner, FLUID, vertex_normals(peak.points, inner))
-        _show(axes, camera, [*opened, blade, ventricles, hull])
+        _show(axes, camera, [*opened, *_blade_layers(peak), ventricles, hull])
         _rim(axes, camera, peak)
         axes.set_title("The head, its surface seen through", pad=8)
         _triad(axes, camera, (0.12, 0.10))
         bar_mm(axes, 50, 0.40)
         ring, far = _rim_points(peak), peak.points[np.unique(inner)]
-        handle = cleft.entry + 0.9 * ABOVE * cleft.out + (cleft.opening / 2 + peak.advance) * cleft.across
-        _call(axes, camera, handle, "blade", (0.62, 0.93))
+        handle = cleft.entry + 0.9 * ABOVE * cleft.out + peak.blades[0].across * cleft.across
+        _call(axes, camera, handle, peak.tool, (0.62, 0.93))
         if len(ring):
             _call(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))
         if len(far):
@@ -82,9 +82,8 @@ def _opened_layers(peak: Peak, cmap: Any, norm: Any, clip: Floats | None = None)
     ]
 
 
-def _blade_layer(peak: Peak) -> Layer:
-    points, tris = peak.blade_solid()
-    return Layer(points, tris, STEEL, shine=0.35)
+def _blade_layers(peak: Peak) -> list[Layer]:
+    return [Layer(*blade.solid(), STEEL, shine=0.35) for blade in peak.blades]
 
 
 def _cutaway(axes: Any, peak: Peak, cmap: Any, norm: Any) -> None:
@@ -105,7 +104,7 @@ def _cutaway(axes: Any, peak: Peak, cmap: Any, norm: Any) -> None:
     )
     drops = Layer(cut.at(peak.points), cut.simplices[fluid], FLUID, lit=0.15)
     lines = [_ribbons(peak, triangles(faces(peak.tets, group)), level) for group in (None, peak.region)]
-    _show(axes, camera, [*_opened_layers(peak, cmap, norm, level), hull, tissue, drops, *lines, _blade_layer(peak)])
+    _show(axes, camera, [*_opened_layers(peak, cmap, norm, level), hull, tissue, drops, *lines, *_blade_layers(peak)])
     _triad(axes, camera, (0.85, 0.10))
     bar_mm(axes, 10)
 

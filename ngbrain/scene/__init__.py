@@ -206,24 +206,53 @@ class Cleft(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Blade(Section):
-    """A flat spatula: width, rounding of its edges, height of its tip above the cleft's floor, thickness (m)."""
+    """What opens the cleft: kind, width, rounding of its edges, height of its tip above the cleft's floor, thickness (m).
 
+    kind        spatula: one, pushes one wall; two spatulas: push both, half of the way each; tube: widens between both walls
+    width       along the walls; of a tube, the width of the wall over which pressure is read
+    tip_width   of a spatula that widens from its tip to the surface (m)
+    bend        radius (m) of a spatula's face that bulges towards the tissue
+    """
+
+    kind: str = choice("kind", "spatula", ["spatula", "two spatulas", "tube"])
     width: float = number("width_mm", 10e-3)
     edge_radius: float = number("edge_radius_mm", 2e-3, least=1.0)
     tip: float = number("tip_mm", 4e-3)
     thickness: float = number("thickness_mm", 4e-3)
+    tip_width: float | None = number("tip_width_mm", None)
+    bend: float | None = number("bend_radius_mm", None)
 
     def _check(self, path: str, scene: Scene) -> None:
         wanted = f"at most {scene.cleft.shown('width'):g}, cleft.width_mm: not a blade wider than the cleft"
         self._need(self.width <= scene.cleft.width, path, "width", wanted)
         wanted = f"at most {scene.cleft.shown('opening'):g}, cleft.opening_mm: not a blade thicker than the cleft"
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
-        wanted = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
-        self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", wanted)
+        least = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
+        self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
+        if self.kind == "tube":
+            self._check_tube(path, scene)
+        else:
+            fits = self.tip_width is None or max(NARROWEST, 2 * self.edge_radius) <= self.tip_width <= self.width
+            wanted = f"{least}, and at most {self.shown('width'):g}, blade.width_mm"
+            self._need(fits, path, "tip_width", wanted)
+
+    def _check_tube(self, path: str, scene: Scene) -> None:
+        for name in ("tip_width", "bend"):
+            self._need(getattr(self, name) is None, path, name, "this key left out: a tube has no face")
+        cleft, opening = scene.cleft, scene.retraction.opening
+        wanted = f"at most {cleft.shown('opening') / 2:g}, half of cleft.opening_mm: the tube's radius at first"
+        self._need(self.edge_radius <= cleft.opening / 2, path, "edge_radius", wanted)
+        widest = (
+            f"a spatula: a tube of {1e3 * (cleft.opening + opening):g} mm, cleft.opening_mm and retraction.opening_mm"
+        )
+        wanted = f"{widest} together, does not fit into cleft.width_mm = {cleft.shown('width'):g}"
+        self._need(cleft.opening + opening <= cleft.width, path, "kind", wanted)
 
     def _check_wall(self, path: str, wall: float) -> None:
         wanted = f"{1e3 * FACED:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         self._need(self.tip + FACED <= wall, path, "tip", wanted)
+        wanted = f"at least {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.bend is None or self.bend >= wall, path, "bend", wanted)
 
 
 @dataclass(frozen=True, kw_only=True)

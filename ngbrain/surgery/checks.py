@@ -18,7 +18,7 @@ from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
-from ngbrain.surgery.model import WALL, Model
+from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.runs import ProtocolRun
 
@@ -133,5 +133,5 @@ def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
 
 
 def _pressure(model: Model, transient: Transient) -> float:
-    observe = Observer(transient.body, model.blade, WALL, model.scene.support.fixed)
+    observe = Observer(transient.body, model.blades, model.scene.support.fixed)
     return observe(0.0, 0.0, 1.0).pressure

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ngs
+import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
@@ -22,13 +23,13 @@ from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.blades import Blade, Spatula, Tube
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
 from ngbrain.surgery.sampling import Part
 
-WALL = "wall_plus"
-"""The wall that the blade pushes."""
+WALLS = ("wall_plus", "wall_minus")
+"""The walls of a cleft: towards its `across`, which one blade pushes, and the other, which a second one or a tube does."""
 PENALTY = 500.0
 """Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 2 % of the opening deep."""
 SOFTNESS = 0.02
@@ -61,25 +62,24 @@ Constants = Callable[[Tissue], OgdenBranches]
 class Model:
     """A scene's geometry, made once and used by every run.
 
-    head    what was opened; mesh: NGSolve mesh; cleft, blade: where and what pushes
+    head    what was opened; mesh: NGSolve mesh; cleft: where; blades: wall → what pushes it
     """
 
     scene: Scene
     head: Head
     mesh: ngs.Mesh
     cleft: Cleft
-    blade: Spatula
+    blades: dict[str, Blade]
 
     @classmethod
     def of(cls, scene: Scene, head: Head | None = None) -> Model:
         """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
         head = head or head_of(scene.body)
         scene.check_on(head)
-        where, tool = scene.cleft, scene.blade
+        where = scene.cleft
         cleft = where.slot(head)
         mesh = head.opened(cleft, where.craniotomy, Sizes(scene.body.site, scene.body.near, scene.body.far))
-        blade = Spatula(cleft, tool.width, tool.edge_radius, tool.tip, tool.thickness)
-        return cls(scene, head, mesh, cleft, blade)
+        return cls(scene, head, mesh, cleft, _blades(scene, cleft))
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
         """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
@@ -137,12 +137,14 @@ class Model:
         scene, drive = self.scene, Drive(protocol)
         opening = scene.retraction.opening
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
-        contact = Contact(
-            WALL, self.blade.distance(drive.parameter), PENALTY * stiffest / opening, SOFTNESS * opening, MADE_UP
-        )
+        hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
+        contacts = [
+            Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP)
+            for wall, blade in self.blades.items()
+        ]
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        body = Body(self.mesh, materials, scene.support.fixed, [contact], order, stiffest)
+        body = Body(self.mesh, materials, scene.support.fixed, contacts, order, stiffest)
         body.focus(self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS)
         return Transient(body, drive, control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
 
@@ -168,6 +170,17 @@ class Model:
         """The first opening alone."""
         r = self.scene.retraction
         return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
+
+
+def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
+    """What pushes which wall; they share the way that the scene asks for."""
+    tool, plus, minus = scene.blade, *WALLS
+    sides = {plus: cleft, minus: replace(cleft, across=-cleft.across)}
+    if tool.kind == "tube":
+        return {wall: Tube(side, tool.width, tool.edge_radius, tool.tip) for wall, side in sides.items()}
+    shape = (tool.width, tool.edge_radius, tool.tip, tool.thickness, tool.tip_width, tool.bend or np.inf)
+    pushed = WALLS if tool.kind == "two spatulas" else (plus,)
+    return {wall: Spatula(sides[wall], *shape) for wall in pushed}
 
 
 def _mixed(shares: list[tuple[Tissue, Value]], constants: Constants) -> Material:

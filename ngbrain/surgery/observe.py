@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -10,7 +11,7 @@ import numpy as np
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import SURFACE_ORDER, current_normal_area
 from ngbrain.scene import FACED
-from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.blades import Blade, patch
 
 PATCH_MARGIN = 1e-3
 """The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
@@ -41,7 +42,10 @@ class Row:
 
 
 class Observer:
-    """Evaluates a `Row`; holds the boundary integrals' expressions and the running work.
+    """Evaluates a `Row` of what blades do to walls, and holds the running work.
+
+    Of several blades area is the sum, pressures are of all their patches together, opening and
+    advance the sum of their ways, force and net reaction the mean, so that force times advance is work.
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
     the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Force is what the blade feels along the
@@ -52,66 +56,43 @@ class Observer:
     it is not flattered.
     """
 
-    def __init__(self, body: Body, blade: Spatula, wall: str, fixed: str) -> None:
+    def __init__(self, body: Body, blades: Mapping[str, Blade], fixed: str) -> None:
         self.body = body
-        (self.contact,) = [c for c in body.contacts if c.wall == wall]
-        u = body.u
-        self._wall = body.mesh.Boundaries(wall)
-        push = ngs.CF(tuple(map(float, blade.cleft.across)))
-        pressure = self.contact.pressure(u)
-        area = ngs.Norm(current_normal_area(u))
-        patch, tip = blade.patch(PATCH_MARGIN), blade.patch(PATCH_MARGIN, FACED)
-        x = ngs.CF((ngs.x, ngs.y, ngs.z))
-        moments = ngs.Integrate(ngs.CF((patch, patch * x)), body.mesh, definedon=self._wall, order=SURFACE_ORDER)
-        self._reference_area = moments[0]
-        off = x - ngs.CF(tuple(moments[i] / moments[0] for i in (1, 2, 3)))
-        centre = patch * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
-        # One pass over the wall for all of them.
-        self._integrals = ngs.CF(
-            (
-                ngs.IfPos(pressure, area, 0),
-                patch * pressure,
-                patch * area,
-                tip * pressure,
-                tip * area,
-                centre * pressure,
-                centre * area,
-                patch * ngs.InnerProduct(u, push),
-                pressure,
-            )
-        ).Compile()
+        self._faces = [Face(body, blade, wall) for wall, blade in blades.items()]
         displacement = body.fes.components[0]
-        self._push = _nodal(displacement, push)
-        self._on_wall = _mask(displacement, wall)
         self._on_fixed = _mask(displacement, fixed)
         self._forces = np.zeros(displacement.ndof)
         self._u = np.zeros(displacement.ndof)
-        self._advance = self._force = self._offset = self._squeeze = 0.0
+        self._advance = self._force = 0.0
+        self._offset, self._squeeze = np.zeros(len(self._faces)), np.zeros(len(self._faces))
         self.blade_work = self.tissue_work = self.tissue_work_size = 0.0
 
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
-        """The body as it stands at time t with the blade at `advance` (m)."""
-        values = ngs.Integrate(self._integrals, self.body.mesh, definedon=self._wall, order=SURFACE_ORDER)
-        area, patch_force, patch_area, tip_force, tip_area, centre_force, centre_area, opening, squeeze = values
-        tissue = self.body.tissue_forces()
-        contact = self.body.contact_forces()
-        reaction = float(self._push[self._on_wall] @ tissue[self._on_wall])
-        force = max(0.0, -float(self._push @ contact))
-        supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
-        self._add_work(tissue, force, advance, squeeze)
+        """The body as it stands at time t with the blades at `advance` (m)."""
+        seen = [face() for face in self._faces]
+        opening, area, *pressures = np.sum([one[:-1] for one in seen], axis=0)
+        tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
+        reaction = float(np.mean([face.push[face.nodes] @ tissue[face.nodes] for face in self._faces]))
+        felt = [-float(face.push[face.nodes] @ contact[face.nodes]) for face in self._faces]
+        force = max(0.0, float(np.mean(felt)))
+        push = self._faces[0].push
+        supports = float(push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
+        left = abs(supports - push @ contact)
+        self._add_work(tissue, force, advance, np.array([one[-1] for one in seen]))
+        patch, tip, centre = (f / a for f, a in np.reshape(pressures, (3, 2)))
         return Row(
             t,
             advance,
-            opening / self._reference_area,
+            opening,
             force,
             reaction,
             area,
-            patch_force / patch_area,
-            tip_force / tip_area,
-            centre_force / centre_area,
+            patch,
+            tip,
+            centre,
             self.body.min_gap(),
             min_det,
-            abs(supports + force) / force if force else 0.0,
+            left / force if force else 0.0,
             self.blade_work,
             self.body.contact_energy(),
             self.tissue_work,
@@ -138,16 +119,49 @@ class Observer:
         for name, value in saved.items():
             setattr(self, name if hasattr(self, name) else f"_{name}", value)
 
-    def _add_work(self, tissue: np.ndarray, force: float, advance: float, squeeze: float) -> None:
+    def _add_work(self, tissue: np.ndarray, force: float, advance: float, squeeze: np.ndarray) -> None:
         u = np.array(self.body.u.vec.FV().NumPy())
         step = float((tissue + self._forces) @ (u - self._u)) / 2
         self.tissue_work += step
         self.tissue_work_size += abs(step)
-        offset = self.contact.offset.Get()
+        offset = np.array([face.contact.offset.Get() for face in self._faces])
         self.blade_work += (force + self._force) / 2 * (advance - self._advance)
-        self.blade_work += (squeeze + self._squeeze) / 2 * (offset - self._offset)
+        self.blade_work += float((squeeze + self._squeeze) @ (offset - self._offset)) / 2
         self._u, self._forces, self._advance, self._force = u, tissue, advance, force
         self._offset, self._squeeze = offset, squeeze
+
+
+class Face:
+    """A wall under a blade, and what is integrated over it.
+
+    contact  what the wall sees; push: unit vector of the blade's way at every displacement unknown; nodes: those of the wall
+    """
+
+    def __init__(self, body: Body, blade: Blade, wall: str) -> None:
+        self.mesh, self._wall = body.mesh, body.mesh.Boundaries(wall)
+        (self.contact,) = [c for c in body.contacts if c.wall == wall]
+        u = body.u
+        push = ngs.CF(tuple(map(float, blade.cleft.across)))
+        pressure = self.contact.pressure(u)
+        area = ngs.Norm(current_normal_area(u))
+        whole, tip = patch(blade, PATCH_MARGIN), patch(blade, PATCH_MARGIN, FACED)
+        x = ngs.CF((ngs.x, ngs.y, ngs.z))
+        size, *middle = self._integrate(ngs.CF((whole, whole * x)))
+        off = x - ngs.CF(tuple(moment / size for moment in middle))
+        centre = whole * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
+        parts = [part * value for part in (whole, tip, centre) for value in (pressure, area)]
+        moved = whole * ngs.InnerProduct(u, push) / size
+        # One pass over the wall for all of them.
+        self._integrals = ngs.CF((moved, ngs.IfPos(pressure, area, 0), *parts, pressure)).Compile()
+        displacement = body.fes.components[0]
+        self.push, self.nodes = _nodal(displacement, push), _mask(displacement, wall)
+
+    def __call__(self) -> np.ndarray:
+        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre, sum of pressures (N)."""
+        return np.array(self._integrate(self._integrals))
+
+    def _integrate(self, values: ngs.CoefficientFunction) -> tuple[float, ...]:
+        return tuple(ngs.Integrate(values, self.mesh, definedon=self._wall, order=SURFACE_ORDER))
 
 
 def _nodal(space: ngs.FESpace, field: ngs.CoefficientFunction) -> np.ndarray:

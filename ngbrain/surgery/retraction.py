@@ -194,7 +194,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _geometry(model: Model) -> dict[str, Any]:
-    cleft, blade = model.cleft, model.blade
+    cleft, blade = model.cleft, model.scene.blade
     return {
         "target_m": cleft.target.tolist(),
         "out": cleft.out.tolist(),
@@ -204,5 +204,6 @@ def _geometry(model: Model) -> dict[str, Any]:
         "opening_m": cleft.opening,
         "width_m": cleft.width,
         "craniotomy_m": model.scene.cleft.craniotomy,
-        "blade": {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name != "cleft"},
+        "blade": {"kind": blade.kind}
+        | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name != "kind"},
     }

@@ -18,7 +18,7 @@ from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.pool import Tell
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS
-from ngbrain.surgery.model import TISSUE, WALL, Model
+from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.sampling import Sample, Sampler, Spread
@@ -94,7 +94,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
-        self.observer = Observer(body, model.blade, WALL, model.scene.support.fixed)
+        self.observer = Observer(body, model.blades, model.scene.support.fixed)
         self.sampler = Sampler(body, model.cleft, model.parts())
         self.rows: list[Row] = []
         self.peak: Peak | None = None

@@ -14,9 +14,10 @@ import pytest
 
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
-from ngbrain.mesh import Sizes, cleft_to, idealised_head
-from ngbrain.report import build, peak, render, style, surface, tables
+from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
+from ngbrain.report import blade, build, peak, render, style, surface, tables
 from ngbrain.report.peak import Peak
+from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.response import points
 
 RADIUS = 0.05  # m
@@ -282,13 +283,44 @@ def test_the_blade_is_where_the_run_put_it(made: Path) -> None:
     result = json.loads((made / "result.json").read_text())
     found = Peak.read(made, "continuous", result["geometry"], result["answers"]["continuous"])
     assert found.time == 10.0
-    assert found.advance == pytest.approx(5e-3)
-    points, tris = found.blade_solid()
+    (drawn,) = found.blades
+    points, tris = drawn.solid()
     at = found.cleft.coordinates(points)
     assert at.min(axis=0) == pytest.approx([5e-3, -5e-3, 4e-3])
-    assert at.max(axis=0) == pytest.approx([7e-3, 5e-3, found.cleft.depth + peak.ABOVE])
+    assert at.max(axis=0) == pytest.approx([7e-3, 5e-3, found.cleft.depth + blade.ABOVE])
     assert abs(enclosed(points - points.mean(axis=0), tris)) > 0
     assert {"craniotomy", "skull", "wall_plus", "wall_minus", "floor"} <= set(found.outer)
+
+
+@pytest.mark.parametrize(
+    ("kind", "low", "high"),
+    [
+        (
+            "two spatulas",
+            [[2.5e-3, -5e-3, 4e-3], [-4.5e-3, -5e-3, 4e-3]],
+            [[4.5e-3, 5e-3, 55e-3], [-2.5e-3, 5e-3, 55e-3]],
+        ),
+        ("tube", [[-4.5e-3, -4.5e-3, 4e-3]], [[4.5e-3, 4.5e-3, 55e-3]]),
+    ],
+)
+def test_blades_share_the_way_and_a_tube_goes_half_of_it_on_each_side(kind: str, low: list, high: list) -> None:
+    cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+    sizes = {"kind": kind, "width_m": 0.01, "tip_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001}
+    solids = [cleft.coordinates(one.solid()[0]) for one in blade.drawn(sizes, cleft, 5e-3)]
+    assert [x.min(axis=0) for x in solids] == [pytest.approx(np.array(x)) for x in low]
+    assert [x.max(axis=0) for x in solids] == [pytest.approx(np.array(x)) for x in high]
+
+
+def test_a_blade_is_drawn_as_contact_sees_it() -> None:
+    """Bent, with a rounded tip: the picture's front is the rigid body's surface."""
+    cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+    sizes = {"width_m": 0.01, "tip_m": 0.004, "thickness_m": 0.002, "edge_radius_m": 0.001}
+    (one,) = blade.drawn(sizes | {"bend_m": 0.04}, cleft, 1e-3)
+    phi = Spatula(cleft, 0.01, 0.001, 0.004, 0.002, bend=0.04).distance(ng.CF(1e-3))
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=2.0))
+    front = one.profile()[1 : 2 * blade.ARC]
+    off = [phi(ng.CF((float(a), 0, float(c))))(mesh(0.3, 0.3, 0.2)) for a, c in front]
+    assert np.ptp(front[:, 0]) > 2e-3 and np.abs(off).max() < 5e-5, off
 
 
 def test_without_matplotlib_it_says_what_to_install(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:

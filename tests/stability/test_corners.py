@@ -8,7 +8,7 @@ import pytest
 from ngbrain.forward.steps import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.checks import order_peaks
-from ngbrain.surgery.model import WALL, Model
+from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Observer
 from ngbrain.threads import set_threads
 
@@ -20,7 +20,7 @@ def opened(model, share):
     run = model.run(model.ramp("opening"), StepControl(ramp / 10, first=0.05), materials)
     smallest = []
     run.run(lambda body, at, record: smallest.append(record.min_det_F))
-    observe = Observer(run.body, model.blade, WALL, model.scene.support.fixed)
+    observe = Observer(run.body, model.blades, model.scene.support.fixed)
     return observe(0.0, 0.0, 1.0).pressure, min(smallest)
 
 

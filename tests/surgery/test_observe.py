@@ -26,7 +26,7 @@ def observed(press):
     body = Body(block(SIZE, 2e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, "bottom", [contact])
     up = press(ngs.y - target[1] - TIP)
     body.u.Interpolate(ngs.CF((0, 0, up * ngs.z / SIZE[2])))
-    return Observer(body, blade, "top", "bottom")(0.0, 0.0, 1.0)
+    return Observer(body, {"top": blade}, "bottom")(0.0, 0.0, 1.0)
 
 
 def test_an_even_pressure_is_the_same_everywhere():

@@ -7,7 +7,7 @@ from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft
-from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.blades import Spatula, Tube
 from ngbrain.surgery.injury import Strain, curve, dose, times_above
 from ngbrain.surgery.protocols import CLEAR, Protocol, continuous, intermittent, staged
 
@@ -29,6 +29,33 @@ MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
 )
 def test_distance_to_a_spatula(point, distance):
     phi = BLADE.distance(ngs.CF(1e-3))(ngs.CF(point))
+    assert phi(MESH(0.3, 0.3, 0.2)) == pytest.approx(distance, abs=5e-9)
+
+
+TAPERED = Spatula(CLEFT, 10e-3, 1e-3, 4e-3, 2e-3, tip_width=5e-3)
+CURVED = Spatula(CLEFT, 10e-3, 1e-3, 4e-3, 2e-3, bend=40e-3)
+TUBE = Tube(CLEFT, 10e-3, 1e-3, 4e-3)
+SLOPE = np.hypot(1, 2.5e-3 / 26e-3)
+
+
+@pytest.mark.parametrize(
+    ("blade", "point", "distance"),
+    [
+        (TAPERED, (7e-3, 0, 15e-3), 4e-3),
+        (TAPERED, (0, 8e-3, 30e-3), 3e-3 / SLOPE),  # beside the upper end of an edge, at right angles to it,
+        (TAPERED, (0, -8e-3, 17e-3), 4.25e-3 / SLOPE),  # halfway,
+        (TAPERED, (0, 2.5e-3, 5e-3), (0 - 2.5e-3 / 26) / SLOPE),  # and just inside at the tip's corner
+        (CURVED, (7e-3, 0, 17e-3), 4e-3),  # halfway up, where the face is foremost
+        (CURVED, (3e-3, 0, 27e-3), np.hypot(40e-3, 10e-3) - 40e-3),  # where it has bent back
+        (TUBE, (0, 7e-3, 15e-3), 4e-3),  # along the walls and across, all around
+        (TUBE, (-7e-3, 0, 15e-3), 4e-3),
+        (TUBE, (0, 0, 1e-3), 3e-3),  # below
+        (TUBE, (1e-3, 0, 15e-3), -2e-3),  # inside
+        (TUBE, (0, 4e-3, 3e-3), 1e-3 * (np.hypot(2, 2) - 1)),  # at the rounded rim
+    ],
+)
+def test_distance_to_other_blades(blade, point, distance):
+    phi = blade.distance(ngs.CF(1e-3))(ngs.CF(point))
     assert phi(MESH(0.3, 0.3, 0.2)) == pytest.approx(distance, abs=5e-9)
 
 
