@@ -34,6 +34,7 @@ class Contact:
     softness   s (m)
     share      of the mean penetration that the offset makes up for, below 1 so that touching walls never show a gap
     offset     a (m), a Parameter: an unknown like the displacements
+    way        Parameter that the body moves by, for its work
     """
 
     wall: str
@@ -42,6 +43,7 @@ class Contact:
     softness: float
     share: float = 0.0
     offset: ngs.Parameter = field(default_factory=lambda: ngs.Parameter(0.0), compare=False)
+    way: ngs.Parameter | None = None
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
         """φ(X + u) in m."""
@@ -57,6 +59,10 @@ class Contact:
         """Contact force per reference area (Pa)."""
         d, s = self.offset - self.gap(u), self.softness
         return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, d - s / 2, d * d / (2 * s)), 0)
+
+    def driving(self, u: CoefficientFunction) -> CoefficientFunction:
+        """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
+        return ngs.CF(0.0) if self.way is None else -self.pressure(u) * self.gap(u).Diff(self.way)
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall."""

@@ -30,9 +30,9 @@ from ngbrain.surgery.sampling import Part
 
 WALLS = ("wall_plus", "wall_minus")
 """The walls of a cleft: towards its `across`, which one blade pushes, and the other, which a second one or a tube does."""
-PENALTY = 500.0
-"""Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 2 % of the opening deep."""
-SOFTNESS = 0.02
+PENALTY = 5000.0
+"""Contact stiffness in initial shear moduli per opening: a pressure of ten moduli goes 0.2 % of the opening deep."""
+SOFTNESS = 0.01
 """Penetration up to which the contact pressure sets in softly, in openings."""
 MADE_UP = 0.95
 """Share of the mean penetration that the blade stands further out: the wall goes where the blade should have put it."""
@@ -139,7 +139,7 @@ class Model:
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
-            Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP)
+            Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP, way=drive.parameter)
             for wall, blade in self.blades.items()
         ]
         order = order or scene.body.order
