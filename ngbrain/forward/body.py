@@ -188,9 +188,13 @@ class Body:
             self._stiff = True
 
     def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds; it ends with `history.finish`."""
+        """Begin a time step of `dt` seconds; it ends with `finish`."""
         self.history.begin(dt)
         self._relaxed = np.empty(0)
+
+    def finish(self) -> None:
+        """End the step begun at the state that now stands."""
+        self.history.finish()
 
     def halving(self, before: np.ndarray) -> tuple[float, float]:
         """By how much (Pa) the overstress at the end of the step would change in two half steps, and its size: see `History`."""
@@ -200,10 +204,23 @@ class Body:
         self.state = now
         return self.history.halving(middle)
 
+    def inertia_error(self) -> float:
+        """Error of the step that now ends from inertia, relative: none without."""
+        return 0.0
+
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:
         """Go back to a state x and what the energy (`History.frozen`) was made of there."""
         self.history.frozen, self._relaxed, self._stiff = energy, x.copy(), True
         self.state = x
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come besides the state."""
+        return self.history.memory
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        self.history.memory = saved
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""

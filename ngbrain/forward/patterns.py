@@ -9,17 +9,17 @@ import ngsolve as ngs
 from ngbrain.errors import InputError, nearest
 
 
-def check_regions(mesh: ngs.Mesh, patterns: Iterable[str]) -> None:
-    """Raise `InputError` unless every region has one material; none of the patterns may be unknown."""
+def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue") -> None:
+    """Raise `InputError` unless every region has one tissue (or other `kind` of thing); none of the patterns may be unknown."""
     names, covered = mesh.GetMaterials(), set[int]()
     for pattern in patterns:
-        found = _matches("tissue region", pattern, mesh.Materials, names)
+        found = _matches(f"{kind} region", pattern, mesh.Materials, names)
         if twice := {names[i] for i in found & covered}:
-            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a tissue already"
-            raise InputError("tissue region", repr(pattern), wanted)
+            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a {kind} already"
+            raise InputError(f"{kind} region", repr(pattern), wanted)
         covered |= found
     if bare := {name for i, name in enumerate(names) if i not in covered}:
-        raise InputError("tissue", f"not given for {', '.join(sorted(bare))}", "a tissue for every region of the mesh")
+        raise InputError(kind, f"not given for {', '.join(sorted(bare))}", f"a {kind} for every region of the mesh")
 
 
 def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:

@@ -120,7 +120,8 @@ class ErrorControl:
     """Time steps as long as their error allows, from milliseconds to as long as a hold.
 
     tolerance   of a step's error: rms over quadrature points of the difference of its overstress from that of two half steps along
-                the same straight path, over the largest rms of the overstress so far
+                the same straight path, over the largest rms of the overstress so far; of a `DynamicBody` also of its largest
+                displacement's error, over the body's `amplitude`
     touch       first step (s) after touch, and after each event
     longest     step (s)
     shortest    step (s) below which the run gives up
@@ -159,7 +160,7 @@ class ErrorControl:
         """Whether the error is over `OVER` times the tolerance."""
         change, overstress = body.halving(before)
         largest = max(at.largest, overstress)
-        error = change / largest if largest else 0.0
+        error = max(change / largest if largest else 0.0, body.inertia_error())
         if error > OVER * self.tolerance:
             return f"an error of {error:.1e} in a step, tolerance {self.tolerance:.1e}"
         at.largest = largest

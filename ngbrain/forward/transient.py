@@ -1,4 +1,4 @@
-"""Quasi-static motion of a relaxing body against moving rigid bodies: time steps that land on events and can be redone."""
+"""Motion of a relaxing body against moving rigid bodies: time steps that land on events and can be redone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Watch = Callable[[Body, Progress, NewtonRecord], None]
 
 
 class Transient:
-    """Time stepping of a `Body` under a `Motion`.
+    """Time stepping of a `Body` under a `Motion`: quasi-static, or with the inertia of a `DynamicBody`.
 
     penetration_limit   a step that ends with tissue further (m) inside a body is rejected
 
@@ -130,7 +130,7 @@ class Transient:
 
     def _accept(self, start: np.ndarray, dt: float) -> None:
         at = self.progress
-        self.body.history.finish()
+        self.body.finish()
         touched = self.body.min_gap() < 0
         travel = self.motion.travel(at.t, at.t + dt)
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
@@ -184,7 +184,7 @@ class Transient:
             "follow": self.follow,
             "drift": self.drift,
             "largest": self.newton.largest,
-            "history": self.body.history.memory,
+            "history": self.body.memory,
             "factors": self._factored if self.newton.inverse is not None else [],
         }
 
@@ -199,7 +199,7 @@ class Transient:
             self.newton.inverse = make(factor["x"])
         self._factored = list(saved["factors"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
-        body.history.memory = saved["history"]
+        body.memory = saved["history"]
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
         body.state = saved["x"]
