@@ -1,9 +1,12 @@
 """A plate that presses a block, holds and lifts off, and the force it has meanwhile."""
 
+from dataclasses import dataclass
+
 import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.transient import Transient
+from ngbrain.solvers.newton import Newton
 
 PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
 
@@ -21,3 +24,18 @@ def run(body, drive, control, **kwargs):
     rows = []
     transient.run(lambda b, at, record: rows.append((at.t, force(b), b.min_gap())))
     return transient, np.array(rows)
+
+
+@dataclass
+class Failing(Newton):
+    """Gives up at some attempts, counted from 0."""
+
+    at: tuple[int, ...] = ()
+    attempts: int = 0
+
+    def solve(self, system, x):
+        x, record = super().solve(system, x)
+        if self.attempts in self.at:
+            record.converged, record.reason, self.inverse = False, "given up", None
+        self.attempts += 1
+        return x, record

@@ -1,10 +1,8 @@
 """Time stepping: closed forms, order in time, unilateral contact, restart, rejected steps."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
-from pressing import PRESS, run
+from pressing import PRESS, Failing, run
 
 from ngbrain.errors import ContactError, ConvergenceError
 from ngbrain.forward.steps import StepControl
@@ -54,21 +52,6 @@ def test_forces_are_proportional_to_the_moduli_if_all_of_them_are(make_body, pla
     (soft, stiff) = found
     assert soft[:, 1].max() > 0.1
     assert np.array_equal(soft[:, 0], stiff[:, 0]) and stiff[:, 1] == pytest.approx(3 * soft[:, 1], rel=1e-5)
-
-
-@dataclass
-class Failing(Newton):
-    """Gives up at some attempts, counted from 0."""
-
-    at: tuple[int, ...] = ()
-    attempts: int = 0
-
-    def solve(self, system, x):
-        x, record = super().solve(system, x)
-        if self.attempts in self.at:
-            record.converged, record.reason, self.inverse = False, "given up", None
-        self.attempts += 1
-        return x, record
 
 
 def test_a_step_that_fails_is_cut_and_the_next_starts_as_short(make_body, plate):
