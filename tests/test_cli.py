@@ -202,7 +202,7 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
         assert answer["peak_centre_pressure_mmHg"] < answer["peak_pressure_mmHg"] < answer["peak_tip_pressure_mmHg"]
         assert answer["von_mises_p99_kPa"] < answer["von_mises_max_over_0_5_ml_kPa"]
         series = answer["series"]
-        assert len({len(values) for values in series.values()}) == 1
+        assert len({len(values) for values in series.values()}) == 1 and set(answer["events_s"]) <= set(series["t_s"])
         assert answer["peak_force_N"] > 0 and answer["s_above_20_mmHg"] == 0
 
 

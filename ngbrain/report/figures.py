@@ -28,12 +28,15 @@ from ngbrain.report.style import (
     viewed_from,
 )
 from ngbrain.report.surface import Cut, Floats, Ints, cut_surface, cut_volume, faces, triangles, vertex_normals
+from ngbrain.surgery.injury import curve
 
 __all__ = ["head", "pressure", "strain_slice"]
 
 SKULL_THICKNESS = 5e-3
 """Of the skull as drawn on the slice (m): it is not part of the model."""
 FIRST_S = 60.0
+SAMPLES = 10
+"""Points drawn from step to step, where series are smooth."""
 THRESHOLDS = (20.0, 30.0)
 REGIONS = {"white": "white matter"}
 
@@ -54,12 +57,12 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
             seconds = column == 0
             upper, lower = page.add_subplot(grid[0, column]), page.add_subplot(grid[1, column])
             for name, answer in answers.items():
-                s = answer["series"]
-                t = np.array(s["t_s"]) / (1 if seconds else 60)
+                s, unit = answer["series"], 1 if seconds else 60
                 look = {"color": colour(name, answers), "ls": DASHES.get(name, "-"), "lw": 1.9, "label": name}
-                (line,) = upper.plot(t, s["pressure_mmHg"], **look)
-                lower.plot(t, s["opening_mm"], **look)
-                lower.plot(t, s["blade_mm"], color=look["color"], lw=0.9, ls=":")
+                t, pressures = course(answer, "pressure_mmHg")
+                (line,) = upper.plot(t / unit, pressures, **look)
+                lower.plot(t / unit, course(answer, "opening_mm")[1], **look)
+                lower.plot(np.array(s["t_s"]) / unit, s["blade_mm"], color=look["color"], lw=0.9, ls=":")
                 lines += [line] if column == 0 else []
             for threshold in THRESHOLDS:
                 upper.axhline(threshold, color="#555555", lw=1.0, ls=(0, (2, 2)), zorder=1)
@@ -92,6 +95,14 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
             fontsize=10.5,
         )
         return png(page)
+
+
+def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
+    """Times (s) and values of a series as doses take it, a cubic between events (`injury.curve`), where those are given."""
+    t, values = (np.array(answer["series"][key], float) for key in ("t_s", name))
+    steps = len(t) - 1
+    fine = np.interp(np.linspace(0, steps, SAMPLES * steps + 1), np.arange(len(t)), t)
+    return fine, curve(t, values, answer.get("events_s", t))(fine)
 
 
 def strain_slice(peak: Peak) -> bytes:

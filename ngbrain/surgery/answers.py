@@ -70,6 +70,7 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
         "volumes_ml": peak.volume,
         "min_det_F": float(run.column("min_det_F").min()),
         "working_s": run.working_s,
+        "events_s": list(run.events),
         "series": {
             "t_s": t.tolist(),
             "opening_mm": to_mm(run.column("opening")).tolist(),

@@ -15,7 +15,7 @@ import pytest
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.report import blade, build, peak, render, style, surface, tables
+from ngbrain.report import blade, build, figures, peak, render, style, surface, tables
 from ngbrain.report.peak import Peak
 from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.response import points
@@ -181,6 +181,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "infarct_probability_95_at_held": [0.0042, 0.996] if k == 0 else None,
             "pressed_min": 16.0,
             "infarct_probability_95": [0.0042, 1.0] if k == 0 else [0.0, 1.0],
+            "events_s": [0.0, 10.0, 300.0],
             "series": series(146.04 - 10 * k, 5.0),
         }
     geometry = {
@@ -272,6 +273,20 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "0.0500 less than 0.03 NOT MET" in text
     assert "does not apply" in text
     assert "unheard of 1.50" in text
+
+
+def test_pressures_are_drawn_as_doses_take_them() -> None:
+    times = np.array([0.0, 5.0, 10.0, 12.0, 16.0, 24.0, 40.0])
+
+    def exact(t: np.ndarray) -> np.ndarray:
+        return np.where(t < 10, 3 * t, 10 + 20 * np.exp(-(t - 10) / 8))
+
+    answer = {"series": {"t_s": times.tolist(), "pressure_mmHg": exact(times).tolist()}}
+    _, straight = figures.course(answer, "pressure_mmHg")
+    t, drawn = figures.course({**answer, "events_s": [0.0, 10.0, 40.0]}, "pressure_mmHg")
+    assert set(times) <= set(t) and drawn.max() == 30 and drawn[-1] == pytest.approx(exact(times)[-1])
+    assert np.array_equal(straight, np.interp(t, times, exact(times)))
+    assert np.trapezoid(straight - exact(t), t) > 10 * abs(np.trapezoid(drawn - exact(t), t))
 
 
 def test_below_20_mmHg_the_margin_is_said() -> None:
