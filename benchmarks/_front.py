@@ -169,9 +169,9 @@ def bars(records: list[dict], axes: Any, labels: Iterable[str] | None = None, ti
     )
 
 
-def figure(width: float, height: float, panels: int = 1, **options: Any) -> tuple[Any, Any, Any]:
-    """pyplot, a figure in the house style and its panels."""
+def figure(width: float, height: float, panels: int = 1, rows: int = 1, **options: Any) -> tuple[Any, Any, Any]:
+    """pyplot, a figure in the house style and its panels, so many in each row."""
     plt = require("matplotlib.pyplot", "report")
     plt.rcParams.update(STYLE)
-    made, axes = plt.subplots(1, panels, figsize=(width, height), layout="constrained", **options)
+    made, axes = plt.subplots(rows, panels, figsize=(width, height), layout="constrained", **options)
     return plt, made, axes

@@ -1,11 +1,15 @@
-"""Error against time of pressing relaxing tissue: our stepping against plain NGSolve, several steps, orders and meshes.
+"""Error against time of pressing relaxing tissue: our stepping against plain NGSolve; steps, orders, meshes, contact penalty.
 
-A 20 mm block on a rigid base (Ogden and Neo-Hooke, two relaxing branches, K/μ = 1000) is pressed by 3 mm in 4 s by a
-rigid plate and held. `continuous`: to 40 s; error: of the dose ∫ force dt (a monotone cubic between events), relative to order 3 on
-a finer mesh with steps 8 times shorter. `half an hour`: to 1800 s on one mesh, so that errors are those of steps alone; error: of
-the peak force, `dose_error`: of the dose, relative to steps by their error with a tolerance of 10⁻⁷. The peer is what one would
-write in plain NGSolve: backward Euler for the branches, `ngsolve.solvers.Newton` with a new factorisation every iteration, the
-plate as a penalty, even steps.
+A 20 mm block on a rigid base (Ogden and Neo-Hooke, two relaxing branches, K/μ = 1000) is pressed by 3 mm in 4 s by a rigid plate
+and held. The peers are what one would write in plain NGSolve: backward Euler or Crank-Nicolson for the branches,
+`ngsolve.solvers.Newton` with a new factorisation every iteration, the plate as a penalty. Studies:
+
+steps     half an hour on one mesh; error: of the peak force or of the dose ∫ force dt (a monotone cubic between events), the
+          larger, relative to the same discretisation in space with steps by their error and a tolerance of 10⁻⁷. Steps are even,
+          chosen beforehand or by their error; the peers take even ones, and those that ours chose by their error. `fewer`: how
+          many even steps of ours have the same error, over these.
+space     40 s; error: of the dose, relative to order 4 on a finer mesh with steps 8 times shorter; order 1 is displacements alone
+penalty   40 s on one mesh; error: of the peak force, relative to a penalty of 3e11 Pa/m, with and without the contact's offset
 
     python benchmarks/retraction_time.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/retraction_time.py --chart FILE.png < records.json
@@ -15,240 +19,260 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from itertools import product
 from typing import Any
 
 import _front
-import ngsolve as ngs
 import numpy as np
 from _command import main
-from ngsolve.solvers import Newton as NgsolveNewton
+from _relaxing import (
+    PENALTY,
+    Grid,
+    Pressed,
+    Rule,
+    backward_euler,
+    chosen,
+    contact,
+    crank_nicolson,
+    even,
+    evenly,
+    exponential,
+    ours,
+    plain,
+)
 
-from ngbrain.errors import SolverError, require
-from ngbrain.forward.body import Body, Material
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.steps import Control, ErrorControl, StepControl
-from ngbrain.forward.transient import Transient
-from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous
-from ngbrain.mesh import block
-from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.injury import curve
-from ngbrain.surgery.protocols import Drive, Protocol, continuous
-from ngbrain.tensors import isochoric
+from ngbrain.errors import require
+from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.surgery.protocols import Protocol, continuous
 
-SIZE, BULK, PENALTY = (0.02, 0.02, 0.02), 1.5e6, 3e8
-LAW = Viscous(Ogden(300.0, -12.0), (Branch(Ogden(700.0, -15.0), 2.3), Branch(NeoHooke(500.0), 500.0)))
 PROTOCOL, HALF_AN_HOUR = continuous(3e-3, 4.0, 40.0), continuous(3e-3, 4.0, 1800.0, "half an hour")
 GRID = (2, 0.01)
-"""Order and mesh that half an hour is followed on."""
-Forces = tuple[list[float], list[float], int]
-"""Times (s), forces (N) and the number of unknowns."""
-Grid = tuple[int, float]
-Run = tuple[str, float | None, Callable[[], Forces]]
-Judge = Callable[[list[float], list[float]], dict]
-
-
-def contact(level: ngs.CoefficientFunction) -> Contact:
-    """The plate: a half space above the block, `level` below the unloaded top."""
-    return Contact("top", lambda x: SIZE[2] - level - x[2], PENALTY, 2e-5)
-
-
-def dose(t: list[float], f: list[float], protocol: Protocol) -> float:
-    """∫ force dt (N s) of a monotone cubic between events, which steps end on: holds are followed in few steps."""
-    return float(curve(np.array(t), np.array(f), protocol.times).integrate(0.0, protocol.times[-1]))
-
-
-def up_forces(space: ngs.FESpace) -> np.ndarray:
-    """Nodal values of a unit translation along z."""
-    gfu = ngs.GridFunction(space)
-    gfu.Set(ngs.CF((0, 0, 1)))
-    return np.array(gfu.vec.FV().NumPy())
-
-
-def ours(control: Control, order: int, maxh: float, keep: float = 0.7, protocol: Protocol = PROTOCOL) -> Forces:
-    """Our stepping; `keep` 0 renews the factorisation every iteration."""
-    drive = Drive(protocol)
-    body = Body(block(SIZE, maxh), {"tissue": Material(LAW, BULK)}, "bottom", [contact(drive.parameter)], order)
-    up = up_forces(body.fes.components[0])
-    newton = Newton(keep=keep, worth=round(9 * keep), max_factorisations=60)
-    transient = Transient(body, drive, control, 1e-3, newton)
-    t, f = [0.0], [0.0]
-
-    def watch(b: Body, at: object, record: object) -> None:
-        t.append(transient.progress.t)
-        f.append(float(up @ b.contact_forces()))
-
-    transient.run(watch)
-    return t, f, body.fes.ndof
-
-
-def chosen(dt: float) -> StepControl:
-    """Steps of dt at most while the plate moves, and of 8 dt at most while it rests."""
-    return StepControl(dt, dt_max=8 * dt)
-
-
-def even(dt: float) -> StepControl:
-    """All of dt."""
-    return StepControl(dt, first=1.0, restart=1.0, growth=1.0, dt_max=dt)
-
-
-def plain(dt: float, order: int, maxh: float, protocol: Protocol = PROTOCOL) -> Forces:
-    """The peer: plain NGSolve, backward Euler, even steps, no line search, no cut-back."""
-    mesh = block(SIZE, maxh)
-    fes = ngs.VectorH1(mesh, order=order, dirichlet="bottom") * ngs.H1(mesh, order=order - 1)
-    gfu, level = ngs.GridFunction(fes), ngs.Parameter(0.0)
-    u, p = fes.TrialFunction()
-    tensors = ngs.MatrixValued(ngs.L2(mesh, order=order), 3)
-    pulls = [ngs.GridFunction(tensors) for _ in LAW.branches]
-    over = [ngs.GridFunction(tensors) for _ in LAW.branches]
-    shares = [1 / (1 + dt / branch.tau) for branch in LAW.branches]
-    F = ngs.Id(3) + ngs.Grad(u)
-    C = isochoric(F.trans * F)
-    energy = LAW.density(Deformation.of_stretch(C), shares) + p * (ngs.Det(F) - 1) - p * p / (2 * BULK)
-    energy += sum(0.5 * ngs.InnerProduct(pull, C) for pull in pulls)
-    form = ngs.BilinearForm(fes)
-    form += ngs.Variation(energy.Compile() * ngs.dx)
-    plate = contact(level)
-    form += ngs.Variation(plate.energy(u).Compile() * plate.measure())
-    state = gfu.components[0]
-    F = ngs.Id(3) + ngs.Grad(state)
-    stresses = [branch.stress(isochoric(F.trans * F)).Compile() for branch in LAW.branches]
-    t, f, old = [0.0], [0.0], [ngs.GridFunction(tensors) for _ in LAW.branches]
-    for i in range(round(protocol.times[-1] / dt)):
-        now = (i + 1) * dt
-        level.Set(protocol.at(now))
-        for pull, h, s, share in zip(pulls, over, old, shares, strict=True):
-            pull.vec.data = share * h.vec - share * s.vec
-        failed, _ = NgsolveNewton(form, gfu, freedofs=fes.FreeDofs(), maxit=30, maxerr=1e-9, printing=False)
-        if failed or not np.all(np.isfinite(gfu.vec.FV().NumPy())):
-            raise SolverError(f"no convergence at t = {now:g} s")
-        for h, s, share, stress in zip(over, old, shares, stresses, strict=True):
-            new = ngs.GridFunction(tensors)
-            new.Set(stress)
-            h.vec.data = share * (h.vec + new.vec - s.vec)
-            s.vec.data = new.vec
-        t.append(now)
-        f.append(ngs.Integrate(plate.pressure(state) * plate.measure(), mesh))
-    return t, f, fes.ndof
+"""Order and mesh of the studies of steps and of the penalty."""
+SHARE = 0.95
+"""Of the penetration that the contact's offset makes up for."""
+PEERS: dict[str, Rule] = {"backward Euler": backward_euler, "Crank-Nicolson": crank_nicolson}
+BY_ERROR, EVEN = "ngbrain:by error", "ngbrain:even"
+Judge = Callable[[Pressed], dict]
 
 
 def record(
-    method: str, dt: float | None, grid: Grid, run: Callable[[], Forces], judge: Judge, protocol: Protocol
+    study: str, method: str, grid: Grid, run: Callable[[], Pressed], judge: Judge, protocol: Protocol, **more: Any
 ) -> dict:
     """One measurement; a failure is a record too."""
     start = time.process_time()
-    out = {"method": method, "dt": dt, "order": grid[0], "maxh": grid[1], "protocol": protocol.name}
+    out = {"study": study, "method": method, "order": grid[0], "maxh": grid[1], "protocol": protocol.name, **more}
     try:
-        t, f, ndof = run()
-        out |= {"ndof": ndof, "n_steps": len(t) - 1, **judge(t, f), "converged": True}
+        found = run()
+        out |= {"ndof": found.ndof, "n_steps": len(found.t) - 1, **judge(found), "converged": True}
     except Exception as error:
-        out |= {"ndof": None, "n_steps": None, "error": None, "converged": False, "reason": str(error)[:120]}
+        reason = str(error).strip().splitlines()[0][:120]
+        out |= {"ndof": None, "n_steps": None, "error": None, "converged": False, "reason": reason}
     return out | {"cpu_s": time.process_time() - start}
 
 
-def pressed(quick: bool) -> list[dict]:
-    """Forty seconds on several meshes."""
-    steps = (2.0, 1.0, 0.5) if quick else (2.0, 1.0, 0.5, 0.25)
-    grids = ((2, 0.02), (2, 0.01)) if quick else ((2, 0.02), (2, 0.01), (2, 0.007), (3, 0.01), (3, 0.007))
-    exact = dose(*ours(chosen(steps[-1] / 8), 3, 0.01 if quick else 0.005)[:2], PROTOCOL)
+def against(exact: Pressed) -> Judge:
+    """Relative errors of the peak force and of the dose over half an hour; `error` is the larger."""
 
-    def judge(t: list[float], f: list[float]) -> dict:
-        return {"error": abs(dose(t, f, PROTOCOL) / exact - 1)}
+    def judge(found: Pressed) -> dict:
+        peak = abs(found.force.max() / exact.force.max() - 1)
+        dose = abs(found.dose(HALF_AN_HOUR) / exact.dose(HALF_AN_HOUR) - 1)
+        return {"error": max(peak, dose), "peak_error": peak, "dose_error": dose}
 
-    records = []
-    for g in grids:
-        runs: list[Run] = [("ngbrain:exponential", dt, lambda g=g, dt=dt: ours(chosen(dt), *g)) for dt in steps]
-        runs += [("ngbrain:exponential, factor renewed", 1.0, lambda g=g: ours(chosen(1.0), *g, 0.0))]
-        runs += [
-            ("plain NGSolve, backward Euler", dt, lambda g=g, dt=dt: plain(dt, *g))
-            for dt in ((1.0,) if quick else (1.0, 0.5))
-        ]
-        records += [record(method, dt, g, run, judge, PROTOCOL) for method, dt, run in runs]
-    return records
+    return judge
 
 
-def held(quick: bool) -> list[dict]:
+def steps(quick: bool) -> list[dict]:
     """Half an hour on one mesh."""
     grid, protocol = (2, 0.02) if quick else GRID, HALF_AN_HOUR
-    t, f, _ = ours(ErrorControl(1e-5 if quick else 1e-7, touch=0.01), *grid, protocol=protocol)
-    peak, whole = max(f), dose(t, f, protocol)
-
-    def judge(t: list[float], f: list[float]) -> dict:
-        return {"error": abs(max(f) / peak - 1), "dose_error": abs(dose(t, f, protocol) / whole - 1)}
-
-    def stepped(control: Control) -> Callable[[], Forces]:
-        return lambda: ours(control, *grid, protocol=protocol)
-
-    tolerances = (1e-2, 1e-3) if quick else (3e-2, 1e-2, 1e-3, 1e-4, 1e-5)
-    runs: list[Run] = [("ngbrain:by error", None, stepped(ErrorControl(each, touch=0.1))) for each in tolerances]
-    runs += [
-        ("ngbrain:chosen beforehand", dt, stepped(StepControl(dt)))
+    exact = ours(ErrorControl(1e-5 if quick else 1e-7, touch=0.01), protocol, grid)
+    peers_exact = plain(exponential, exact.t, protocol, grid)
+    runs: list[tuple[str, dict, Callable[[], Pressed], Pressed]] = []
+    controls: list[tuple[str, dict, Any]] = [
+        (BY_ERROR, {"tolerance": each}, ErrorControl(each, touch=0.1))
+        for each in ((1e-2, 1e-3) if quick else (3e-2, 1e-2, 1e-3, 1e-4, 1e-5))
+    ]
+    controls += [
+        ("ngbrain:chosen beforehand", {"dt": dt}, StepControl(dt))
         for dt in ((2.0,) if quick else (2.0, 1.0, 0.5, 0.25))
     ]
-    runs += [("ngbrain:even", dt, stepped(even(dt))) for dt in ((4.0,) if quick else (4.0, 2.0, 1.0))]
-    if not quick:
-        runs += [
-            ("plain NGSolve, backward Euler", dt, lambda dt=dt: plain(dt, *grid, protocol)) for dt in (4.0, 2.0, 1.0)
-        ]
-    return [record(method, dt, grid, run, judge, protocol) for method, dt, run in runs]
+    controls += [(EVEN, {"dt": dt}, even(dt)) for dt in ((4.0,) if quick else (4.0, 2.0, 1.0, 0.5))]
+    for method, more, control in controls:
+        runs.append((method, more, lambda control=control: ours(control, protocol, grid), exact))
+    for name, rule in PEERS.items():
+        for dt in (30.0,) if quick else (4.0, 2.0, 1.0):
+            at = evenly(dt, protocol)
+            peer = f"plain NGSolve, {name}"
+            runs.append((peer, {"dt": dt}, lambda r=rule, t=at: plain(r, t, protocol, grid), peers_exact))
+        for tolerance in (1e-2,) if quick else (1e-2, 1e-3, 1e-4, 1e-5):
+            at = ours(ErrorControl(tolerance, touch=0.1), protocol, grid).t
+            more = {"tolerance": tolerance}
+            runs.append(
+                (
+                    f"plain NGSolve, {name}, our steps",
+                    more,
+                    lambda r=rule, t=at: plain(r, t, protocol, grid),
+                    peers_exact,
+                )
+            )
+    found = [record("steps", m, grid, run, against(best), protocol, **more) for m, more, run, best in runs]
+    for r in found:
+        if r["method"] == BY_ERROR and r["converged"]:
+            r["fewer"] = fewer(r, found)
+    return found
+
+
+def fewer(r: dict, records: list[dict]) -> float | None:
+    """Even steps with a record's error over its own, straight between those measured on logarithmic axes; None beyond them."""
+    known = sorted((x["error"], x["n_steps"]) for x in records if x["method"] == EVEN and x["converged"])
+    if len(known) < 2 or not known[0][0] <= r["error"] <= known[-1][0]:
+        return None
+    errors, numbers = np.log(known).T
+    return float(np.exp(np.interp(np.log(r["error"]), errors, numbers)) / r["n_steps"])
+
+
+def space(quick: bool) -> list[dict]:
+    """Orders and meshes, with steps that are short enough."""
+    exact = ours(chosen(1 / 8), PROTOCOL, (3, 0.01) if quick else (4, 0.005)).dose(PROTOCOL)
+
+    def judge(found: Pressed) -> dict:
+        return {"error": abs(found.dose(PROTOCOL) / exact - 1)}
+
+    meshes = {1: (0.02, 0.007), 2: (0.02, 0.01)} if quick else {1: (0.02, 0.01, 0.007, 0.005)}
+    meshes |= {} if quick else {2: (0.02, 0.01, 0.007, 0.005), 3: (0.02, 0.01, 0.007, 0.005)}
+    found = []
+    for grid in [(order, maxh) for order, sizes in meshes.items() for maxh in sizes]:
+        runs: list[tuple[str, Callable[[], Pressed]]] = []
+        if grid[0] > 1:  # ours has a pressure of order k - 1
+            runs += [("ngbrain:exponential", lambda g=grid: ours(chosen(1.0), PROTOCOL, g))]
+            runs += [("ngbrain:exponential, factor renewed", lambda g=grid: ours(chosen(1.0), PROTOCOL, g, keep=0.0))]
+        if grid != (3, 0.005):
+            at = evenly(1.0, PROTOCOL)
+            runs += [("plain NGSolve, backward Euler", lambda g=grid, t=at: plain(backward_euler, t, PROTOCOL, g))]
+        found += [record("space", method, grid, run, judge, PROTOCOL, dt=1.0) for method, run in runs]
+    return found
+
+
+def penalty(quick: bool) -> list[dict]:
+    """How stiff the plate is, with and without the offset that makes up for it."""
+    grid = (2, 0.02) if quick else GRID
+    exact = ours(chosen(1.0), PROTOCOL, grid, plate=lambda level: contact(level, 1e3 * PENALTY)).force.max()
+
+    def judge(found: Pressed) -> dict:
+        return {"error": abs(found.force.max() / exact - 1)}
+
+    return [
+        record(
+            "penalty",
+            method,
+            grid,
+            lambda p=times * PENALTY, s=share: ours(
+                chosen(1.0), PROTOCOL, grid, plate=lambda level: contact(level, p, s)
+            ),
+            judge,
+            PROTOCOL,
+            dt=1.0,
+            penalty=times * PENALTY,
+        )
+        for method, share in (("ngbrain:penalty alone", 0.0), ("ngbrain:penalty and offset", SHARE))
+        for times in ((0.1, 1.0) if quick else (0.01, 0.1, 1.0, 10.0, 100.0))
+    ]
 
 
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
-    return pressed(quick) + held(quick)
+    return steps(quick) + space(quick) + penalty(quick)
+
+
+LOOKS = {
+    BY_ERROR: ("#0072B2", "o-"),
+    "ngbrain:chosen beforehand": ("#56B4E9", "o-"),
+    EVEN: ("#009E73", "o-"),
+    "plain NGSolve, backward Euler": ("#D55E00", "s-"),
+    "plain NGSolve, Crank-Nicolson": ("#8c5a9b", "s-"),
+    "plain NGSolve, backward Euler, our steps": ("#D55E00", "s:"),
+    "plain NGSolve, Crank-Nicolson, our steps": ("#8c5a9b", "s:"),
+    "ngbrain:exponential": ("#0072B2", "-"),
+    "ngbrain:exponential, factor renewed": ("#56B4E9", "-"),
+    "ngbrain:penalty alone": ("#E69F00", "o-"),
+    "ngbrain:penalty and offset": ("#0072B2", "o-"),
+}
+MARKS = {1: "v", 2: "o", 3: "D"}
+ORDERS = {2: "P2/P1", 3: "P3/P2"}
 
 
 def chart(records: list[dict], path: str) -> None:
-    """Error against CPU time, failures as crosses at the top edge: meshes and steps, then steps alone against their number."""
-    plt, figure, (left, middle, right) = _front.figure(14, 4.8, 3)
-    short, long = ([r for r in records if r["protocol"] == p.name] for p in (PROTOCOL, HALF_AN_HOUR))
-    grids = sorted({(r["order"], r["maxh"]) for r in short}, key=lambda grid: (grid[0], -grid[1]))
-    marks = dict(zip(grids, "osvd^DP*", strict=False))
-    for (method, colour), grid in product(colours(short).items(), grids):
-        rows = [r for r in short if r["method"] == method and (r["order"], r["maxh"]) == grid]
-        drawn(left, rows, "cpu_s", marks[grid] + "-", colour)
+    """Error against CPU time and steps, of orders and meshes, of the contact; what failed is a cross on top."""
+    plt, figure, ((first, second), (third, fourth)) = _front.figure(10.5, 8.4, 2, 2)
+    held, meshes, plates = ([r for r in records if r["study"] == study] for study in ("steps", "space", "penalty"))
+    for axes, x in ((first, "cpu_s"), (second, "n_steps")):
+        for method in methods(held):
+            drawn(axes, [r for r in held if r["method"] == method], x, *LOOKS[method], label=method)
+        axes.set(ylabel="relative error of peak or dose")
+    first.set(xlabel="CPU time, one thread (s)", title="Steps alone, half an hour")
+    first.legend(fontsize=7)
+    second.set(xlabel="steps", title="The same by number of steps")
+    told(second, [r for r in held if r.get("fewer")], "n_steps", lambda r: f"{r['fewer']:.0f} times fewer")
+    for method in methods(meshes):
+        colour, style = LOOKS[method]
+        for order, mark in MARKS.items():
+            rows = [r for r in meshes if r["method"] == method and r["order"] == order]
+            drawn(third, rows, "cpu_s", colour, mark + style[-1])
+            if method == "ngbrain:exponential":
+                told(third, rows, "cpu_s", lambda r: f"{1e3 * r['maxh']:g} mm")
     lines = require("matplotlib.lines", "report")
-    keys = [lines.Line2D([], [], color=colour, label=method) for method, colour in colours(short).items()]
-    keys += [
-        lines.Line2D([], [], color="grey", ls="", marker=mark, label=f"P{order}, {1e3 * maxh:g} mm")
-        for (order, maxh), mark in marks.items()
-    ]
-    left.legend(handles=keys, fontsize=7, ncols=2, loc="upper right")
-    left.set_ylim(top=4 * max(r["error"] for r in short if r["converged"]))
-    left.set(xlabel="CPU time (s)", ylabel="relative error of the dose", title="Meshes and steps, 40 s")
-    for axes, x in ((middle, "cpu_s"), (right, "n_steps")):
-        for method, colour in colours(long).items():
-            drawn(axes, [r for r in long if r["method"] == method], x, "o-", colour, method)
-    middle.legend(fontsize=7)
-    middle.set(xlabel="CPU time (s)", ylabel="relative error of the peak force", title="Steps alone, half an hour")
-    right.set(xlabel="steps", ylabel="relative error of the peak force", title="The same by number of steps")
-    for axes in (left, middle, right):
-        axes.grid(alpha=0.3, which="both")
+    keys = [lines.Line2D([], [], color=LOOKS[method][0], label=method) for method in methods(meshes)]
+    keys += [lines.Line2D([], [], color="grey", ls="", marker=MARKS[k], label=name) for k, name in ORDERS.items()]
+    third.legend(handles=keys, fontsize=7, loc="lower left")
+    third.set(xlabel="CPU time, one thread (s)", ylabel="relative error of the dose", title="Orders and meshes, 40 s")
+    for method in methods(plates):
+        rows = [r for r in plates if r["method"] == method]
+        drawn(fourth, rows, "penalty", *LOOKS[method], label=method)
+        told(fourth, rows, "penalty", lambda r: f"{r['cpu_s']:.2f} s")
+    fourth.legend(fontsize=7)
+    fourth.set(xlabel="penalty (Pa/m), and CPU time at the marks", ylabel="relative error of the peak force")
+    fourth.set_title("Contact, 40 s")
+    for axes, rows in ((first, held), (second, held), (third, meshes), (fourth, plates)):
+        axes.grid(alpha=0.3)
+        axes.set_ylim(top=4 * max(r["error"] for r in rows if held_up(r)))
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def colours(records: list[dict]) -> dict[str, str]:
-    """Method → colour."""
-    found = ("#0072B2", "#56B4E9", "#009E73", "#D55E00")
-    methods = list(dict.fromkeys(r["method"] for r in records))
-    return {method: found[-1] if method.startswith("plain") else found[k] for k, method in enumerate(methods)}
+def methods(records: list[dict]) -> list[str]:
+    """In the order of `LOOKS`."""
+    return [method for method in LOOKS if any(r["method"] == method for r in records)]
 
 
-def drawn(axes: Any, rows: list[dict], x: str, style: str, colour: str, label: str | None = None) -> None:
-    """Of one method; what failed is a cross on top."""
-    good, bad = ([r for r in rows if r["converged"] is state] for state in (True, False))
+def held_up(r: dict) -> bool:
+    """Whether there is an answer, and it is off by less than all of it."""
+    return r["converged"] and r["error"] < 1
+
+
+def drawn(axes: Any, rows: list[dict], x: str, colour: str, style: str, label: str | None = None) -> None:
+    """Of one method; what failed is a cross on top, with what came out."""
+    good = [r for r in rows if held_up(r)]
     axes.loglog([r[x] for r in good], [r["error"] for r in good], style, color=colour, ms=5, label=label)
-    for r in bad:
-        axes.plot(r["cpu_s"], 0.97, "x", color=colour, ms=9, transform=axes.get_xaxis_transform())
+    for r in rows:
+        if not held_up(r):
+            at, top = r[x] or r["cpu_s"], axes.get_xaxis_transform()
+            axes.plot(at, 0.96, "x", color=colour, ms=8, mew=2, transform=top)
+            text = f"P{r['order']}\n× {1 + r['error']:.2g}" if r["converged"] else f"P{r['order']}\nfails"
+            axes.text(at, 0.93, text, ha="center", va="top", fontsize=7, color=colour, transform=top)
+
+
+def told(axes: Any, rows: list[dict], x: str, text: Callable[[dict], str]) -> None:
+    """A few words at each mark."""
+    for r in filter(held_up, rows):
+        axes.annotate(text(r), (r[x], r["error"]), (5, 4), textcoords="offset points", fontsize=7)
 
 
 def line(r: dict) -> str:
     """A record to read."""
     error = f"{r['error']:.1e}" if r["converged"] else "failed"
-    step = "" if r["dt"] is None else f"dt {r['dt']}"
-    where = f"{r['method']:<36} P{r['order']} {1e3 * r['maxh']:3.0f} mm"
-    return f"{where}  {step:<8} {r['n_steps']} steps {error:>8}  {r['cpu_s']:6.1f} s"
+    more = " ".join(
+        f"{name} {r[name]:g}" for name in ("dt", "tolerance", "penalty", "fewer") if r.get(name) is not None
+    )
+    where = f"{r['study']:<7} {r['method']:<42} P{r['order']} {1e3 * r['maxh']:3.0f} mm"
+    return f"{where}  {r['n_steps']} steps {error:>8}  {r['cpu_s']:6.1f} s  {more}"
 
 
 if __name__ == "__main__":
