@@ -8,7 +8,7 @@ steps     half an hour on one mesh; error: of the peak force or of the dose ∫ 
           larger, relative to the same discretisation in space with steps by their error and a tolerance of 10⁻⁷. Steps are even,
           chosen beforehand or by their error; the peers take even ones, and those that ours chose by their error. `fewer`: how
           many even steps of ours have the same error, over these.
-space     40 s; error: of the dose, relative to order 4 on a finer mesh with steps 8 times shorter; order 1 is displacements alone
+space     40 s; error: of the dose, relative to order 3 on a finer mesh with steps 8 times shorter; order 1 is displacements alone
 penalty   40 s on one mesh; error: of the peak force, relative to a penalty of 3e11 Pa/m, with and without the contact's offset
 
     python benchmarks/retraction_time.py [--quick] [--json]      last line of --json: a list of records
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import _front
@@ -64,7 +65,7 @@ def record(
         found = run()
         out |= {"ndof": found.ndof, "n_steps": len(found.t) - 1, **judge(found), "converged": True}
     except Exception as error:
-        reason = str(error).strip().splitlines()[0][:120]
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0][:120]
         out |= {"ndof": None, "n_steps": None, "error": None, "converged": False, "reason": reason}
     return out | {"cpu_s": time.process_time() - start}
 
@@ -95,24 +96,15 @@ def steps(quick: bool) -> list[dict]:
         for dt in ((2.0,) if quick else (2.0, 1.0, 0.5, 0.25))
     ]
     controls += [(EVEN, {"dt": dt}, even(dt)) for dt in ((4.0,) if quick else (4.0, 2.0, 1.0, 0.5))]
-    for method, more, control in controls:
-        runs.append((method, more, lambda control=control: ours(control, protocol, grid), exact))
+    runs += [(method, more, partial(ours, control, protocol, grid), exact) for method, more, control in controls]
     for name, rule in PEERS.items():
+        peer = f"plain NGSolve, {name}"
         for dt in (30.0,) if quick else (4.0, 2.0, 1.0):
-            at = evenly(dt, protocol)
-            peer = f"plain NGSolve, {name}"
-            runs.append((peer, {"dt": dt}, lambda r=rule, t=at: plain(r, t, protocol, grid), peers_exact))
+            runs.append((peer, {"dt": dt}, partial(plain, rule, evenly(dt, protocol), protocol, grid), peers_exact))
         for tolerance in (1e-2,) if quick else (1e-2, 1e-3, 1e-4, 1e-5):
             at = ours(ErrorControl(tolerance, touch=0.1), protocol, grid).t
-            more = {"tolerance": tolerance}
-            runs.append(
-                (
-                    f"plain NGSolve, {name}, our steps",
-                    more,
-                    lambda r=rule, t=at: plain(r, t, protocol, grid),
-                    peers_exact,
-                )
-            )
+            run = partial(plain, rule, at, protocol, grid)
+            runs.append((f"{peer}, our steps", {"tolerance": tolerance}, run, peers_exact))
     found = [record("steps", m, grid, run, against(best), protocol, **more) for m, more, run, best in runs]
     for r in found:
         if r["method"] == BY_ERROR and r["converged"]:
@@ -131,22 +123,21 @@ def fewer(r: dict, records: list[dict]) -> float | None:
 
 def space(quick: bool) -> list[dict]:
     """Orders and meshes, with steps that are short enough."""
-    exact = ours(chosen(1 / 8), PROTOCOL, (3, 0.01) if quick else (4, 0.005)).dose(PROTOCOL)
+    exact = ours(chosen(1 / 8), PROTOCOL, (3, 0.01) if quick else (3, 0.005)).dose(PROTOCOL)
 
     def judge(found: Pressed) -> dict:
         return {"error": abs(found.dose(PROTOCOL) / exact - 1)}
 
     meshes = {1: (0.02, 0.007), 2: (0.02, 0.01)} if quick else {1: (0.02, 0.01, 0.007, 0.005)}
-    meshes |= {} if quick else {2: (0.02, 0.01, 0.007, 0.005), 3: (0.02, 0.01, 0.007, 0.005)}
+    meshes |= {} if quick else {2: (0.02, 0.01, 0.007, 0.005), 3: (0.02, 0.01, 0.007)}
     found = []
     for grid in [(order, maxh) for order, sizes in meshes.items() for maxh in sizes]:
         runs: list[tuple[str, Callable[[], Pressed]]] = []
         if grid[0] > 1:  # ours has a pressure of order k - 1
-            runs += [("ngbrain:exponential", lambda g=grid: ours(chosen(1.0), PROTOCOL, g))]
-            runs += [("ngbrain:exponential, factor renewed", lambda g=grid: ours(chosen(1.0), PROTOCOL, g, keep=0.0))]
-        if grid != (3, 0.005):
-            at = evenly(1.0, PROTOCOL)
-            runs += [("plain NGSolve, backward Euler", lambda g=grid, t=at: plain(backward_euler, t, PROTOCOL, g))]
+            runs += [("ngbrain:exponential", partial(ours, chosen(1.0), PROTOCOL, grid))]
+            runs += [("ngbrain:exponential, factor renewed", partial(ours, chosen(1.0), PROTOCOL, grid, keep=0.0))]
+        run = partial(plain, backward_euler, evenly(1.0, PROTOCOL), PROTOCOL, grid)
+        runs += [("plain NGSolve, backward Euler", run)]
         found += [record("space", method, grid, run, judge, PROTOCOL, dt=1.0) for method, run in runs]
     return found
 
@@ -154,27 +145,18 @@ def space(quick: bool) -> list[dict]:
 def penalty(quick: bool) -> list[dict]:
     """How stiff the plate is, with and without the offset that makes up for it."""
     grid = (2, 0.02) if quick else GRID
-    exact = ours(chosen(1.0), PROTOCOL, grid, plate=lambda level: contact(level, 1e3 * PENALTY)).force.max()
+    exact = ours(chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=1e3 * PENALTY)).force.max()
 
     def judge(found: Pressed) -> dict:
         return {"error": abs(found.force.max() / exact - 1)}
 
-    return [
-        record(
-            "penalty",
-            method,
-            grid,
-            lambda p=times * PENALTY, s=share: ours(
-                chosen(1.0), PROTOCOL, grid, plate=lambda level: contact(level, p, s)
-            ),
-            judge,
-            PROTOCOL,
-            dt=1.0,
-            penalty=times * PENALTY,
-        )
-        for method, share in (("ngbrain:penalty alone", 0.0), ("ngbrain:penalty and offset", SHARE))
-        for times in ((0.1, 1.0) if quick else (0.01, 0.1, 1.0, 10.0, 100.0))
-    ]
+    found = []
+    for method, share in (("ngbrain:penalty alone", 0.0), ("ngbrain:penalty and offset", SHARE)):
+        for times in (0.1, 1.0) if quick else (0.01, 0.1, 1.0, 10.0, 100.0):
+            stiff = times * PENALTY
+            run = partial(ours, chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=stiff, share=share))
+            found.append(record("penalty", method, grid, run, judge, PROTOCOL, dt=1.0, penalty=stiff))
+    return found
 
 
 def measure(quick: bool) -> list[dict]:
@@ -210,19 +192,22 @@ def chart(records: list[dict], path: str) -> None:
     first.set(xlabel="CPU time, one thread (s)", title="Steps alone, half an hour")
     first.legend(fontsize=7)
     second.set(xlabel="steps", title="The same by number of steps")
-    told(second, [r for r in held if r.get("fewer")], "n_steps", lambda r: f"{r['fewer']:.0f} times fewer")
+    found = [f"{r['n_steps']} by error: {r['fewer']:.0f} times fewer than even" for r in held if r.get("fewer")]
+    second.text(0.97, 0.04, "\n".join(found), ha="right", fontsize=8, transform=second.transAxes)
     for method in methods(meshes):
         colour, style = LOOKS[method]
         for order, mark in MARKS.items():
             rows = [r for r in meshes if r["method"] == method and r["order"] == order]
             drawn(third, rows, "cpu_s", colour, mark + style[-1])
             if method == "ngbrain:exponential":
-                told(third, rows, "cpu_s", lambda r: f"{1e3 * r['maxh']:g} mm")
+                told(third, rows, "cpu_s", lambda r: f"{1e3 * r['maxh']:g}", above=order == 2)
     lines = require("matplotlib.lines", "report")
     keys = [lines.Line2D([], [], color=LOOKS[method][0], label=method) for method in methods(meshes)]
     keys += [lines.Line2D([], [], color="grey", ls="", marker=MARKS[k], label=name) for k, name in ORDERS.items()]
     third.legend(handles=keys, fontsize=7, loc="lower left")
-    third.set(xlabel="CPU time, one thread (s)", ylabel="relative error of the dose", title="Orders and meshes, 40 s")
+    third.set(
+        xlabel="CPU time, one thread (s)", ylabel="relative error of the dose", title="Orders and meshes (mm), 40 s"
+    )
     for method in methods(plates):
         rows = [r for r in plates if r["method"] == method]
         drawn(fourth, rows, "penalty", *LOOKS[method], label=method)
@@ -231,8 +216,10 @@ def chart(records: list[dict], path: str) -> None:
     fourth.set(xlabel="penalty (Pa/m), and CPU time at the marks", ylabel="relative error of the peak force")
     fourth.set_title("Contact, 40 s")
     for axes, rows in ((first, held), (second, held), (third, meshes), (fourth, plates)):
+        errors = [r["error"] for r in rows if held_up(r)]
+        axes.set_ylim(min(errors) / 2, (2 if len(errors) == len(rows) else 8) * max(errors))
         axes.grid(alpha=0.3)
-        axes.set_ylim(top=4 * max(r["error"] for r in rows if held_up(r)))
+    third.set_ylim(bottom=third.get_ylim()[0] / 6)  # room for what is what
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -259,10 +246,11 @@ def drawn(axes: Any, rows: list[dict], x: str, colour: str, style: str, label: s
             axes.text(at, 0.93, text, ha="center", va="top", fontsize=7, color=colour, transform=top)
 
 
-def told(axes: Any, rows: list[dict], x: str, text: Callable[[dict], str]) -> None:
+def told(axes: Any, rows: list[dict], x: str, text: Callable[[dict], str], above: bool = True) -> None:
     """A few words at each mark."""
     for r in filter(held_up, rows):
-        axes.annotate(text(r), (r[x], r["error"]), (5, 4), textcoords="offset points", fontsize=7)
+        at = (5, 4) if above else (-3, -11)
+        axes.annotate(text(r), (r[x], r["error"]), at, textcoords="offset points", fontsize=7)
 
 
 def line(r: dict) -> str:
