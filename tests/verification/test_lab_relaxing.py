@@ -193,6 +193,57 @@ def test_creep_under_a_load_whose_first_newton_step_leaves_all_sense(stress):
     assert (found > 1) == (stress > 0)
 
 
+def let_go(g, tau, held, since):
+    """Strain of the standard linear solid under no stress, `since` a unit strain of length `held` ended."""
+    return g * -np.expm1(-held / tau) * np.exp(-np.asarray(since) * (1 - g) / tau)
+
+
+@pytest.mark.parametrize("mode", ["uniaxial", "planar"])
+def test_a_body_let_go_recovers_by_itself_and_is_met_again_where_it_is(mode):
+    E0, g, tau, held, e = 3000.0 if mode == "uniaxial" else 4000.0, 0.6, 2.0, 3.0, 1e-5
+    free = np.linspace(0, 4, 401)[1:]
+    times = np.concatenate([[0.0, held], held + 1e-9 * np.arange(1, 3), held + free, [held + 4 + 1e-9]])
+    again = 0.5 * e
+    plate = 1 - np.concatenate([[e, e, 0, 0], np.full(400, -e), [again]])
+    stretch, stress = lab.press(Prony(NeoHooke(1000.0), [g], [tau]), mode, times, plate)
+    strain = (1 - stretch) / e
+    assert np.allclose(strain[4:-1], let_go(g, tau, held, free), rtol=2e-5) and np.all(stress[2:-1] == 0)
+    flowed = let_go(g, tau, held, 4.0) / g  # of the dashpot
+    assert stress[1] / (-E0 * e) == pytest.approx(1 - g + g * np.exp(-held / tau), rel=1e-4)
+    assert stress[-1] / (-E0 * e) == pytest.approx(0.5 - g * flowed, rel=1e-3) and strain[-1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", ["miller2002:brain", "griffiths2024:white_matter"])
+def test_a_plate_that_stays_is_a_history(name):
+    material, times = constants(name).law(), np.concatenate([np.linspace(0, 2, 9), [5.0, 20.0, 100.0]])
+    stretches = 1 - np.outer([0.02, 0.15], np.minimum(times / 2, 1))
+    for mode in ("uniaxial", "equibiaxial", "planar"):
+        found, stress = lab.press(material, mode, times, stretches)
+        wanted = lab.history(material, mode, times, stretches)
+        assert np.array_equal(found, stretches) and np.allclose(stress, wanted, rtol=1e-6, atol=1e-4)
+
+
+def test_plates_of_many_histories_are_those_of_each():
+    times = np.concatenate([np.linspace(0, 1, 6), [3.0, 3.1, 4.0, 4.2, 6.0]])
+    plates = 1 - np.array([0.05, 0.15])[:, None] * np.concatenate([np.linspace(0, 1, 6), [1, 0, -1, 0.3, 0.8]])
+    together = lab.press(OWN, "planar", times, plates)
+    alone = [lab.press(OWN, "planar", times, row) for row in plates]
+    assert np.allclose(together, np.swapaxes(alone, 0, 1), rtol=1e-7, atol=1e-6)
+
+
+def test_creep_under_a_load_that_goes():
+    E0, g, tau, load, held = 3000.0, 0.6, 2.0, 1e-4, 5.0
+    times = np.concatenate([np.linspace(0, held, 801), held + 1e-9 + np.linspace(0, 5, 801)])
+    strain = lab.creep(Prony(NeoHooke(E0 / 3), [g], [tau]), "uniaxial", np.where(times <= held, load, 0.0), times) - 1
+    slow = (1 - g) / tau
+
+    def compliance(t):
+        return 1 / (E0 * (1 - g)) - (1 / (E0 * (1 - g)) - 1 / E0) * np.exp(-t * slow)
+
+    wanted = load * (compliance(times) - np.where(times > held, compliance(np.maximum(times - held, 0)), 0.0))
+    assert np.allclose(strain[1:], wanted[1:], rtol=1e-4, atol=1e-13)
+
+
 class Fibres:
     """Oblique fibres: the symmetric state is no equilibrium."""
 
@@ -247,6 +298,9 @@ def test_a_branch_of_another_kind_brings_its_own_overstress():
         (lambda: lab.relaxation(MILLER, "shear", 0.1, [1.0], rise=-1.0), "rise is -1"),
         (lambda: lab.relaxation(MILLER, "shear", 0.1, [-1.0]), "from 0 or later on"),
         (lambda: lab.creep(MILLER, "shear", np.inf, [0.0]), "stress is inf"),
+        (lambda: lab.creep(MILLER, "shear", [1.0, 2.0], [0.0]), "stress is .*one for each time"),
+        (lambda: lab.press(MILLER, "shear", [0.0], [0.0]), "mode is 'shear'; wanted: one that presses"),
+        (lambda: lab.press(MILLER, "planar", [0.0], [1.0, 1.0]), r"stretches is of shape \(2,\)"),
         (lambda: lab.storage_loss(MILLER, -1.0), "omega is -1"),
         (lambda: lab.storage_loss(NeoHooke(1.0), 1.0), "material is NeoHooke"),
     ],

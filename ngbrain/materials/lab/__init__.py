@@ -8,7 +8,7 @@ from ngbrain.materials.lab.curves import Curve, budday
 from ngbrain.materials.lab.elastic import ellipticity, stress
 from ngbrain.materials.lab.fit import Fit, fit
 from ngbrain.materials.lab.plot import plot
-from ngbrain.materials.lab.relaxing import creep, history, relaxation, storage_loss
+from ngbrain.materials.lab.relaxing import creep, history, press, relaxation, storage_loss
 from ngbrain.materials.points import initial_modulus
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "history",
     "initial_modulus",
     "plot",
+    "press",
     "relaxation",
     "storage_loss",
     "stress",

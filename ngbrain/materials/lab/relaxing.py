@@ -34,9 +34,7 @@ def history(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike
     array([100.   ,  68.394,  50.   ])
     """
     test, times = _test(material, mode), _checked_times(times)
-    values = test.checked(stretches)
-    if values.ndim not in (1, 2) or values.shape[-1] != len(times):
-        raise InputError("stretches", f"of shape {values.shape}", f"({len(times)},) or (histories, {len(times)})")
+    values = _checked_histories(test, times, stretches)
     warn_beyond(material, test, values)
     rows = values.reshape(-1, len(times))
     answer = _symmetric(material, test, times, rows)
@@ -64,8 +62,45 @@ def relaxation(material: Viscous, mode: str, stretch: float, times: ArrayLike, r
     return history(material, mode, grid, stretches)[np.searchsorted(grid, wanted)]
 
 
-def creep(material: Viscous, mode: str, stress: float, times: ArrayLike) -> np.ndarray:
-    """Stretch (or shear) at `times` (s, increasing from 0) under a sudden nominal stress (Pa) that stays.
+def press(material: Viscous, mode: str, times: ArrayLike, stretches: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Stretch and nominal stress (Pa) of a body that plates press but never pull, of the shape of `stretches`.
+
+    times      s, increasing from 0 on
+    stretches  that the plates would hold the body at: (times,), or (histories, times) for many at once; above those of the
+               free body the plates are clear of it, and it recovers by itself under no stress
+
+    Each time is one step, second order in its length. `InputError` for a shear.
+
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> stretch, stress = press(Prony(NeoHooke(1000.0), [0.5], [2.0]), "planar", [0.0, 2.0, 2.1], [0.9, 0.9, 1.0])
+    >>> stretch.round(4), stress.round(1)
+    (array([0.9   , 0.9   , 0.9668]), array([-471.7, -322.6,    0. ]))
+    """
+    test, times = _test(material, mode), _checked_times(times)
+    if not test.rest:
+        raise InputError("mode", repr(mode), "one that presses: uniaxial, equibiaxial or planar")
+    values = _checked_histories(test, times, stretches)
+    warn_beyond(material, test, np.minimum(values, test.rest))
+    rows = values.reshape(-1, len(times))
+    march = _March(material, test, len(rows))
+    specimen = march.specimen
+    specimen.state = test.isotropic(np.full(len(rows), test.rest))
+    found, stress = np.empty_like(rows), np.empty_like(rows)
+    for n, dt in enumerate(np.diff(times, prepend=times[0])):
+        march.begin(dt)
+        march.hold(rows[:, n])
+        held, stress[:, n] = specimen.state, np.minimum(specimen.stress, 0.0)
+        free = specimen.stress > 0
+        if free.any():
+            specimen.settle(0)
+            specimen.state = np.where(free, specimen.state, held)
+        found[:, n] = specimen.state[0]
+        march.end()
+    return found.reshape(values.shape), stress.reshape(values.shape)
+
+
+def creep(material: Viscous, mode: str, stress: ArrayLike, times: ArrayLike) -> np.ndarray:
+    """Stretch (or shear) at `times` (s, increasing from 0) under a nominal stress (Pa): a number, sudden, or one for each time.
 
     Each time is one step, second order in its length. An equibiaxial test carries the stress both ways.
 
@@ -74,14 +109,15 @@ def creep(material: Viscous, mode: str, stress: float, times: ArrayLike) -> np.n
     array([0.1, 0.2])
     """
     test, times = _test(material, mode), _checked_times(times)
-    if not np.isfinite(stress):
-        raise InputError("stress", stress, "a finite number (Pa)")
+    loads = np.asarray(stress, dtype=float)
+    if loads.shape not in ((), times.shape) or not np.isfinite(loads).all():
+        raise InputError("stress", stress, "a finite number (Pa), or one for each time")
     march = _March(material, test, 1)
     march.specimen.state = test.isotropic(np.array([test.rest]))
     stretches = []
-    for dt in np.diff(times, prepend=times[0]):
+    for dt, load in zip(np.diff(times, prepend=times[0]), np.broadcast_to(loads, times.shape), strict=True):
         march.begin(dt)
-        march.specimen.settle(0, load=stress)
+        march.specimen.settle(0, load=load)
         march.end()
         stretches.append(march.specimen.state[0, 0])
     return np.array(stretches)
@@ -119,6 +155,13 @@ def _checked_times(times: ArrayLike, from_rest: bool = True) -> np.ndarray:
     return values
 
 
+def _checked_histories(test: Mode, times: np.ndarray, stretches: ArrayLike) -> np.ndarray:
+    values = test.checked(stretches)
+    if values.ndim not in (1, 2) or values.shape[-1] != len(times):
+        raise InputError("stretches", f"of shape {values.shape}", f"({len(times)},) or (histories, {len(times)})")
+    return values
+
+
 def _symmetric(material: Viscous, test: Mode, times: np.ndarray, stretches: np.ndarray) -> np.ndarray | None:
     """All times at once in the symmetric state, or None where that is no equilibrium."""
     specimen = Specimen.of_law(material.equilibrium, test, stretches.size)
@@ -144,11 +187,7 @@ def _stepped(material: Viscous, test: Mode, times: np.ndarray, stretches: np.nda
         march.begin(dt)
         if n == 0:
             march.specimen.stretch_to(stretches[:, 0])
-        else:
-            state = march.specimen.state.copy()
-            state[: test.given] = stretches[:, n]
-            march.specimen.state = state
-        march.specimen.settle(test.given)
+        march.hold(stretches[:, n])
         answer[:, n] = march.specimen.stress
         march.end()
     return answer
@@ -191,6 +230,14 @@ class _March:
             self._flows.begin(dt or self._sudden, self._before)
             self.specimen.follow = [self._relax]
             self._relax()
+
+    def hold(self, stretches: np.ndarray) -> None:
+        """Put the test to these stretches (n,) from the present state on; the body chooses the rest."""
+        given = self.specimen.mode.given
+        state = self.specimen.state.copy()
+        state[:given] = stretches
+        self.specimen.state = state
+        self.specimen.settle(given)
 
     def _relax(self) -> None:
         self._flows.relax(self.specimen.points(self._shape))
