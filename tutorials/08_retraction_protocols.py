@@ -66,7 +66,7 @@ for recovery in (5, 60, 600):
 # %%
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", RangeWarning)
-    deep = Column(white.law(), depth=25e-3, mode="planar", steps=12)
+    deep = Column(white.law(), depth=25e-3, mode="planar", steps=8)
     for protocol in (one, rests):
         total, longest = times_above(deep.push(protocol).curve, 20.0)
         print(f"{protocol.name:<13} above 20 mmHg {to_minutes(total):.1f} min, longest {to_minutes(longest):.1f} min")

@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
+from pressing import force
 from scipy.integrate import solve_ivp
 
 from ngbrain.errors import InputError
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.steps import ErrorControl
+from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
-from ngbrain.surgery.column import Column, dose_left
+from ngbrain.mesh import block
+from ngbrain.surgery.column import Column, Course, dose_left
 from ngbrain.surgery.injury import curve, dose, times_above
-from ngbrain.surgery.protocols import Protocol, continuous, intermittent
+from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent
 from ngbrain.units import to_minutes, to_mmHg
 
 pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
@@ -85,6 +91,16 @@ def test_a_blade_that_lets_go_against_springs_and_dashpots(name):
     )
 
 
+@pytest.mark.parametrize(("mode", "pressure"), [("uniaxial", 1 / 0.8 - 0.8**2), ("planar", 1 / 0.8**2 - 0.8**2)])
+def test_the_pressure_is_on_the_area_that_there_is(mode, pressure):
+    """Neo-Hooke pressed to λ = 0.8 at once: the force over the area as the sides have made it."""
+    column = Column(Viscous(NeoHooke(1000.0), (Branch(NeoHooke(500.0), 1e6),)), 25e-3, mode)
+    course = column.push(continuous(OPENING, 1e-3, 1.0))
+    assert course.pressure[-1] == pytest.approx(1500 * pressure, rel=1e-5) and course.advance[-1] == pytest.approx(
+        OPENING
+    )
+
+
 @pytest.mark.parametrize("name", GRIFFITHS + MILLER)
 def test_rests_lower_later_peaks_but_raise_the_dose_of_equal_work(name):
     work, depths = 900.0, OPENING / np.array([1e-3, 0.1])
@@ -137,6 +153,37 @@ def test_millers_two_times_cannot_relax_as_measured(name):
     as_measured = np.abs(left - 0.35) < 0.05
     assert as_measured.any() and half[as_measured].max() < 2.0
     assert left[(half > 4) & (half < 10)].min(initial=1.0) > 0.45
+
+
+def test_griffiths_cortex_relaxes_as_measured():
+    left, half = held("griffiths2024:cortex", np.array([0.05]), [10.0])[0, 0]
+    assert left == pytest.approx(0.35, abs=0.02) and half == pytest.approx(6.6, rel=0.1)
+
+
+def on_a_block(protocol, entry, size=0.02):
+    """Force over time of a plate on a bonded block."""
+    drive, mu = Drive(protocol), entry.initial_modulus
+    plate = Contact("top", lambda x: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
+    body = Body(block((size,) * 3, 0.01), {"tissue": Material(entry.law(), 1000 * mu)}, "bottom", [plate])
+    rows = [(0.0, 0.0)]
+    transient = Transient(body, drive, ErrorControl(1e-2, touch=0.05), 1e-3)
+    transient.run(lambda b, at, record: rows.append((at.t, max(force(b), 0.0))))
+    t, f = np.array(rows).T
+    return Course(t, np.zeros_like(t), f, protocol.times)
+
+
+@pytest.mark.slow
+def test_a_block_in_space_has_the_order_and_nearly_the_ratios_of_the_column():
+    entry, opening = constants("griffiths2024:white_matter"), 2e-3
+    one, many = continuous(opening, 10.0, 610.0), intermittent(opening, 10.0, 3 * 310, 300.0, 310.0)
+    ratios = []
+    column = Column(entry.law(), 20e-3, "planar", steps=12)
+    for press in (column.push, lambda protocol: on_a_block(protocol, entry)):
+        a, b = press(one), press(many)
+        ratios.append([*(b.peaks() / a.pressure.max()), dose(b.curve) / dose(a.curve)])
+    flat, space = ratios
+    assert space[0] == pytest.approx(1, rel=0.01) and space[1] < 0.65 and space[2] > 1.02
+    assert space[1] == pytest.approx(flat[1], rel=0.15) and space[2] == pytest.approx(flat[2], rel=0.02), ratios
 
 
 def test_a_dose_that_decays_while_released():

@@ -225,7 +225,9 @@ def test_a_plate_that_stays_is_a_history(name):
 
 def test_plates_of_many_histories_are_those_of_each():
     times = np.concatenate([np.linspace(0, 1, 6), [3.0, 3.1, 4.0, 4.2, 6.0]])
-    plates = 1 - np.array([0.05, 0.15])[:, None] * np.concatenate([np.linspace(0, 1, 6), [1, 0, -1, 0.3, 0.8]])
+    ramp = np.linspace(0, 1, 6)
+    goes, stays = np.concatenate([ramp, [1, 0, -1, 0.3, 0.8]]), np.concatenate([ramp, np.ones(5)])
+    plates = 1 - np.array([0.05 * goes, 0.15 * goes, 0.1 * stays])
     together = lab.press(OWN, "planar", times, plates)
     alone = [lab.press(OWN, "planar", times, row) for row in plates]
     assert np.allclose(together, np.swapaxes(alone, 0, 1), rtol=1e-7, atol=1e-6)
