@@ -247,9 +247,9 @@ def both(method: str, fine: Callable[[], Values], coarse: Callable[[], Values], 
     for r in good:
         value, other = float(r["value"]), float(rough.get(key(r), np.nan))
         error = abs(other / value - 1) if np.isfinite(other) and np.isfinite(value) else None
-        plain = {name: float(v) if isinstance(v, np.floating) else v for name, v in r.items()}
-        plain |= {"value": value if np.isfinite(value) else None, "error": error, "converged": True}
-        yield {"method": method, "order": 2, "ndof": 3, **common, **plain, "cpu_s": cost / len(good)}
+        plain = r | {"value": value if np.isfinite(value) else None, "error": error, "cpu_s": cost / len(good)}
+        short = {name: float(f"{v:.5g}") if isinstance(v, float) else v for name, v in plain.items()}
+        yield {"method": method, "order": 2, "ndof": 3, **common, **short, "converged": True}
 
 
 def key(r: dict) -> tuple:
@@ -273,8 +273,8 @@ def measure(quick: bool) -> list[dict]:
 
 def chart(records: list[dict], path: str) -> None:
     """Relaxation against what was measured; pressures; who wins where; and what recovery would have to be."""
-    plt, figure, grid = _front.figure(14, 10, 2, nrows=2)
-    (relaxing, pressed), (who, recovering) = grid
+    plt, figure, (left, right) = _front.figure(15, 10, 2)
+    (relaxing, who), (pressed, recovering) = (halves(figure, axes) for axes in (left, right))
     colours = dict(zip(SETS, ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8a8a8a", "#c0a030"), strict=True))
     relaxation(relaxing, [r for r in records if r["kind"] == "hold"], colours)
     courses(pressed)
@@ -287,15 +287,20 @@ def chart(records: list[dict], path: str) -> None:
         )
     recovering.axhline(5, color="#999999", ls=":")
     recovering.annotate("length of a rest", (0.02, 5.3), xycoords=("axes fraction", "data"), fontsize=8)
-    recovering.set(xlabel="opening / depth (%)", ylabel="recovery time (min)")
-    recovering.set_title(
-        "Recovery that makes doses of equal work equal (holds and rests of 5 min): with a faster one rests win"
-    )
+    recovering.set(xlabel="opening / depth (%)", ylabel="recovery time (min); with a shorter one rests win")
+    recovering.set_title("Recovery that makes doses of equal work equal, 5 min on and off")
     recovering.legend(fontsize=8)
     for axes in (relaxing, pressed, recovering):
         axes.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=130)
     plt.close(figure)
+
+
+def halves(figure: Any, axes: Any) -> tuple[Any, Any]:
+    """A panel as two, one above the other."""
+    grid = axes.get_subplotspec().subgridspec(2, 1)
+    axes.remove()
+    return figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
 
 
 def relaxation(axes: Any, records: list[dict], colours: dict[str, str]) -> None:
@@ -313,8 +318,9 @@ def relaxation(axes: Any, records: list[dict], colours: dict[str, str]) -> None:
     axes.fill_between(*box, color="#f2d35b", alpha=0.4, label="measured: 6.6 min (20 % about it), 0.35 (0.05 about it)")
     axes.plot(HALVED, LEFT, "k*", ms=10)
     axes.set(xlabel="half-time (min)", ylabel="left of the peak after half an hour")
-    axes.set_title("Openings in 0.5 to 150 s, of 10 % (solid) and 0.1 % (dashed) of the depth")
-    axes.legend(fontsize=8)
+    axes.set_title("Opened in 0.5 to 150 s by 10 % (solid) and 0.1 % (dashed) of the depth")
+    axes.set_ylim(top=0.68)
+    axes.legend(fontsize=8, loc="upper left")
 
 
 def courses(axes: Any) -> None:
@@ -349,14 +355,14 @@ def winners(axes: Any, records: list[dict]) -> None:
                 and (wet or sort in r["constants"])
             ]
             if mine:
-                axes.plot([min(mine), max(mine)], [k + shift] * 2, color=colour, lw=4, solid_capstyle="round")
+                axes.plot([min(mine), max(mine)], [k + shift] * 2, "o-", color=colour, lw=4, ms=4)
     axes.axvline(1, color="k", lw=0.8)
     axes.set_yticks(range(len(names)), [f"{comparison}: {measure}" for comparison, measure in names], fontsize=8)
     axes.invert_yaxis()
     axes.set(xscale="log", xlabel="over that of one hold; below 1 rests, stages or force win")
     axes.set_xticks((0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.3), ("0.1", "0.2", "0.3", "0.5", "0.7", "1", "1.3"))
     axes.minorticks_off()
-    axes.set_title("Ranges over openings and patterns: Griffiths (blue), Miller (grey), with a draining fluid (red)")
+    axes.set_title("Ranges: Griffiths (blue), Miller (grey), with a draining fluid (orange)")
     axes.grid(alpha=0.3, axis="x")
 
 

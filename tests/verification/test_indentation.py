@@ -61,26 +61,26 @@ def test_ramp_and_hold_of_a_relaxing_block_is_the_elastic_one_times_the_relaxati
 @pytest.mark.slow
 def test_a_sphere_on_a_half_space():
     """Hertz: F = 16/3 μ √R d^1.5 and the largest pressure 8 μ/π √(d/R), incompressible, without friction."""
-    half, R, mu = 0.06, 0.05, 1000.0
+    half, R, mu = 0.12, 0.05, 1000.0
     box = occ.Box(occ.Pnt(-half, -half, -half), occ.Pnt(half, half, 0.0))
-    disc = occ.WorkPlane(occ.Axes((0, 0, 0), occ.Z)).Circle(2.6e-3).Face()
-    disc.maxh = 0.5e-3
+    disc = occ.WorkPlane(occ.Axes((0, 0, 0), occ.Z)).Circle(2.4e-3).Face()
+    disc.maxh = 0.35e-3
     solid = occ.Glue([box, disc])
     for face in solid.faces:
         face.name = "top" if face.center.z > -1e-9 and max(abs(face.center.x), abs(face.center.y)) < 1e-9 else "far"
     solid.solids[0].mat("tissue")
-    mesh = ngs.Mesh(occ.OCCGeometry(solid).GenerateMesh(maxh=0.03, grading=0.6))
+    mesh = ngs.Mesh(occ.OCCGeometry(solid).GenerateMesh(maxh=0.06, grading=0.6))
     drive = Drive(Protocol("press", (0.0, 1.0, 2.0), (0.0, 4e-5, 8e-5)))
 
     def sphere(x):
         z = x[2] - R + drive.parameter
         return ngs.sqrt(x[0] ** 2 + x[1] ** 2 + z * z) - R
 
-    body = Body(mesh, {"tissue": Material(NeoHooke(mu), 1e5 * mu)}, "far", [Contact("top", sphere, 5e8, 1e-7)])
+    body = Body(mesh, {"tissue": Material(NeoHooke(mu), 1e5 * mu)}, "far", [Contact("top", sphere, 1e9, 1e-7)])
     found = []
     Transient(body, drive, StepControl(1.0, first=1.0), 1e-3).run(lambda b, at, record: found.append((at.t, force(b))))
     forces = [f for t, f in found if t in (1.0, 2.0)]
     wanted = [16 / 3 * mu * np.sqrt(R) * d**1.5 for d in (4e-5, 8e-5)]
-    assert np.allclose(forces, wanted, rtol=0.03), (forces, wanted, mesh.ne, body.fes.ndof)
+    assert np.allclose(forces, wanted, rtol=0.045) and np.log2(forces[1] / forces[0]) == pytest.approx(1.5, abs=0.03)
     top = body.contacts[0].pressure(body.u)(mesh(0.0, 0.0, 0.0, ngs.BND))
     assert top == pytest.approx(8 * mu / np.pi * np.sqrt(8e-5 / R), rel=0.05)
