@@ -4,10 +4,11 @@ A column of depth L is pressed to λ = 1 - s/L by a blade that has advanced by s
 Its stress is that of the laboratory (`materials.lab`), whose steps are those of a body. It knows time and the tissue's law, and
 nothing of shapes: ratios between protocols are its answers, pressures of a head are not.
 
-Why rests cannot lower the dose of equal work: with a blade that goes to one opening, a branch of modulus 1 has the overstress h at
-the end of a hold, -(1 - h) exp(-rest/τ) before the next opening where the strain was back at zero, and 1 - (1 - h) exp(-rest/τ) ≥ h
-after it. So no hold starts lower than the last one ended, nor higher than the first began, in any sum of branches: in any
-relaxation that falls monotonously, a draining fluid's too.
+Why rests cannot lower the dose of equal work, at small strain: with a blade that goes to one opening, a branch of modulus 1 has the
+overstress h at the end of a hold, -(1 - h) exp(-rest/τ) before the next opening where the strain was put back to zero, and
+1 - (1 - h) exp(-rest/τ) ≥ h after it. So no hold starts lower than the last one ended, nor higher than the first began, in any sum
+of branches: in any relaxation that falls monotonously, a draining fluid's too. Let go, tissue comes back less far; of 20 000 random
+pairs of branches, holds and rests none had a lower dose either.
 """
 
 from __future__ import annotations

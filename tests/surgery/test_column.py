@@ -40,7 +40,7 @@ def relative_dose(t, stress):
 
 
 @pytest.mark.parametrize(("region", "one", "many"), [("white_matter", 6.33, 7.30), ("cortex", 7.30, 9.49)])
-def test_strain_that_is_put_back_has_the_published_doses(region, one, many):
+def test_strain_that_is_put_back_has_the_known_doses(region, one, many):
     """The strain goes back to zero in ten seconds, the last time too, whether the tissue would or not; pull is not counted."""
     entry = constants(f"griffiths2024:{region}")
     put_back = Protocol("put back", tuple(np.cumsum([0, *[10, 300, 10, 300] * 6])), (0, *[OPENING, OPENING, 0, 0] * 6))
