@@ -262,7 +262,7 @@ def key(r: dict) -> tuple:
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
     warnings.simplefilter("ignore", RangeWarning)
-    steps, found = 12 if quick else STEPS, []
+    steps, found = 8 if quick else STEPS, []
     for name in list(SETS)[1::3] if quick else SETS:
         runs = (lambda n=n, name=name: of_set(name, n, quick) for n in (steps, steps // 2))
         found += both("ngbrain:column", *runs, {"constants": name})
