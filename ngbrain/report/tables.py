@@ -66,6 +66,7 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("von_mises_max_over_0_5_ml_kPa", "Von Mises stress near the site, mean of the worst 0.5 ml", "kPa", True),
     ("strain_rate_p95_per_s", "Rate of deformation near the site, 95th percentile", "1/s", True),
     ("beyond_fit_ml", "Tissue strained beyond what its law was fitted to", "ml", True),
+    ("compressed_by_35_percent_ml", "Tissue compressed by more than 35 %, whose free surfaces fold", "ml", True),
     ("min_net_reaction_N", "Smallest net reaction of the wall (negative: pulled)", "N", False),
     ("min_det_F", "Smallest volume ratio of any point", "", False),
 )

@@ -66,6 +66,7 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
         "volume_mps_above_by_region_ml": _by_region(peak.volume_mps_above),
         "beyond_fit_ml": sum(peak.beyond_fit.values()),
         "beyond_fit_by_region_ml": peak.beyond_fit,
+        "compressed_by_35_percent_ml": sum(peak.creased.values()),
         "region_ml": peak.tissue,
         "volumes_ml": peak.volume,
         "min_det_F": float(run.column("min_det_F").min()),

@@ -12,6 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
+from ngbrain.forward.stability import CREASE
 from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.transient import Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
@@ -41,6 +42,7 @@ class Peak:
     mps, oss            near the site
     volume_mps_above    threshold → name of tissue → ml
     beyond_fit          name of tissue → ml strained beyond what its own law was fitted to
+    creased             name of tissue → ml compressed beyond `forward.stability.CREASE`, where free surfaces fold
     tissue, near        name of tissue → ml in all, and near the site
     volume              what moves where (ml)
     """
@@ -50,6 +52,7 @@ class Peak:
     oss: Spread
     volume_mps_above: dict[str, dict[str, float]]
     beyond_fit: dict[str, float]
+    creased: dict[str, float]
     tissue: dict[str, float]
     near: dict[str, float]
     volume: dict[str, float]
@@ -67,6 +70,7 @@ class Peak:
             spreads["oss"],
             {f"{threshold:.2f}": sites.ml(mps > threshold) for threshold in MPS_THRESHOLDS},
             sites.ml(sample.beyond),
+            sites.ml(sample.strain.stretch[:, 0] < CREASE),
             sites.ml(everywhere),
             sites.ml(near),
             volume,

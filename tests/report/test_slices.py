@@ -68,7 +68,9 @@ def peak(grid: QuadraticGrid) -> Peak:
     cleft = Cleft(TARGET, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 0.048, 0.004, 0.01)
     regions = np.array(grid.region_names)[grid.region]
     outer = {"skull": faces(tets)}
-    return Peak("a", 0.0, grid.points, grid.points, 0 * grid.points[:, 0], tets, regions, outer, cleft, 0.04, {}, 0.0)
+    return Peak(
+        "a", 0.0, grid.points, grid.points, 0 * grid.points[:, 0], tets, regions, outer, cleft, 0.04, "blade", ()
+    )
 
 
 def picture(arrays: dict[str, np.ndarray], peak: Peak) -> np.ndarray:

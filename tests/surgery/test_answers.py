@@ -23,6 +23,7 @@ PEAK = Peak(
     oss=Spread(10.0, 0.02, 0.12, 0.17, 0.22),
     volume_mps_above={"0.14": {"grey": 0.2, "white": 0.3}, "0.18": {"grey": 0.05, "white": 0.0}},
     beyond_fit={"grey": 1.0, "white": 3.0},
+    creased={"grey": 0.25, "white": 0.5},
     tissue={"grey": 400.0, "white": 600.0},
     near={"grey": 10.0, "white": 30.0},
     volume={"window": 0.0},
@@ -44,6 +45,7 @@ def test_an_answer_in_the_units_of_its_keys():
     assert (found["strain_rate_p99_per_s"], found["strain_rate_peak_at_s"]) == (0.011, 5.0)
     assert (found["mps_p50"], found["oss_p95"], found["mps_max_over_0_5_ml"]) == (0.01, 0.12, 0.21)
     assert found["volume_mps_above"] == {"0.14": 0.5, "0.18": 0.05} and found["beyond_fit_ml"] == 4.0
+    assert found["compressed_by_35_percent_ml"] == 0.75
     assert found["volume_mps_above_by_region_ml"]["grey"] == {"0.14": 0.2, "0.18": 0.05}
     assert found["beyond_fit_by_region_ml"]["white"] == 3.0
     assert found["min_perfusion_reserve_mmHg"] == pytest.approx(6.0)

@@ -8,6 +8,7 @@ from netgen.occ import Box, OCCGeometry
 from ngbrain.forward.body import Body, Material
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import Cleft, block
+from ngbrain.surgery.runs import Peak
 from ngbrain.surgery.sampling import AMOUNT, NEIGHBOURHOOD, Part, Sampler, Sites, largest_mean
 
 SIDE = 0.02
@@ -112,6 +113,16 @@ def test_each_region_is_held_to_the_range_of_its_own_law():
     everywhere = sampler.sites.ml(np.ones(len(sample.beyond), bool))
     assert sum(everywhere.values()) == pytest.approx(ml) and everywhere["narrow"] == pytest.approx(ml / 4, rel=0.3)
     assert sampler.sites.ml(sample.beyond) == {"narrow": everywhere["narrow"], "wide": 0.0, "elsewhere": 0.0}
+
+
+@pytest.mark.parametrize(("stretch", "ml"), [(0.66, 0.0), (0.64, 8.0)])
+def test_tissue_is_counted_that_is_compressed_so_far_that_surfaces_fold(stretch, ml):
+    body = body_of()
+    sampler = Sampler(body, CLEFT, EVERYWHERE)
+    deform(body, turn(0.4) @ uniaxial(stretch))
+    body.tissue_forces()
+    sample = sampler(1.0)
+    assert Peak.of(sample, sample.spreads(), {}).creased["tissue"] == pytest.approx(ml)
 
 
 def test_what_no_part_is_of_is_not_sampled():
