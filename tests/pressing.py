@@ -32,10 +32,11 @@ class Failing(Newton):
 
     at: tuple[int, ...] = ()
     attempts: int = 0
+    why: str = "given up"
 
     def solve(self, system, x):
         x, record = super().solve(system, x)
         if self.attempts in self.at:
-            record.converged, record.reason, self.inverse = False, "given up", None
+            record.converged, record.reason, self.inverse = False, self.why, None
         self.attempts += 1
         return x, record

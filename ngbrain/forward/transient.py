@@ -208,7 +208,11 @@ class Transient:
 
 def _error(problem: str, t: float, dt: float) -> Exception:
     kind = (
-        InvertedElementError if "det F" in problem else ContactError if "penetration" in problem else ConvergenceError
+        InvertedElementError
+        if "inverted" in problem
+        else ContactError
+        if "penetration" in problem
+        else ConvergenceError
     )
     return kind(
         f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {problem}; "

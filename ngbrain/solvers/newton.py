@@ -152,7 +152,8 @@ class Newton:
             if not damped:
                 return None
             damping /= 2
-        raise FloatingPointError(f"no acceptable step (smallest det F of the last trial {det:.3g})")
+        last = "the last trial" if det > self.min_det else "the last trial is inverted"
+        raise FloatingPointError(f"no acceptable step ({last}, smallest det F {det:.3g})")
 
     def _climb(
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int

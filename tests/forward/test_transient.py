@@ -1,10 +1,12 @@
 """Time stepping: closed forms, order in time, unilateral contact, restart, rejected steps."""
 
+import re
+
 import numpy as np
 import pytest
 from pressing import PRESS, Failing, run
 
-from ngbrain.errors import ContactError, ConvergenceError
+from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
@@ -70,9 +72,14 @@ def test_a_step_that_keeps_failing_ends_the_run(make_body, plate):
     drive = plate(*PRESS)
     transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=4.0)
-    transient.newton = Failing(at=tuple(range(99)))
-    with pytest.raises(ConvergenceError, match="given up"):
-        transient.step()
+    for why, kind in (
+        ("given up", ConvergenceError),
+        ("no acceptable step (the last trial, smallest det F 0.9)", ConvergenceError),
+        ("no acceptable step (the last trial is inverted, smallest det F 0.01)", InvertedElementError),
+    ):
+        transient.newton = Failing(at=tuple(range(99)), why=why)
+        with pytest.raises(kind, match=re.escape(why)):
+            transient.step()
 
 
 def test_restart_goes_on_with_the_same_bits(make_body, plate):
