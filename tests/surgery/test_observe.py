@@ -9,12 +9,13 @@ from ngbrain.forward.contact import Contact
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
 from ngbrain.scene import FACED
-from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.blades import Spatula, Tube
 from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer
 
 SIZE = (0.02, 0.04, 0.01)
 TIP, WIDTH, DEPTH = 4e-3, 12e-3, 32e-3
 PENALTY = 1e6
+OUT, SLOT = np.array([0, 1.0, 0]), (DEPTH, 4e-3, 12e-3)
 
 
 def observed(press):
@@ -44,3 +45,46 @@ def test_the_centre_is_a_disc_in_the_middle_of_the_patch_and_the_tip_its_end():
     assert row.tip_pressure == pytest.approx(PENALTY * (1e-6 + ends / 3 / (FACED - low)), rel=0.03)
     assert 2 * CENTRE < WIDTH - 2 * PATCH_MARGIN  # the whole disc is on the patch
     assert row.centre_pressure == pytest.approx(PENALTY * (1e-6 + CENTRE**2 / 4), rel=0.1)
+
+
+def pressed_between(blade, sides):
+    """A block held at an end, with blades on the sides that are named, all moved by one way; it bulges by 1 % of where it is."""
+    way = ngs.Parameter(0.0)
+    clefts = {
+        "top": Cleft(np.array([SIZE[0] / 2, 0.004, SIZE[2] + 2e-3]), OUT, np.array([0, 0, -1.0]), *SLOT),
+        "bottom": Cleft(np.array([SIZE[0] / 2, 0.004, -2e-3]), OUT, np.array([0, 0, 1.0]), *SLOT),
+    }
+    blades = {side: blade(clefts[side]) for side in sides}
+    contacts = [Contact(side, one.distance(way / len(sides)), PENALTY, 1e-4, way=way) for side, one in blades.items()]
+    body = Body(block(SIZE, 4e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, "back", contacts)
+    body.u.Interpolate(ngs.CF((0, 0, 0.01 * (ngs.z - SIZE[2] / 3))))
+    return body, blades, way
+
+
+def spatula(cleft):
+    return Spatula(cleft, WIDTH, 1e-3, TIP, 2e-3)
+
+
+def test_of_two_blades_pressures_are_of_both_patches_and_the_force_is_of_one():
+    body, blades, _ = pressed_between(spatula, ("top", "bottom"))
+    both = Observer(body, blades, "back")(0.0, 0.0, 1.0)
+    top, bottom = (Observer(body, {side: blades[side]}, "back")(0.0, 0.0, 1.0) for side in ("top", "bottom"))
+    assert top.pressure > 1.5 * bottom.pressure > 0
+    assert both.pressure == pytest.approx((top.pressure + bottom.pressure) / 2, rel=2e-3)  # patches end inside triangles
+    assert both.force == pytest.approx((top.force + bottom.force) / 2)
+    assert both.area == pytest.approx(top.area + bottom.area)
+    assert both.opening == pytest.approx(top.opening + bottom.opening)
+
+
+@pytest.mark.parametrize("blade", [spatula, lambda cleft: Tube(cleft, WIDTH, 1e-3, TIP)])
+@pytest.mark.parametrize("sides", [("top",), ("top", "bottom")])
+def test_what_moving_blades_takes_is_the_slope_of_the_contacts_energy(blade, sides):
+    """Whatever the shape: a tube presses on all sides, which no force along the push knows of."""
+    body, blades, way = pressed_between(blade, sides)
+    way.Set(2e-4)
+    driving = sum(face()[-2] for face in Observer(body, blades, "back")._faces)
+    energies = []
+    for at in (2.01e-4, 1.99e-4):
+        way.Set(at)
+        energies.append(body.contact_energy())
+    assert driving > 0 and driving == pytest.approx((energies[0] - energies[1]) / 2e-6, rel=1e-5)
