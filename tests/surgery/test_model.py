@@ -8,9 +8,11 @@ import netgen.occ as occ
 import ngsolve as ngs
 import pytest
 
-from ngbrain.forward.steps import ErrorControl
+from ngbrain.forward.steps import ErrorControl, StepControl
 from ngbrain.scene import Scene, Steps, Tissue
+from ngbrain.surgery import model as surgery_model
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import ProtocolRun, table
 from ngbrain.threads import set_threads
@@ -27,6 +29,40 @@ def test_doubling_every_modulus_doubles_every_force():
     soft, stiff = (table(ProtocolRun(replace(model, scene=s), PUSH, None).go().rows) for s in (scene, twice))
     assert soft["force"].max() > 0.1
     assert stiff["force"] == pytest.approx(2 * soft["force"], rel=1e-6, abs=1e-6 * soft["force"].max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 0.0, 0.01), (0.1, 0.01, 1.0)])
+def test_tissue_stays_within_a_hundredth_of_the_opening_of_the_blade(monkeypatch, factor, least, most):
+    """Elastic, 4 mm; a contact a tenth as stiff lets it in further."""
+    set_threads(1)
+    monkeypatch.setattr(surgery_model, "PENALTY", factor * surgery_model.PENALTY)
+    model, row = opened_elastic(4e-3)
+    assert least < -row.gap / model.scene.retraction.opening < most and row.energy_off < 2e-3
+
+
+@pytest.mark.slow
+def test_the_pressure_does_not_depend_on_the_stiffness_of_contact(monkeypatch):
+    set_threads(1)
+    pressures = []
+    for factor in (1.0, 3.0):
+        monkeypatch.setattr(surgery_model, "PENALTY", factor * 5000.0)
+        pressures.append(opened_elastic(4e-3)[1].pressure)
+    assert pressures[0] == pytest.approx(pressures[1], rel=0.01)
+
+
+def opened_elastic(opening):
+    """The fast idealised head, opened so far with elastic tissue, and what is read then."""
+    scene = Scene.shipped("idealised_fast")
+    scene = replace(scene, retraction=replace(scene.retraction, opening=opening))
+    model = Model.of(scene)
+    ramp = model.ramp("open")
+    run = model.run(ramp, StepControl(scene.retraction.ramp / 10, first=0.05), model.elastic(scene.retraction.ramp))
+    observe, rows = Observer(run.body, model.blades, scene.support.fixed), []
+    run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
+    row = rows[-1]
+    off = abs(row.blade_work - row.contact_energy - row.tissue_work) / row.tissue_work_size
+    return model, Namespace(gap=row.gap, pressure=row.pressure, energy_off=off)
 
 
 def test_the_scene_chooses_the_steps():

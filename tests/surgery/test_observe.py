@@ -70,7 +70,9 @@ def test_of_two_blades_pressures_are_of_both_patches_and_the_force_is_of_one():
     both = Observer(body, blades, "back")(0.0, 0.0, 1.0)
     top, bottom = (Observer(body, {side: blades[side]}, "back")(0.0, 0.0, 1.0) for side in ("top", "bottom"))
     assert top.pressure > 1.5 * bottom.pressure > 0
-    assert both.pressure == pytest.approx((top.pressure + bottom.pressure) / 2, rel=2e-3)  # patches end inside triangles
+    assert both.pressure == pytest.approx(
+        (top.pressure + bottom.pressure) / 2, rel=2e-3
+    )  # patches end inside triangles
     assert both.force == pytest.approx((top.force + bottom.force) / 2)
     assert both.area == pytest.approx(top.area + bottom.area)
     assert both.opening == pytest.approx(top.opening + bottom.opening)
