@@ -24,9 +24,8 @@ ROUND = 48
 class Drawn(Protocol):
     """A blade where it stands at some time."""
 
-    @property
-    def across(self) -> float:
-        """Where its middle is between the walls (m)."""
+    def across(self, height: float) -> float:
+        """Where its middle is between the walls (m), at a height (m) above the cleft's floor."""
 
     def profile(self) -> Floats:
         """Cut through its middle: (across, height) in m, (k, 2)."""
@@ -53,10 +52,10 @@ class Spatula:
     advance: float
     side: int
 
-    @property
-    def across(self) -> float:
-        """Where its middle is between the walls (m)."""
-        return self.side * (self._face - self.blade["thickness_m"] / 2)
+    def across(self, height: float) -> float:
+        """Where its middle is between the walls (m), at a height (m) above the cleft's floor."""
+        middle = np.array([[self._face - self.blade["thickness_m"] / 2, height]])
+        return self.side * float(self._bent(middle, 1)[0, 0])
 
     def profile(self) -> Floats:
         """Cut through its middle: (across, height) in m, (k, 2)."""
@@ -80,14 +79,13 @@ class Spatula:
     def _outline(self, inset: float, across: float) -> Floats:
         """A section of the blade at `across`: its outline, drawn in by `inset`, rounded at the tip."""
         tip, top = self.blade["tip_m"] + inset, self._top
-        half = self.blade["width_m"] / 2 - inset
+        wide = self.blade["width_m"] / 2 - inset
         narrow = (self.blade.get("tip_width_m") or self.blade["width_m"]) / 2 - inset
         r = max(2 * self._edge - inset, 0.0)
         angle = np.linspace(-np.pi / 2, 0, ARC)
         right = np.column_stack([narrow - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
-        surface = [half, max(self.cleft.depth, tip + 1.01 * r)]
-        height = np.linspace(surface[1], top, ARC)
-        above = np.column_stack([np.full(ARC, half), height])
+        height = np.linspace(tip + r, top, 3 * ARC)[1:]
+        above = np.column_stack([np.interp(height, [self.blade["tip_m"], self.cleft.depth], [narrow, wide]), height])
         ring = np.vstack([right[::-1] * [-1, 1], right, above, above[::-1] * [-1, 1]])
         return np.column_stack([np.full(len(ring), across), ring])
 
@@ -120,7 +118,10 @@ class Tube:
     cleft: Cleft
     radius: float
     tip: float
-    across: float = 0.0
+
+    def across(self, height: float) -> float:
+        """Around the cleft's axis."""
+        return 0.0
 
     def profile(self) -> Floats:
         """Cut through its middle: (across, height) in m, (k, 2)."""

@@ -54,7 +54,7 @@ def head(peak: Peak) -> bytes:
         _triad(axes, camera, (0.12, 0.10))
         bar_mm(axes, 50, 0.40)
         ring, far = _rim_points(peak), peak.points[np.unique(inner)]
-        handle = cleft.entry + 0.9 * ABOVE * cleft.out + peak.blades[0].across * cleft.across
+        handle = cleft.entry + 0.9 * ABOVE * cleft.out + peak.blades[0].across(cleft.depth + 0.9 * ABOVE) * cleft.across
         _call(axes, camera, handle, peak.tool, (0.62, 0.93))
         if len(ring):
             _call(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))

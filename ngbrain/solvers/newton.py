@@ -152,8 +152,8 @@ class Newton:
             if not damped:
                 return None
             damping /= 2
-        last = "the last trial" if det > self.min_det else "the last trial is inverted"
-        raise FloatingPointError(f"no acceptable step ({last}, smallest det F {det:.3g})")
+        how = "the last trial" if det > self.min_det else "the last trial is inverted"
+        raise FloatingPointError(f"no acceptable step ({how}, smallest det F {det:.3g})")
 
     def _climb(
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int
