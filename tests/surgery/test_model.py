@@ -32,21 +32,23 @@ def test_doubling_every_modulus_doubles_every_force():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factor", "least", "most"), [(1.0, 0.0, 0.01), (0.1, 0.01, 1.0)])
-def test_tissue_stays_within_a_hundredth_of_the_opening_of_the_blade(monkeypatch, factor, least, most):
-    """Elastic, 4 mm; a contact a tenth as stiff lets it in further."""
+@pytest.mark.parametrize(("factor", "least", "most"), [(10.0, 0.0, 0.01), (1.0, 0.01, 0.06)])
+def test_how_far_tissue_is_in_the_blade_is_a_matter_of_the_penalty(monkeypatch, factor, least, most):
+    """Elastic, 4 mm: a hundredth of the opening with ten times the stiffness."""
     set_threads(1)
     monkeypatch.setattr(surgery_model, "PENALTY", factor * surgery_model.PENALTY)
+    monkeypatch.setattr(surgery_model, "SOFTNESS", 0.01)
     model, row = opened_elastic(4e-3)
     assert least < -row.gap / model.scene.retraction.opening < most and row.energy_off < 2e-3
 
 
 @pytest.mark.slow
-def test_the_pressure_does_not_depend_on_the_stiffness_of_contact(monkeypatch):
+def test_the_pressure_does_not_depend_on_the_stiffness_of_a_stiff_contact(monkeypatch):
     set_threads(1)
     pressures = []
-    for factor in (1.0, 3.0):
-        monkeypatch.setattr(surgery_model, "PENALTY", factor * 5000.0)
+    monkeypatch.setattr(surgery_model, "SOFTNESS", 0.01)
+    for factor in (10.0, 30.0):
+        monkeypatch.setattr(surgery_model, "PENALTY", factor * 500.0)
         pressures.append(opened_elastic(4e-3)[1].pressure)
     assert pressures[0] == pytest.approx(pressures[1], rel=0.01)
 
