@@ -10,12 +10,12 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.contact import Contact, Offset, surface_rule
+from ngbrain.forward.contact import NO_OFFSET, Contact, offsets, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
 from ngbrain.forward.material import Material
 from ngbrain.forward.patterns import check_apart, check_regions
-from ngbrain.forward.tangent import Solve, Tangent, bordered
+from ngbrain.forward.tangent import Solve, Tangent
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
@@ -37,9 +37,9 @@ class Body:
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
-    Unknowns are those of `fes`, then the offsets of the contacts that have one (`contact.Offset`).
+    Unknowns are u, p and the offset of the contacts, of order k - 1 on their walls.
 
-    Attributes: `fes`, `gfu` (compound), `u`, `p` (its components), `history`. Raises `InputError` for a pattern that
+    Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`. Raises `InputError` for a pattern that
     matches no region or boundary.
     """
 
@@ -56,9 +56,10 @@ class Body:
         check_apart(mesh, fixed, [contact.wall for contact in contacts])
         self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
         self.order, self.modulus = order, modulus
-        self.fes = ngs.VectorH1(mesh, order=order, dirichlet=fixed) * ngs.H1(mesh, order=order - 1)
+        spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
+        self.fes = ngs.FESpace([*spaces, offsets(mesh, contacts, order - 1)])
         self.gfu = ngs.GridFunction(self.fes)
-        self.u, self.p = self.gfu.components
+        self.u, self.p, self.offset = self.gfu.components
         self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
         F = deformation_gradient(self.u)
         self.history.follow(isochoric(right_cauchy_green(F)))
@@ -72,16 +73,16 @@ class Body:
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
         ]
-        trial = self.fes.TrialFunction()[0]
-        self._offsets = [Offset(contact, self.u, trial, self.gfu) for contact in contacts if contact.share]
         self._vec = self.gfu.vec.CreateVector()
         self._relaxed, self._stiff = np.empty(0), False
-        self.is_u = np.arange(self.fes.ndof) < self.fes.components[0].ndof
+        unknown = np.repeat([0, 1, 2], [space.ndof for space in self.fes.components])
+        self.is_u = unknown == 0
+        self._scale = np.array([LENGTH_SCALE, modulus, LENGTH_SCALE])[unknown]
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
     def _terms(self) -> tuple[list[ngs.comp.BFI], list[ngs.comp.SumOfIntegrals]]:
         """Energies of the tissues and of the contacts, each made once and compiled."""
-        u, p = self.fes.TrialFunction()
+        u, p, a = self.fes.TrialFunction()
         state = Deformation.of(deformation_gradient(u))
         tissue = []
         for pattern, material in self.materials.items():
@@ -91,7 +92,7 @@ class Body:
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
             tissue.append(term)
-        return tissue, [ngs.Variation(body.energy(u).Compile() * body.measure()) for body in self.contacts]
+        return tissue, [ngs.Variation(body.energy(u, a).Compile() * body.measure()) for body in self.contacts]
 
     def _density(self, material: Material, remembered: Remembered) -> Density:
         law, history = material.viscous, self.history
@@ -122,7 +123,7 @@ class Body:
             term.SetDefinedOnElements(ngs.BitArray(elements))
         self.focused = True
         part, inside = self._form(tissue, contact), self._without(~elements)
-        self._tangent = Tangent(self.form, self._free_dofs, self.weights[: self.fes.ndof], part, inside)
+        self._tangent = Tangent(self.form, self._free_dofs, self.weights, part, inside)
 
     def _without(self, elements: np.ndarray) -> ngs.BitArray:
         """Free unknowns that none of some elements (a mask) has."""
@@ -136,30 +137,27 @@ class Body:
     def _release(self, free: ngs.BitArray) -> None:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
-        scale = np.where(self.is_u, LENGTH_SCALE, self.modulus)
-        offsets = np.full(len(self._offsets), LENGTH_SCALE**-2)
-        self.weights = np.concatenate([self._free / scale**2, offsets]) / self.fes.ndof
+        self.weights = self._free / self._scale**2 / self.fes.ndof
         self.focused = False
-        self._tangent = Tangent(self.form, free, self.weights[: self.fes.ndof])
+        self._tangent = Tangent(self.form, free, self.weights)
 
     # What Newton's method asks (solvers.newton.System).
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """Residual on the free unknowns and of the offsets, and the norm of all nodal forces of the displacement rows."""
+        """Residual on the free unknowns, and the norm of all nodal forces of the displacement rows."""
         self._relax(x)
         r = self._tissue_forces() + self._contact_forces()
-        missing = [offset.missing() for offset in self._offsets]
-        return np.concatenate([r * self._free, missing]), float(np.linalg.norm(r[self.is_u]))
+        return r * self._free, float(np.linalg.norm(r[self.is_u]))
 
     def factorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve:
-        """Solver with the tangent at x, bordered by the offsets' equations.
+        """Solver with the tangent at x.
 
         With a residual r it is that of `refactorise` if what that gives for r will do; `partial` says so.
         """
         solve = None if r is None else self.refactorise(x, r)
         self.partial = solve is not None
         self._stiffen(x)
-        return solve or self._bordered(self._tangent.renew(self.gfu.vec))
+        return solve or self._tangent.renew(self.gfu.vec)
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
         """The same with the tangent renewed where `focus` says, and elsewhere as it was when factorised.
@@ -167,11 +165,7 @@ class Body:
         None without a focus or a factorisation, and if what it gives for r is too rough.
         """
         self._stiffen(x)
-        solve = self._tangent.refresh(self.gfu.vec, None if r is None else r[: self.fes.ndof])
-        return solve and self._bordered(solve)
-
-    def _bordered(self, solve: Solve) -> Solve:
-        return bordered(solve, [offset.border() for offset in self._offsets])
+        return self._tangent.refresh(self.gfu.vec, r)
 
     def _relax(self, x: np.ndarray) -> None:
         """Go to a state and let the Maxwell branches flow there."""
@@ -236,14 +230,11 @@ class Body:
     @property
     def state(self) -> np.ndarray:
         """All unknowns as one array, a copy."""
-        return np.concatenate([self.gfu.vec.FV().NumPy(), [offset.value for offset in self._offsets]])
+        return np.array(self.gfu.vec.FV().NumPy())
 
     @state.setter
     def state(self, x: np.ndarray) -> None:
-        n = self.fes.ndof
-        self.gfu.vec.FV().NumPy()[:] = x[:n]
-        for offset, value in zip(self._offsets, x[n:], strict=True):
-            offset.value = value
+        self.gfu.vec.FV().NumPy()[:] = x
 
     def tissue_forces(self) -> np.ndarray:
         """Nodal forces (N) of the tissue alone at the current state, one per displacement unknown."""

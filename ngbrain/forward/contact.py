@@ -1,12 +1,11 @@
-"""A rigid body against a named wall: a boundary energy of its signed distance, and what makes up for its penalty."""
+"""A rigid body against a named wall: a boundary energy of its signed distance and of what makes up for its penalty."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import ngsolve as ngs
-import numpy as np
 from ngsolve import CoefficientFunction
 
 SURFACE_ORDER = 8
@@ -14,27 +13,34 @@ SURFACE_ORDER = 8
 
 Where it does, another rule is another contact: energy, force, area and pressure must all see the same points.
 """
+NO_OFFSET = ngs.CF(0.0)
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Unilateral, frictionless contact of a wall with a rigid body by a penalty.
+    """Unilateral, frictionless contact of a wall with a rigid body: a penalty, and an offset that makes up for it.
 
-    With the penetration d = a - φ(X + u), the pressure on the reference area is 0 for d ≤ 0, ε d²/(2s) up to d = s and
+    With the depth d = a - φ(X + u), the pressure on the reference area is ψ'(d): 0 for d ≤ 0, ε d²/(2s) up to d = s and
     ε (d - s/2) beyond: continuous with its derivative, so that a wall coming into touch does not unsettle Newton's
-    method, and exactly zero where there is a gap. Force direction and tangent follow from the energy (its integral).
+    method, and exactly zero where there is a gap. The energy per area is
 
-    The offset a ≥ 0 makes up for the penalty: the body stands that much further out, so that the wall goes where the
-    body should have put it, but for the rest of a soft penalty's mean penetration. It is one number a body, a multiplier
-    too coarse to lock the wall's elements as one at every point does (see `Offset`).
+        ψ(a - φ(X + u)) - ε a²/(2 θ) .
+
+    The offset a ≥ 0 (m) is a field on the wall by which the body stands further out, unknown like the displacements: the energy
+    is largest where a is θ/ε times the pressure, in the mean with each of its shape functions, and the wall then goes where
+    the body should have put it but for (1 - θ) of the penalty's mean depth and for half the softness. It is an augmented
+    Lagrangian, with the multiplier ε a/θ and θ just below 1, so that the equations of the offset keep a definite diagonal and
+    need no pivoting. Of an order less than the displacements' it does not lock a wall's elements, as a multiplier at every
+    point or a much higher penalty does. Forces, tangent and the offset's equation follow from the energy.
 
     wall       boundary name or pattern; it sees only this body
     distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside
     penalty    ε (Pa/m)
     softness   s (m)
-    share      of the mean penetration that the offset makes up for, below 1 so that touching walls never show a gap
-    offset     a (m), a Parameter: an unknown like the displacements
+    share      θ in [0, 1), of the depth that the offset makes up for; 0: a penalty alone, a = 0
     way        Parameter that the body moves by, for its work
+
+    Source: Alart and Curnier 1991, 10.1016/0045-7825(91)90022-X.
     """
 
     wall: str
@@ -42,87 +48,37 @@ class Contact:
     penalty: float
     softness: float
     share: float = 0.0
-    offset: ngs.Parameter = field(default_factory=lambda: ngs.Parameter(0.0), compare=False)
     way: ngs.Parameter | None = None
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
         """φ(X + u) in m."""
         return self.distance(ngs.CF((ngs.x, ngs.y, ngs.z)) + u)
 
-    def energy(self, u: CoefficientFunction) -> CoefficientFunction:
+    def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
-        d, s = self.offset - self.gap(u), self.softness
+        d, s = offset - self.gap(u), self.softness
         soft, stiff = d**3 / (6 * s), (d * d - d * s + s * s / 3) / 2
-        return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, stiff, soft), 0)
+        stored = self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, stiff, soft), 0)
+        return stored - self.penalty / (2 * self.share) * offset**2 if self.share else stored
 
-    def pressure(self, u: CoefficientFunction) -> CoefficientFunction:
+    def pressure(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """Contact force per reference area (Pa)."""
-        d, s = self.offset - self.gap(u), self.softness
+        d, s = offset - self.gap(u), self.softness
         return self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, d - s / 2, d * d / (2 * s)), 0)
 
-    def driving(self, u: CoefficientFunction) -> CoefficientFunction:
+    def driving(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
-        return ngs.CF(0.0) if self.way is None else -self.pressure(u) * self.gap(u).Diff(self.way)
+        return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall."""
         return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
 
 
-class Offset:
-    """The equation of a contact's offset beside the residual of a body: g = a - share × mean penetration = 0.
-
-    The mean penetration is ∫ p d / ∫ p over the wall, with the contact pressure p. Derivatives are those of the two
-    integrals, taken by their variation.
-
-    u      displacement of a body, a component of `unknowns`
-    trial  its trial function in the space of `unknowns`
-    """
-
-    def __init__(self, contact: Contact, u: ngs.GridFunction, trial: CoefficientFunction, unknowns: ngs.GridFunction):
-        self.contact, self.unknowns = contact, unknowns
-        mesh, a = u.space.mesh, contact.offset
-        self._where = {"mesh": mesh, "definedon": mesh.Boundaries(contact.wall), "order": SURFACE_ORDER}
-
-        def moments(u: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
-            pressure = contact.pressure(u)
-            return pressure, pressure * (a - contact.gap(u))
-
-        force, depth = moments(u)
-        self._values = ngs.CF((force, depth, force.Diff(a), depth.Diff(a))).Compile()
-        self._forms = []
-        for moment in moments(trial):
-            form = ngs.BilinearForm(unknowns.space)
-            form += ngs.Variation(moment.Compile() * contact.measure())
-            self._forms.append(form)
-
-    @property
-    def value(self) -> float:
-        """a (m)."""
-        return float(self.contact.offset.Get())
-
-    @value.setter
-    def value(self, offset: float) -> None:
-        self.contact.offset.Set(float(offset))
-
-    def missing(self) -> float:
-        """g (m) at the current state; 0 where nothing touches and the offset is 0."""
-        force, depth, *_ = ngs.Integrate(self._values, **self._where)
-        return self.value - (self.contact.share * depth / force if force else 0.0)
-
-    def border(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """∂R/∂a, ∂g/∂(unknowns) and ∂g/∂a, with the residual R of the body; an energy's mixed derivative is the force's."""
-        force, depth, force_a, depth_a = ngs.Integrate(self._values, **self._where)
-        by_force, by_depth = (self._gradient(form) for form in self._forms)
-        if not force:
-            return by_force, 0 * by_depth, 1.0
-        mean, share = depth / force, self.contact.share
-        return by_force, -share * (by_depth - mean * by_force) / force, 1 - share * (depth_a - mean * force_a) / force
-
-    def _gradient(self, form: ngs.BilinearForm) -> np.ndarray:
-        vector = self.unknowns.vec.CreateVector()
-        form.Apply(self.unknowns.vec, vector)
-        return vector.FV().NumPy().copy()
+def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact], order: int) -> ngs.FESpace:
+    """Space of the offsets of all contacts that have one; without unknowns if none has."""
+    walls = "|".join(contact.wall for contact in contacts if contact.share)
+    return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls)))
 
 
 def surface_rule() -> ngs.IntegrationRule:

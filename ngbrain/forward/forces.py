@@ -42,7 +42,7 @@ class Forces:
 
     A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
 
-    gfu        compound of u and p
+    gfu        compound of u, p and what the energy does not know
     densities  region pattern → `Density`
     space      quadrature points, with their rules
     """
@@ -52,11 +52,11 @@ class Forces:
         self.mesh = fes.mesh
         self._stress = ngs.GridFunction(ngs.VectorValued(space, 10))
         self._values = np.zeros((10, space.ndof))
-        parts = {pattern: stresses(density, *gfu.components) for pattern, density in densities.items()}
+        parts = {pattern: stresses(density, *gfu.components[:2]) for pattern, density in densities.items()}
         self._derived = self.mesh.MaterialCF(parts)
         self._points = self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL)
         self._moving = np.ones(space.ndof, bool)
-        v, q = fes.TestFunction()
+        v, q, _ = fes.TestFunction()
         P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
         self._form = ngs.LinearForm(fes)
         self._form += (ngs.InnerProduct(P, ngs.Grad(v)) + self._stress[9] * q) * ngs.dx(

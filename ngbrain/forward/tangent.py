@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import ngsolve as ngs
 import numpy as np
@@ -97,20 +97,3 @@ class Tangent:
 
     def _size(self, x: np.ndarray) -> float:
         return float(np.sqrt(self.weights @ (x * x)))
-
-
-def bordered(solve: Solve, borders: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Solve:
-    """Solver with [[A, b], [cᵀ, d]] for columns b, rows c and numbers d that border A on a diagonal, from one with A."""
-    if not borders:
-        return solve
-    columns = [solve(b) for b, _, _ in borders]
-    rows = np.array([c for _, c, _ in borders])
-    schur = np.diag([d for _, _, d in borders]) - rows @ np.transpose(columns)
-
-    def both(r: np.ndarray) -> np.ndarray:
-        n = len(r) - len(borders)
-        x = solve(r[:n])
-        a = np.linalg.solve(schur, r[n:] - rows @ x)
-        return np.concatenate([x - a @ columns, a])
-
-    return both

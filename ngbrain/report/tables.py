@@ -94,6 +94,12 @@ CHECKS: dict[str, Check] = {
     ),
     "force_while_off_N": Check("Force while the blade is off", "exactly 0", lambda v: v == 0, "N"),
     "gap_while_off_mm": Check("Smallest gap while the blade is off", "greater than 0", lambda v: v > 0, "mm"),
+    "tissue_in_blade": Check(
+        "Tissue inside the blade where it presses, mean (of the opening)", "at most 0.01", lambda v: v <= 0.01
+    ),
+    "deepest_in_blade": Check(
+        "Tissue inside the blade, deepest point at its edges (of the opening)", "stated, no limit set", None
+    ),
     "first_peaks_differ": Check(
         "First peaks of continuous and intermittent differ by (relative; computed once)",
         "at most 1e-6",

@@ -146,6 +146,8 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
         "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
         "force_while_off_N": max(off_force),
         "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,
+        "tissue_in_blade": max(float(run.column("depth").max()) for run in runs.values()) / scene.retraction.opening,
+        "deepest_in_blade": max(float(-run.column("gap").min()) for run in runs.values()) / scene.retraction.opening,
         "first_peaks_differ": (max(firsts) - min(firsts)) / peak if len(firsts) > 1 else None,
         "recontact_opening_below_release_mm": to_mm(min(recontact)) if recontact else None,
     }

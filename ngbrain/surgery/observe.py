@@ -33,6 +33,7 @@ class Row:
     tip_pressure: float
     centre_pressure: float
     gap: float
+    depth: float
     min_det_F: float  # noqa: N815
     balance: float
     blade_work: float
@@ -48,11 +49,11 @@ class Observer:
     force and net reaction the mean.
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
-    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Force is what a blade feels along the push.
+    the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
+    inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels along the push.
     The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium residual without
     the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is ∫ `Contact.driving`
-    d(advance) + ∫ (sum of contact pressures) d(offset); it goes into the contact energy, which the penalty stores, and
-    the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to
+    d(advance); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to
     it is not flattered.
     """
 
@@ -64,13 +65,12 @@ class Observer:
         self._forces = np.zeros(displacement.ndof)
         self._u = np.zeros(displacement.ndof)
         self._advance = self._driving = 0.0
-        self._offset, self._squeeze = np.zeros(len(self._faces)), np.zeros(len(self._faces))
         self.blade_work = self.tissue_work = self.tissue_work_size = 0.0
 
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
         """The body as it stands at time t with the blades at `advance` (m)."""
         seen = [face() for face in self._faces]
-        opening, area, *pressures, driving = np.sum([one[:-1] for one in seen], axis=0)
+        opening, area, *pressures, driving, pressed, sunk = np.sum(seen, axis=0)
         tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
         reaction = float(np.mean([face.push[face.nodes] @ tissue[face.nodes] for face in self._faces]))
         felt = [-float(face.push[face.nodes] @ contact[face.nodes]) for face in self._faces]
@@ -78,7 +78,7 @@ class Observer:
         push = self._faces[0].push
         supports = float(push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
         left = abs(supports - push @ contact)
-        self._add_work(tissue, driving, advance, np.array([one[-1] for one in seen]))
+        self._add_work(tissue, driving, advance)
         patch, tip, centre = (f / a for f, a in np.reshape(pressures, (3, 2)))
         return Row(
             t,
@@ -91,6 +91,7 @@ class Observer:
             tip,
             centre,
             self.body.min_gap(),
+            sunk / pressed if pressed else 0.0,
             min_det,
             left / force if force else 0.0,
             self.blade_work,
@@ -101,17 +102,7 @@ class Observer:
 
     def checkpoint(self) -> dict[str, object]:
         """The running work and the state it is measured from."""
-        names = (
-            "_u",
-            "_forces",
-            "_advance",
-            "_driving",
-            "_offset",
-            "_squeeze",
-            "blade_work",
-            "tissue_work",
-            "tissue_work_size",
-        )
+        names = ("_u", "_forces", "_advance", "_driving", "blade_work", "tissue_work", "tissue_work_size")
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:
@@ -119,16 +110,13 @@ class Observer:
         for name, value in saved.items():
             setattr(self, name if hasattr(self, name) else f"_{name}", value)
 
-    def _add_work(self, tissue: np.ndarray, driving: float, advance: float, squeeze: np.ndarray) -> None:
+    def _add_work(self, tissue: np.ndarray, driving: float, advance: float) -> None:
         u = np.array(self.body.u.vec.FV().NumPy())
         step = float((tissue + self._forces) @ (u - self._u)) / 2
         self.tissue_work += step
         self.tissue_work_size += abs(step)
-        offset = np.array([face.contact.offset.Get() for face in self._faces])
         self.blade_work += (driving + self._driving) / 2 * (advance - self._advance)
-        self.blade_work += float((squeeze + self._squeeze) @ (offset - self._offset)) / 2
         self._u, self._forces, self._advance, self._driving = u, tissue, advance, driving
-        self._offset, self._squeeze = offset, squeeze
 
 
 class Face:
@@ -142,7 +130,7 @@ class Face:
         (self.contact,) = [c for c in body.contacts if c.wall == wall]
         u = body.u
         push = ngs.CF(tuple(map(float, blade.cleft.across)))
-        pressure = self.contact.pressure(u)
+        pressure = self.contact.pressure(u, body.offset)
         area = ngs.Norm(current_normal_area(u))
         whole, tip = patch(blade, PATCH_MARGIN), patch(blade, PATCH_MARGIN, FACED)
         x = ngs.CF((ngs.x, ngs.y, ngs.z))
@@ -152,13 +140,13 @@ class Face:
         parts = [part * value for part in (whole, tip, centre) for value in (pressure, area)]
         moved = whole * ngs.InnerProduct(u, push) / size
         # One pass over the wall for all of them.
-        driving = self.contact.driving(u)
-        self._integrals = ngs.CF((moved, ngs.IfPos(pressure, area, 0), *parts, driving, pressure)).Compile()
+        driving, depth = self.contact.driving(u, body.offset), pressure * -self.contact.gap(u)
+        self._integrals = ngs.CF((moved, ngs.IfPos(pressure, area, 0), *parts, driving, pressure, depth)).Compile()
         displacement = body.fes.components[0]
         self.push, self.nodes = _nodal(displacement, push), _mask(displacement, wall)
 
     def __call__(self) -> np.ndarray:
-        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre; ∂energy/∂way, ∫ pressure (N)."""
+        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre; ∂energy/∂way; ∫ p (N), ∫ p d (N m)."""
         return np.array(self._integrate(self._integrals))
 
     def _integrate(self, values: ngs.CoefficientFunction) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""A soft penalty. Naive: the tissue stays behind the blade by the penetration. Ours: one offset a blade makes up for it."""
+"""A soft penalty. Naive: the tissue stays behind the blade by the penetration. Ours: an offset on the wall makes up for it."""
 
 import ngsolve as ngs
 import numpy as np
@@ -41,8 +41,8 @@ def test_nothing_is_left_of_the_offset_when_the_blade_is_off():
     body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": Material(Ogden(1000.0, -8.0), 1e6)}, "bottom", [contact])
     rows = []
     Transient(body, drive, StepControl(1.0), 2e-3).run(
-        lambda b, at, record: rows.append((b.min_gap(), np.abs(b.contact_forces()).max(), contact.offset.Get()))
+        lambda b, at, record: rows.append((b.min_gap(), np.abs(b.contact_forces()).max(), np.abs(b.offset.vec).max()))
     )
     gap, f, offset = np.array(rows).T
-    assert (gap > 0).any() and np.all(f[gap > 0] == 0) and np.all(offset[gap > 0] == 0)
+    assert (gap > 0).any() and np.all(f[gap > 0] == 0) and np.all(offset[gap > 0] < 1e-9)
     assert np.all(f[gap < 0] > 0) and offset.max() > 4e-5
