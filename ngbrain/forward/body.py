@@ -10,7 +10,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.contact import NO_OFFSET, Contact, offsets, surface_rule
+from ngbrain.forward.contact import Contact, Sliding, offsets, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
 from ngbrain.forward.material import Material
@@ -32,8 +32,8 @@ class Body:
 
     mesh       NGSolve mesh, tetrahedra
     materials  region pattern → `Material`
-    fixed      boundary pattern held at u = 0
-    contacts   rigid bodies that walls see
+    fixed      boundary pattern held at u = 0; "" for none
+    contacts   rigid bodies that walls see, and walls that slide
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
@@ -48,12 +48,14 @@ class Body:
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Contact] = (),
+        contacts: Sequence[Contact | Sliding] = (),
         order: int = 2,
         modulus: float = 1e3,
     ) -> None:
         check_regions(mesh, materials)
         check_apart(mesh, fixed, [contact.wall for contact in contacts])
+        for film in (contact for contact in contacts if isinstance(contact, Sliding)):
+            check_apart(mesh, film.wall, [contact.wall for contact in contacts if contact is not film])
         self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
         self.order, self.modulus = order, modulus
         spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
@@ -72,6 +74,7 @@ class Body:
         self._gaps = [
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
             for contact in self.contacts
+            if isinstance(contact, Contact)
         ]
         self._vec = self.gfu.vec.CreateVector()
         self._relaxed, self._stiff = np.empty(0), False
@@ -246,11 +249,11 @@ class Body:
         return self._tissue_forces.stress
 
     def contact_forces(self) -> np.ndarray:
-        """Nodal forces (N) of the contact energies at the current state."""
+        """Nodal forces (N) of contacts and sliding walls at the current state."""
         return self._contact_forces()[self.is_u]
 
     def contact_energy(self) -> float:
-        """Energy (J) stored in the contact penalties at the current state."""
+        """Energy (J) stored in the penalties of contacts and sliding walls at the current state."""
         return float(self.contact_form.Energy(self.gfu.vec))
 
     def _contact_forces(self) -> np.ndarray:

@@ -75,7 +75,41 @@ class Contact:
         return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
 
 
-def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact], order: int) -> ngs.FESpace:
+@dataclass(frozen=True)
+class Sliding:
+    """A wall that slides freely along the rigid surface that it lies on, and never leaves it: energy κ/2 (u · N)² per area.
+
+    As a brain does on the skull with a film of fluid between, which neither bears shear nor can open. For displacements that are
+    small beside the surface's radii: N is the normal at rest. It is continuous, made of the facets' by projection: facets that
+    meet at angles, each with its own, would hold a wall by its edges.
+
+    wall       boundary name or pattern
+    stiffness  κ (Pa/m)
+    normal     N; `Sliding.on` makes it
+    """
+
+    wall: str
+    stiffness: float
+    normal: CoefficientFunction
+    share = 0.0
+
+    @classmethod
+    def on(cls, mesh: ngs.Mesh, wall: str, stiffness: float) -> Sliding:
+        """With the normals of a mesh."""
+        normal = ngs.GridFunction(ngs.VectorH1(mesh, order=2))
+        normal.Set(ngs.specialcf.normal(3), definedon=mesh.Boundaries(wall))
+        return cls(wall, stiffness, normal / ngs.Norm(normal))
+
+    def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
+        """Energy per reference area (J/m²)."""
+        return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
+
+    def measure(self) -> ngs.comp.DifferentialSymbol:
+        """The `ds` of every integral over the wall."""
+        return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
+
+
+def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact | Sliding], order: int) -> ngs.FESpace:
     """Space of the offsets of all contacts that have one; without unknowns if none has."""
     walls = "|".join(contact.wall for contact in contacts if contact.share)
     return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls)))

@@ -28,12 +28,9 @@ def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
 
 
 def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
-    """Raise `InputError` if a boundary is both held and touched by a rigid body."""
-    names, both = (
-        mesh.GetBoundaries(),
-        boundaries(mesh, held) & set[int]().union(*(boundaries(mesh, t) for t in touched)),
-    )
-    if both:
+    """Raise `InputError` if a boundary is both held ("": none is) and touched by a rigid body."""
+    names, loose = mesh.GetBoundaries(), set[int]().union(*(boundaries(mesh, t) for t in touched))
+    if both := boundaries(mesh, held) & loose if held else set():
         wanted = f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which a rigid body touches"
         raise InputError("boundary", repr(held), wanted)
 

@@ -150,9 +150,10 @@ class Tissue(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Support(Section):
-    """Pattern of the boundaries that are held."""
+    """Pattern of the boundaries that are held, and of those among them that slide instead, without leaving what they lie on."""
 
     fixed: str = pattern("fixed", "skull")
+    sliding: str | None = pattern("sliding", None)
 
 
 @dataclass(frozen=True, kw_only=True)

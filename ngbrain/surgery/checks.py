@@ -102,14 +102,15 @@ def order_peaks(model: Model) -> tuple[float, float]:
         run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
     high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
     high.body.begin(ramp)
-    embedded = ngs.GridFunction(high.body.fes)
+    embedded, walls = ngs.GridFunction(high.body.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
     reached = (0.0, high.body.state)
 
     def follow(body: Body, at: Progress, record: NewtonRecord) -> None:
         nonlocal reached
         for target, source in zip(embedded.components, body.gfu.components, strict=True):
             target.Interpolate(source)
-        wanted = (at.t, np.concatenate([embedded.vec.FV().NumPy(), body.state[body.fes.ndof :]]))
+        embedded.components[2].Interpolate(body.offset, definedon=walls)  # elsewhere there is none
+        wanted = (at.t, np.array(embedded.vec.FV().NumPy()))
         _go(high, reached, wanted, HALVINGS)
         reached = wanted
 
@@ -133,5 +134,5 @@ def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
 
 
 def _pressure(model: Model, transient: Transient) -> float:
-    observe = Observer(transient.body, model.blades, model.scene.support.fixed)
+    observe = Observer(transient.body, model.blades, model.held)
     return observe(0.0, 0.0, 1.0).pressure

@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import Contact
+from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
 from ngbrain.forward.transient import Transient
@@ -44,6 +44,8 @@ MADE_UP = 0.98
 What is left where it presses is 0.8 % of the opening in the mean, and most at the blade's rounded edges, which elements cannot
 follow: 4.2 % with elements of 4 mm, 2.1 % with 2.5 mm.
 """
+FILM = 1e5
+"""Stiffness of a sliding wall in initial shear moduli per metre: a pressure of a modulus goes 10 µm deep."""
 POINTWISE = 0.2
 """Barrier against collapse at single points (`Material.pointwise`), in initial shear moduli,"""
 NEARLY_INCOMPRESSIBLE = 100.0
@@ -150,11 +152,22 @@ class Model:
             Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP, way=drive.parameter)
             for wall, blade in self.blades.items()
         ]
+        slides = scene.support.sliding
+        films = [Sliding.on(self.mesh, slides, FILM * stiffest)] if slides else []
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        body = Body(self.mesh, materials, scene.support.fixed, contacts, order, stiffest)
+        body = Body(self.mesh, materials, self.held, [*contacts, *films], order, stiffest)
         body.focus(self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS)
         return Transient(body, drive, control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
+
+    @property
+    def held(self) -> str:
+        """Pattern of the boundaries that are held: the scene's, without those that slide."""
+        support, names = self.scene.support, sorted(set(self.mesh.GetBoundaries()))
+        if not support.sliding:
+            return support.fixed
+        held = [name for name in names if re.fullmatch(support.fixed, name) and not re.fullmatch(support.sliding, name)]
+        return "|".join(held)
 
     def control(self) -> Control:
         """The scene's time steps."""

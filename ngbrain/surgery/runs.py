@@ -98,7 +98,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
-        self.observer = Observer(body, model.blades, model.scene.support.fixed)
+        self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts())
         self.rows: list[Row] = []
         self.peak: Peak | None = None
