@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.contact import Contact, Sliding, offsets, surface_rule
+from ngbrain.forward.contact import Contact, Sliding, Touch, offsets, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.history import History
 from ngbrain.forward.material import Material
@@ -33,7 +32,7 @@ class Body:
     mesh       NGSolve mesh, tetrahedra
     materials  region pattern → `Material`
     fixed      boundary pattern held at u = 0; "" for none
-    contacts   rigid bodies that walls see, and walls that slide
+    contacts   rigid bodies that walls see, walls that slide, and walls that close on each other
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
@@ -48,18 +47,19 @@ class Body:
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Contact | Sliding] = (),
+        contacts: Sequence[Touch] = (),
         order: int = 2,
         modulus: float = 1e3,
     ) -> None:
         check_regions(mesh, materials)
         check_apart(mesh, fixed, [contact.wall for contact in contacts])
+        rigid = [contact for contact in contacts if isinstance(contact, Contact)]
         for film in (contact for contact in contacts if isinstance(contact, Sliding)):
-            check_apart(mesh, film.wall, [contact.wall for contact in contacts if contact is not film])
+            check_apart(mesh, film.wall, [contact.wall for contact in rigid])
         self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
         self.order, self.modulus = order, modulus
         spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
-        self.fes = ngs.FESpace([*spaces, offsets(mesh, contacts, order - 1)])
+        self.fes = ngs.FESpace([*spaces, offsets(mesh, rigid, order - 1)])
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p, self.offset = self.gfu.components
         self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
@@ -67,14 +67,13 @@ class Body:
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
-        self._tissue_terms, contact = self._terms()
-        self.contact_form, self.form = self._form(contact), self._form(self._tissue_terms, contact)
+        self._tissue_terms, self._joined = self._terms(), list[object]()
+        self.contact_form, self.form = self._form([]), self._form(self._tissue_terms)
         densities = {name: self._density(material, self.history.work) for name, material in materials.items()}
         self._tissue_forces = Forces(self.gfu, densities, self.history.space)
         self._gaps = [
             (contact.gap(self.u).Compile(), mesh.MapToAllElements(surface_rule(), mesh.Boundaries(contact.wall)))
-            for contact in self.contacts
-            if isinstance(contact, Contact)
+            for contact in rigid
         ]
         self._vec = self.gfu.vec.CreateVector()
         self._relaxed, self._stiff = np.empty(0), False
@@ -83,9 +82,9 @@ class Body:
         self._scale = np.array([LENGTH_SCALE, modulus, LENGTH_SCALE])[unknown]
         self._release(ngs.BitArray(self.fes.FreeDofs()))
 
-    def _terms(self) -> tuple[list[ngs.comp.BFI], list[ngs.comp.SumOfIntegrals]]:
-        """Energies of the tissues and of the contacts, each made once and compiled."""
-        u, p, a = self.fes.TrialFunction()
+    def _terms(self) -> list[ngs.comp.BFI]:
+        """Energies of the tissues, each made once and compiled."""
+        u, p, _ = self.fes.TrialFunction()
         state = Deformation.of(deformation_gradient(u))
         tissue = []
         for pattern, material in self.materials.items():
@@ -95,7 +94,7 @@ class Body:
             for shape, rule in self.history.rules.items():
                 term.SetIntegrationRule(shape, rule)
             tissue.append(term)
-        return tissue, [ngs.Variation(body.energy(u, a).Compile() * body.measure()) for body in self.contacts]
+        return tissue
 
     def _density(self, material: Material, remembered: Remembered) -> Density:
         law, history = material.viscous, self.history
@@ -106,10 +105,12 @@ class Body:
 
         return density
 
-    def _form(self, *terms: list[ngs.comp.BFI] | list[ngs.comp.SumOfIntegrals]) -> ngs.BilinearForm:
+    def _form(self, tissue: list[ngs.comp.BFI]) -> ngs.BilinearForm:
+        """Energies of tissues and of all contacts."""
         form = ngs.BilinearForm(self.fes, symmetric=True)
-        for term in chain(*terms):
+        for term in tissue:
             form += term
+        self._joined += [contact.join(form) for contact in self.contacts]
         return form
 
     def hold(self, elements: np.ndarray) -> None:
@@ -121,11 +122,11 @@ class Body:
 
     def focus(self, elements: np.ndarray) -> None:
         """Elements (a mask) where the tangent changes most, for `factorise`; contacts always belong to them."""
-        tissue, contact = self._terms()
+        tissue = self._terms()
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
         self.focused = True
-        part, inside = self._form(tissue, contact), self._without(~elements)
+        part, inside = self._form(tissue), self._without(~elements)
         self._tangent = Tangent(self.form, self._free_dofs, self.weights, part, inside)
 
     def _without(self, elements: np.ndarray) -> ngs.BitArray:

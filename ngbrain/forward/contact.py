@@ -56,9 +56,7 @@ class Contact:
 
     def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
-        d, s = offset - self.gap(u), self.softness
-        soft, stiff = d**3 / (6 * s), (d * d - d * s + s * s / 3) / 2
-        stored = self.penalty * ngs.IfPos(d, ngs.IfPos(d - s, stiff, soft), 0)
+        stored = soft_penalty(offset - self.gap(u), self.penalty, self.softness)
         return stored - self.penalty / (2 * self.share) * offset**2 if self.share else stored
 
     def pressure(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
@@ -69,6 +67,11 @@ class Contact:
     def driving(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
         return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
+
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add the energy to a form of a body's."""
+        u, _, a = form.space.TrialFunction()
+        form += ngs.Variation(self.energy(u, a).Compile() * self.measure())
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall."""
@@ -91,7 +94,6 @@ class Sliding:
     wall: str
     stiffness: float
     normal: CoefficientFunction
-    share = 0.0
 
     @classmethod
     def on(cls, mesh: ngs.Mesh, wall: str, stiffness: float) -> Sliding:
@@ -100,19 +102,58 @@ class Sliding:
         normal.Set(ngs.specialcf.normal(3), definedon=mesh.Boundaries(wall))
         return cls(wall, stiffness, normal / ngs.Norm(normal))
 
-    def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
-        """Energy per reference area (J/m²)."""
-        return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
-
-    def measure(self) -> ngs.comp.DifferentialSymbol:
-        """The `ds` of every integral over the wall."""
-        return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add the energy to a form of a body's."""
+        away = ngs.InnerProduct(form.space.TrialFunction()[0], self.normal)
+        form += ngs.Variation(self.stiffness / 2 * away**2 * ngs.ds(self.wall))
 
 
-def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact | Sliding], order: int) -> ngs.FESpace:
+@dataclass(frozen=True)
+class Closing:
+    """Two walls of one body, plane and parallel at rest, that come to bear on each other when the cleft between them closes.
+
+    The energy per area of `wall` is ψ(d) of `Contact` with d = (x - x') · N, for its current points x, those x' that lay
+    opposite on the other wall at rest, and the normal N at rest: for walls that slip along each other by less than what they
+    are uneven over. Neither friction nor offset; a point with nothing opposite within `reach` sees nothing.
+
+    wall, other  boundary names or patterns
+    penalty      ε (Pa/m)
+    softness     s (m)
+    reach        from wall to wall (m), at most
+    """
+
+    wall: str
+    other: str
+    penalty: float
+    softness: float
+    reach: float
+
+    def join(self, form: ngs.BilinearForm) -> ngs.comp.ContactBoundary:
+        """Add the energy to a form of a body's; what comes back has to live as long as the form."""
+        mesh, u = form.space.mesh, form.space.TrialFunction()[0]
+        pairs = ngs.comp.ContactBoundary(mesh.Boundaries(self.wall), mesh.Boundaries(self.other))
+        x = ngs.CF((ngs.x, ngs.y, ngs.z))
+        across = (x + u) - (x.Other() + u.Other())
+        pairs.AddEnergy(soft_penalty(ngs.InnerProduct(across, pairs.normal), self.penalty, self.softness).Compile())
+        pairs.Update(ngs.GridFunction(form.space.components[0]), form, 2 * form.space.components[0].globalorder, self.reach)
+        return pairs
+
+
+def soft_penalty(depth: CoefficientFunction, penalty: float, softness: float) -> CoefficientFunction:
+    """ψ (J/m²) of `Contact`: 0 without depth, ε d³/(6s) up to s, and a parabola beyond."""
+    d, s = depth, softness
+    soft, stiff = d**3 / (6 * s), (d * d - d * s + s * s / 3) / 2
+    return penalty * ngs.IfPos(d, ngs.IfPos(d - s, stiff, soft), 0)
+
+
+def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact], order: int) -> ngs.FESpace:
     """Space of the offsets of all contacts that have one; without unknowns if none has."""
     walls = "|".join(contact.wall for contact in contacts if contact.share)
     return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls)))
+
+
+Touch = Contact | Sliding | Closing
+"""What acts on walls."""
 
 
 def surface_rule() -> ngs.IntegrationRule:

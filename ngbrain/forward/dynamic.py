@@ -12,7 +12,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import LENGTH_SCALE, Body
-from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.contact import Touch
 from ngbrain.forward.material import Material
 from ngbrain.forward.patterns import check_regions
 from ngbrain.materials.base import Value, positive
@@ -160,7 +160,7 @@ class DynamicBody(Body):
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Contact | Sliding] = (),
+        contacts: Sequence[Touch] = (),
         order: int = 2,
         modulus: float = 1e3,
         *,

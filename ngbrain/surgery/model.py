@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
 from ngbrain.forward.transient import Transient
@@ -154,9 +154,10 @@ class Model:
         ]
         slides = scene.support.sliding
         films = [Sliding.on(self.mesh, slides, FILM * stiffest)] if slides else []
+        meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        body = Body(self.mesh, materials, self.held, [*contacts, *films], order, stiffest)
+        body = Body(self.mesh, materials, self.held, [*contacts, *films, meeting], order, stiffest)
         body.focus(self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS)
         return Transient(body, drive, control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body, Material
-from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.materials import NeoHooke
@@ -35,27 +35,37 @@ def stress(wide):
     return slope(lambda tall: density(wide, tall), SHORT)
 
 
-def pressed(walls):
-    """A block on some sliding walls, under a plate that presses it to 0.9 of its height: force (N) and the body."""
+def pressed(walls, share=0.0):
+    """A block on some sliding walls, under a plate that presses it to 0.9 of its height: plate and body."""
     drive, mesh = Drive(Protocol("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
-    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7)
+    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
     sliding = [Sliding.on(mesh, wall, 1e7 * MU) for wall in walls]
     body = Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [plate, *sliding])
     Transient(body, drive, StepControl(0.5), 1e-3).run(lambda *_: None)
-    top = ngs.Integrate(plate.pressure(body.u) * plate.measure(), mesh)
-    return top, body
+    return plate, body
+
+
+def mean_and_spread(plate, body):
+    """Mean contact pressure (Pa), and its standard deviation over the wall."""
+    pressure = plate.pressure(body.u, body.offset)
+    first, second = (ngs.Integrate(pressure**k * plate.measure(), body.mesh) / SIDE**2 for k in (1, 2))
+    return first, math.sqrt(max(second - first**2, 0.0))
 
 
 def test_a_block_between_sliding_walls_is_strained_in_one_direction_alone():
-    force, body = pressed(("bottom", *SIDES))
-    assert force == pytest.approx(-SIDE**2 * stress(1.0), rel=1e-3)
+    plate, body = pressed(("bottom", *SIDES))
+    assert mean_and_spread(plate, body)[0] == pytest.approx(-stress(1.0), rel=1e-3)
     assert ngs.Integrate(body.u[0] ** 2 + body.u[1] ** 2, body.mesh) < 1e-12 * SIDE**3
 
 
-def test_a_block_in_a_sliding_corner_widens_as_if_it_were_free():
-    force, body = pressed(("bottom", "left", "front"))
+@pytest.mark.parametrize("share", [0.0, 0.98])
+def test_a_block_in_a_sliding_corner_widens_as_if_it_were_free(share):
+    """The patch test of contact: the pressure is the same all over the plate, with and without an offset."""
+    plate, body = pressed(("bottom", "left", "front"), share)
     wide = brentq(lambda x: slope(lambda y: density(y, SHORT), x), 1.0, 1.1)
-    assert force == pytest.approx(-SIDE**2 * stress(wide), rel=1e-3)
+    mean, spread = mean_and_spread(plate, body)
+    assert mean == pytest.approx(-stress(wide), rel=1e-3)
+    assert spread < 1e-3 * mean, spread / mean
     assert body.u(body.mesh(SIDE, SIDE, 0.0))[0] == pytest.approx(SIDE * (wide - 1), rel=1e-2)
 
 
@@ -71,6 +81,38 @@ def test_a_ball_turns_where_it_lies():
     body.u.Interpolate(ngs.CF(((c - 1) * ngs.x - s * ngs.y, s * ngs.x + (c - 1) * ngs.y, 0)))
     exact = 1e5 * MU / 2 * (1 - c) ** 2 * radius**4 * 2 * math.pi * 16 / 15
     assert body.contact_energy() == pytest.approx(exact, rel=0.2)
+
+
+def halves(gap):
+    """Two blocks, one over the other, that are one mesh; their elements do not match."""
+    low, high = occ.Box((0, 0, 0), (SIDE,) * 3), occ.Box((0, 0, SIDE + gap), (SIDE, SIDE, 2 * SIDE + gap))
+    for half, below, above in ((low, "bottom", "floor"), (high, "roof", "top")):
+        half.mat("tissue")
+        half.faces.name = "side"
+        half.faces.Min(occ.X).name, half.faces.Min(occ.Y).name = "left", "front"
+        half.faces.Min(occ.Z).name, half.faces.Max(occ.Z).name = below, above
+    high.maxh = SIDE / 3
+    return ngs.Mesh(occ.OCCGeometry(occ.Compound([low, high])).GenerateMesh(maxh=SIDE))
+
+
+@pytest.mark.parametrize("closing", [True, False])
+def test_halves_that_meet_bear_what_a_whole_does(closing):
+    """Pressed together by the gap and two tenths of a half: each is as short as the one block above, if they see each other."""
+    gap = 2e-3
+    way, mesh = gap + 2 * SIDE * (1 - SHORT), halves(gap)
+    drive = Drive(Protocol("press", (0.0, 1.0), (0.0, way)))
+    plate = Contact("top", lambda x: 2 * SIDE + gap - drive.parameter - x[2], 1e10, 1e-7)
+    walls = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
+    thread = Sliding.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on
+    meeting = [Closing("floor", "roof", 1e8, 2e-5, 2 * gap)] if closing else []
+    body = Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [plate, *walls, thread, *meeting])
+    Transient(body, drive, StepControl(0.1), 1e-3).run(lambda *_: None)
+    force = ngs.Integrate(plate.pressure(body.u) * plate.measure(), mesh)
+    wide = brentq(lambda x: slope(lambda y: density(y, SHORT), x), 1.0, 1.1)
+    assert (force == pytest.approx(-(SIDE**2) * stress(wide), rel=6e-3)) == closing
+    uneven = sum((ngs.Grad(body.u)[i, i] - even) ** 2 for i, even in enumerate((wide - 1, wide - 1, SHORT - 1)))
+    off = math.sqrt(ngs.Integrate(uneven, mesh) / 2 / SIDE**3)
+    assert (off < 4e-3) == closing, off
 
 
 def test_a_wall_that_is_held_does_not_slide():
