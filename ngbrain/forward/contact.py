@@ -135,7 +135,9 @@ class Closing:
         x = ngs.CF((ngs.x, ngs.y, ngs.z))
         across = (x + u) - (x.Other() + u.Other())
         pairs.AddEnergy(soft_penalty(ngs.InnerProduct(across, pairs.normal), self.penalty, self.softness).Compile())
-        pairs.Update(ngs.GridFunction(form.space.components[0]), form, 2 * form.space.components[0].globalorder, self.reach)
+        pairs.Update(
+            ngs.GridFunction(form.space.components[0]), form, 2 * form.space.components[0].globalorder, self.reach
+        )
         return pairs
 
 

@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import SURFACE_ORDER, current_normal_area
+from ngbrain.forward.contact import SURFACE_ORDER, Contact, current_normal_area
 from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Blade, patch
 
@@ -50,11 +50,11 @@ class Observer:
 
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
     the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
-    inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels along the push.
-    The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium residual without
-    the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is ∫ `Contact.driving`
-    d(advance); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to
-    it is not flattered.
+    inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
+    along the push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium
+    residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
+    ∫ `Contact.driving` d(advance); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ.
+    The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
     """
 
     def __init__(self, body: Body, blades: Mapping[str, Blade], fixed: str) -> None:
@@ -122,15 +122,15 @@ class Observer:
 class Face:
     """A wall under a blade, and what is integrated over it.
 
-    contact  what the wall sees; push: unit vector of the blade's way at every displacement unknown; nodes: those of the wall
+    push     unit vector of the blade's way at every displacement unknown; nodes: those of the wall
     """
 
     def __init__(self, body: Body, blade: Blade, wall: str) -> None:
         self.mesh, self._wall = body.mesh, body.mesh.Boundaries(wall)
-        (self.contact,) = [c for c in body.contacts if c.wall == wall]
+        (contact,) = [c for c in body.contacts if isinstance(c, Contact) and c.wall == wall]
         u = body.u
         push = ngs.CF(tuple(map(float, blade.cleft.across)))
-        pressure = self.contact.pressure(u, body.offset)
+        pressure = contact.pressure(u, body.offset)
         area = ngs.Norm(current_normal_area(u))
         whole, tip = patch(blade, PATCH_MARGIN), patch(blade, PATCH_MARGIN, FACED)
         x = ngs.CF((ngs.x, ngs.y, ngs.z))
@@ -140,13 +140,13 @@ class Face:
         parts = [part * value for part in (whole, tip, centre) for value in (pressure, area)]
         moved = whole * ngs.InnerProduct(u, push) / size
         # One pass over the wall for all of them.
-        driving, depth = self.contact.driving(u, body.offset), pressure * -self.contact.gap(u)
+        driving, depth = contact.driving(u, body.offset), pressure * -contact.gap(u)
         self._integrals = ngs.CF((moved, ngs.IfPos(pressure, area, 0), *parts, driving, pressure, depth)).Compile()
         displacement = body.fes.components[0]
         self.push, self.nodes = _nodal(displacement, push), _mask(displacement, wall)
 
     def __call__(self) -> np.ndarray:
-        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre; ∂energy/∂way; ∫ p (N), ∫ p d (N m)."""
+        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre; ∂energy/∂way; ∫ p, ∫ p d."""
         return np.array(self._integrate(self._integrals))
 
     def _integrate(self, values: ngs.CoefficientFunction) -> tuple[float, ...]:
