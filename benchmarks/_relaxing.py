@@ -43,9 +43,11 @@ class Pressed:
         return float(curve(self.t, self.force, protocol.times).integrate(0.0, protocol.times[-1]))
 
 
-def contact(level: ngs.CoefficientFunction, penalty: float = PENALTY, share: float = 0.0) -> Contact:
+def contact(
+    level: ngs.CoefficientFunction, penalty: float = PENALTY, share: float = 0.0, softness: float = 2e-5
+) -> Contact:
     """The plate: a half space above the block, `level` below the unloaded top."""
-    return Contact("top", lambda x: SIZE[2] - level - x[2], penalty, 2e-5, share)
+    return Contact("top", lambda x: SIZE[2] - level - x[2], penalty, softness, share)
 
 
 def ours(
