@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError, require
-from ngbrain.report import figures, slices, tables
+from ngbrain.report import animation, figures, slices, tables
+from ngbrain.report.animation import Animation
 from ngbrain.report.page import write_page
-from ngbrain.report.peak import Peak
+from ngbrain.report.run import Run
 from ngbrain.report.style import colour
 
 __all__ = ["build"]
@@ -33,12 +34,13 @@ def build(folder: str | os.PathLike[str]) -> Path:
     result = _read(folder / "result.json")
     answers, comparison = result["answers"], result.get("comparison") or {}
     openings = [max(answer["series"]["blade_mm"]) for answer in answers.values()]
-    pictures, shown, time = _pictures(folder, result)
+    pictures, film, shown, time = _pictures(folder, result)
     return write_page(
         folder / "report.html",
         "report.html",
         pictures,
         result=result,
+        film=film,
         shown=shown,
         time=tables.duration(time),
         same_opening=len(openings) > 1 and max(openings) - min(openings) <= tables.EQUAL * max(openings),
@@ -77,13 +79,14 @@ def _read(path: Path) -> dict[str, Any]:
     return result
 
 
-def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], str, float]:
-    """Name → PNG; the protocol that space is drawn for, whose strain is largest, the first of equals; when that is (s)."""
+def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], Animation, str, float]:
+    """Name → PNG; the animation; the protocol that space is drawn for, whose strain is largest, the first of equals; when (s)."""
     answers = result["answers"]
     strain = {name: answer.get("mps_p95") or 0.0 for name, answer in answers.items()}
     shown = next(name for name in answers if strain[name] >= (1 - tables.EQUAL) * max(strain.values()))
     try:
-        peak = Peak.read(folder, shown, result["geometry"], answers[shown])
+        runs = {name: Run.read(folder, name, result["geometry"], answer) for name, answer in answers.items()}
+        peak = runs[shown].peak()
     except (KeyError, TypeError) as error:
         raise InputError(
             "geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json"
@@ -94,6 +97,8 @@ def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], s
         "pressure": figures.pressure(answers),
         "slice": figures.strain_slice(peak),
     }
+    if len(runs) > 1:
+        drawn["peaks"] = animation.peaks(runs, answers)
     if image:
         drawn["slices"] = slices.slices(image, peak)
-    return drawn, shown, peak.time
+    return drawn, animation.animation(runs, answers, peak.time), shown, peak.time

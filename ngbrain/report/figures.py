@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ngbrain.errors import require
-from ngbrain.report.peak import Peak
+from ngbrain.report.section import Section
 from ngbrain.report.space import head
+from ngbrain.report.state import State
 from ngbrain.report.style import (
     DASHES,
-    FLUID,
-    STRAIN_STEP,
-    STRAIN_TOP,
     bar_mm,
     colour,
     direction,
@@ -27,62 +25,64 @@ from ngbrain.report.style import (
     style,
     viewed_from,
 )
-from ngbrain.report.surface import Cut, Floats, Ints, cut_surface, cut_volume, faces, triangles, vertex_normals
+from ngbrain.report.surface import Floats
 from ngbrain.surgery.injury import curve
 
 __all__ = ["head", "pressure", "strain_slice"]
 
-SKULL_THICKNESS = 5e-3
-"""Of the skull as drawn on the slice (m): it is not part of the model."""
 FIRST_S = 60.0
 SAMPLES = 10
 """Points drawn from step to step, where series are smooth."""
 THRESHOLDS = (20.0, 30.0)
-REGIONS = {"white": "white matter"}
+
+
+@dataclass(frozen=True)
+class Span:
+    """Times that a plot shows: from 0 to `end` (s), in a unit of so many `seconds`."""
+
+    name: str
+    end: float
+    unit: str
+    seconds: float
+
+
+def spans(answers: Mapping[str, Any]) -> list[Span]:
+    """The first minute and the whole time in minutes; the whole alone where that is short."""
+    end = max(max(a["series"]["t_s"]) for a in answers.values())
+    if end <= 1.5 * FIRST_S:
+        return [Span("Whole time", end, "s", 1.0)]
+    return [Span(f"First {FIRST_S:.0f} s", FIRST_S, "s", 1.0), Span("Whole time", end, "min", 60.0)]
 
 
 def pressure(answers: Mapping[str, Any]) -> bytes:
     """Pressure under the blade and opening over time: the first minute, and the whole time in minutes."""
     with style():
         page = figure(5.4)
-        end = max(max(a["series"]["t_s"]) for a in answers.values())
-        both = end > 1.5 * FIRST_S
+        shown = spans(answers)
         grid = page.add_gridspec(
-            2, 2 if both else 1, width_ratios=[1, 1.75] if both else None, height_ratios=[1.7, 1],
+            2, len(shown), width_ratios=[1, 1.75][: len(shown)], height_ratios=[1.7, 1],
             left=0.075, right=0.915, top=0.865, bottom=0.095, wspace=0.10, hspace=0.14,
         )  # fmt: skip
-        top = 1.08 * max([THRESHOLDS[-1] * 1.1, *(max(a["series"]["pressure_mmHg"]) for a in answers.values())])
-        lines = []
-        for column in range(2 if both else 1):
-            seconds = column == 0
+        for column, span in enumerate(shown):
             upper, lower = page.add_subplot(grid[0, column]), page.add_subplot(grid[1, column])
+            lines = pressures(upper, answers, span)
             for name, answer in answers.items():
-                s, unit = answer["series"], 1 if seconds else 60
-                look = {"color": colour(name, answers), "ls": DASHES.get(name, "-"), "lw": 1.9, "label": name}
-                t, pressures = course(answer, "pressure_mmHg")
-                (line,) = upper.plot(t / unit, pressures, **look)
-                lower.plot(t / unit, course(answer, "opening_mm")[1], **look)
-                lower.plot(np.array(s["t_s"]) / unit, s["blade_mm"], color=look["color"], lw=0.9, ls=":")
-                lines += [line] if column == 0 else []
-            for threshold in THRESHOLDS:
-                upper.axhline(threshold, color="#555555", lw=1.0, ls=(0, (2, 2)), zorder=1)
-            if column == (1 if both else 0):
-                _name_thresholds(upper, top)
-            span = min(FIRST_S, end) if seconds else end / 60
+                s, look = answer["series"], _look(name, answers)
+                t, opened = course(answer, "opening_mm")
+                lower.plot(t / span.seconds, opened, **look)
+                lower.plot(np.array(s["t_s"]) / span.seconds, s["blade_mm"], color=look["color"], lw=0.9, ls=":")
+            lower.set_xlim(0, span.end / span.seconds)
+            lower.grid(axis="y", color="#e3e3e3", lw=0.6)
+            lower.set_axisbelow(True)
             for axes in (upper, lower):
-                axes.set_xlim(0, span)
-                axes.grid(axis="y", color="#e3e3e3", lw=0.6)
-                axes.set_axisbelow(True)
-                axes.tick_params(labelleft=seconds)
-            upper.set_ylim(0, top)
+                axes.tick_params(labelleft=column == 0)
             upper.tick_params(labelbottom=False)
             lower.set_ylim(*_limits(answers))
-            lower.set_xlabel("time from first contact (s)" if seconds else "time from first contact (min)")
-            if seconds:
+            lower.set_xlabel(f"time from first contact ({span.unit})")
+            if column == 0:
                 upper.set_ylabel("pressure under the blade (mmHg)")
                 lower.set_ylabel("opening (mm)")
-            first = f"First {span:.0f} s" if both else "Whole time"
-            upper.set_title(first if seconds else "Whole time")
+            upper.set_title(span.name)
         ghost = require("matplotlib.lines", "report").Line2D(
             [], [], color="#555555", lw=1.0, ls=":", label="the blade itself"
         )
@@ -97,6 +97,27 @@ def pressure(answers: Mapping[str, Any]) -> bytes:
         return png(page)
 
 
+def pressures(axes: Any, answers: Mapping[str, Any], span: Span) -> list[Any]:
+    """Pressure of every protocol and the thresholds, which the last span names; the protocols' lines."""
+    lines = []
+    for name, answer in answers.items():
+        t, values = course(answer, "pressure_mmHg")
+        lines += axes.plot(t / span.seconds, values, **_look(name, answers))
+    top = 1.08 * max([THRESHOLDS[-1] * 1.1, *(max(a["series"]["pressure_mmHg"]) for a in answers.values())])
+    for threshold in THRESHOLDS:
+        axes.axhline(threshold, color="#555555", lw=1.0, ls=(0, (2, 2)), zorder=1)
+    if span == spans(answers)[-1]:
+        _name_thresholds(axes, top)
+    axes.set(xlim=(0, span.end / span.seconds), ylim=(0, top))
+    axes.grid(axis="y", color="#e3e3e3", lw=0.6)
+    axes.set_axisbelow(True)
+    return lines
+
+
+def _look(name: str, answers: Mapping[str, Any]) -> dict[str, Any]:
+    return {"color": colour(name, answers), "ls": DASHES.get(name, "-"), "lw": 1.9, "label": name}
+
+
 def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
     """Times (s) and values of a series as doses take it, a cubic between events (`injury.curve`), where those are given."""
     t, values = (np.array(answer["series"][key], float) for key in ("t_s", name))
@@ -105,7 +126,7 @@ def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
     return fine, curve(t, values, answer.get("events_s", t))(fine)
 
 
-def strain_slice(peak: Peak) -> bytes:
+def strain_slice(peak: State) -> bytes:
     """Maximum principal strain on the plane of approach and push through the target, displaced: whole and near."""
     with style():
         page = figure(4.75)
@@ -113,7 +134,7 @@ def strain_slice(peak: Peak) -> bytes:
         centre = peak.cleft.depth / 2 + 3e-3
         whole = page.add_axes((0.01, 0.02, 0.44, 0.88))
         near = page.add_axes((0.475, 0.02, 0.455, 0.88))
-        plane = _Plane(peak)
+        plane = Section(peak)
         low, high = plane.extent()
         half = max(high - low) / 2 + 11e-3
         for axes, middle, reach in ((whole, (low + high) / 2, half), (near, np.array([0.0, centre]), 30e-3)):
@@ -145,78 +166,7 @@ def strain_slice(peak: Peak) -> bytes:
         return png(page)
 
 
-class _Plane:
-    """The displaced mesh cut by the plane of approach and push through the target; coordinates (across, height), m."""
-
-    def __init__(self, peak: Peak) -> None:
-        self.peak = peak
-        at = peak.cleft.coordinates(peak.points)
-        self._flat, self._level = at[:, [0, 2]], at[:, 1]
-        self.cut: Cut = cut_volume(peak.tets, self._level)
-        self.points = self.cut.at(self._flat)
-
-    def extent(self) -> tuple[Floats, Floats]:
-        """Corners of the section."""
-        return self.points.min(axis=0), self.points.max(axis=0)
-
-    def draw(self, axes: Any, cmap: Any, norm: Any) -> None:
-        """Strain, outlines, skull and blade."""
-        tri = require("matplotlib.tri", "report")
-        patches = require("matplotlib.patches", "report")
-        mesh = tri.Triangulation(*(1e3 * self.points).T, self.cut.simplices)
-        levels = np.arange(0, STRAIN_TOP + STRAIN_STEP / 2, STRAIN_STEP)
-        strain = np.maximum(self.cut.at(self.peak.strain), 0)
-        self._skull(axes)
-        axes.tricontourf(mesh, strain, levels, cmap=cmap, norm=norm, extend="max", zorder=2)
-        fluid = np.char.startswith(self.peak.region[self.cut.parent].astype(str), "ventricle")
-        drops = (1e3 * self.points)[self.cut.simplices[fluid]]
-        collections = require("matplotlib.collections", "report")
-        axes.add_collection(collections.PolyCollection(drops, fc=FLUID, ec=FLUID, lw=0.4, zorder=2.5))
-        self._lines(axes, triangles(faces(self.peak.tets, self.peak.region)), color="#444444", linewidths=0.8, zorder=3)
-        self._lines(axes, triangles(faces(self.peak.tets)), color="#222222", linewidths=1.1, zorder=4)
-        for blade in self.peak.blades:
-            axes.add_patch(patches.Polygon(1e3 * blade.profile(), fc="#9aa3ab", ec="#222222", lw=1.0, zorder=6))
-
-    def name_regions(self, axes: Any) -> None:
-        """Each region's name where it has the most room; the lowest of such places."""
-        corners = self.points[self.cut.simplices]
-        inside = np.concatenate([np.eye(3) * 0.7 + 0.1, np.full((1, 3), 1 / 3), 0.5 - 0.5 * np.eye(3)])
-        centres = np.einsum("ij,kjl->kil", inside, corners).reshape(-1, 2)
-        region = np.repeat(self.peak.region[self.cut.parent], len(inside))
-        outlines = cut_surface(triangles(faces(self.peak.tets, self.peak.region)), self._level)
-        ends = outlines.at(self._flat)[outlines.simplices]
-        share = np.linspace(0, 1, 9)[:, None, None]
-        room = cKDTree(((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)).query(centres)[0]
-        halo = require("matplotlib.patheffects", "report").withStroke(linewidth=2.5, foreground="white")
-        for name in np.unique(region):
-            mine = np.flatnonzero(region == name)
-            mine = mine[room[mine] > 0.85 * room[mine].max()]
-            x, y = 1e3 * centres[mine[np.argmin(centres[mine, 1])]]
-            text = REGIONS.get(name, str(name).split("_")[0])
-            axes.text(x, y, text, ha="center", va="center", fontsize=8.5, zorder=8, path_effects=[halo])
-
-    def _lines(self, axes: Any, tris: Ints, **look: Any) -> None:
-        lines = require("matplotlib.collections", "report")
-        cut = cut_surface(tris, self._level)
-        axes.add_collection(lines.LineCollection(1e3 * cut.at(self._flat)[cut.simplices], capstyle="round", **look))
-
-    def _skull(self, axes: Any) -> None:
-        """A band outside the held surface."""
-        tris = self.peak.skull()
-        cut = cut_surface(tris, self._level)
-        if not len(cut.simplices):
-            return
-        normals = self.peak.cleft.coordinates(vertex_normals(self.peak.rest, tris) + self.peak.cleft.target)[:, [0, 2]]
-        points, outward = cut.at(self._flat), cut.at(normals)
-        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
-        outer = points + SKULL_THICKNESS * outward
-        p, q = cut.simplices.T
-        collections = require("matplotlib.collections", "report")
-        bands = 1e3 * np.stack([points[p], points[q], outer[q], outer[p]], axis=1)
-        axes.add_collection(collections.PolyCollection(bands, fc="#d9d2c3", ec="#d9d2c3", lw=0.5, zorder=1))
-
-
-def _ends(axes: Any, peak: Peak) -> None:
+def _ends(axes: Any, peak: State) -> None:
     cleft = peak.cleft
     for v, at in ((cleft.across, (0.985, 0.45)), (-cleft.across, (0.015, 0.45)), (-cleft.out, (0.5, 0.015))):
         axes.text(*at, direction(v), transform=axes.transAxes, ha="center", va="center", fontsize=11, fontweight="bold")
@@ -242,7 +192,7 @@ def _say(axes: Any, text: str, point: tuple[float, float], at: tuple[float, floa
 
 def _name_thresholds(axes: Any, top: float) -> None:
     """Beside the plot, apart enough to be read."""
-    upper = max(THRESHOLDS[1], THRESHOLDS[0] + 0.05 * top)
+    upper = max(THRESHOLDS[1], THRESHOLDS[0] + 0.15 / inches(axes)[1] * top)
     for threshold, y in zip(THRESHOLDS, (THRESHOLDS[0], upper), strict=True):
         where = axes.get_yaxis_transform()
         axes.text(1.01, y, f"{threshold:g} mmHg", transform=where, ha="left", va="center", fontsize=9, color="#333333")

@@ -16,7 +16,7 @@ def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given
     """Fill a template and write it; the file is whole or not there.
 
     pictures  name → PNG, in the template as base64
-    given     everything else that the template names; its filters are number, duration, size and percents of `tables`
+    given     everything else that the template names; its filters are number, duration, size and percents of `tables`, and base64
 
     Raises `MissingExtra` where jinja2 is not installed.
     """
@@ -26,8 +26,12 @@ def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given
         undefined=jinja2.ChainableUndefined,
     )  # fmt: skip
     environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size)
-    environment.filters["percents"] = tables.percents
-    encoded = {name: base64.b64encode(picture).decode() for name, picture in pictures.items()}
+    environment.filters.update(percents=tables.percents, base64=_text)
+    encoded = {name: _text(picture) for name, picture in pictures.items()}
     text = str(environment.get_template(template).render(pictures=encoded, **given))
     whole(path, lambda part: part.write_text(text, encoding="utf-8"))
     return path
+
+
+def _text(picture: bytes) -> str:
+    return base64.b64encode(picture).decode()

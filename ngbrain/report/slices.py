@@ -14,7 +14,7 @@ from numpy.lib.npyio import NpzFile
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.segment import CSF, VENTRICLE, WHITE
-from ngbrain.report.peak import Peak
+from ngbrain.report.state import State
 from ngbrain.report.style import WIDTH, direction, figure, png, style
 from ngbrain.report.surface import Floats, Ints, cut_surface
 
@@ -87,7 +87,7 @@ class ScanImage:
         return float(a - half), float(b + half), float(c - half), float(d + half)
 
 
-def slices(image: ScanImage, peak: Peak) -> bytes:
+def slices(image: ScanImage, peak: State) -> bytes:
     """Sagittal, coronal and axial through the target: the scan with its labels above, with the mesh at rest below.
 
     The planes are those of the voxels' centres next to the target; scan, labels and mesh are cut by the same plane.
@@ -155,7 +155,7 @@ def volumes(head: Mapping[str, Any], model: Mapping[str, Any]) -> list[tuple[str
     return [(text, sum(labels[name] for name in of), head.get(key, model.get(key))) for text, of, key in rows if of]
 
 
-def _bounds(image: ScanImage, peak: Peak) -> tuple[Floats, Floats]:
+def _bounds(image: ScanImage, peak: State) -> tuple[Floats, Floats]:
     """Corners (mm) of what is shown: head and mesh, and a margin."""
     filled = np.argwhere(image.labels > 0)
     corners = np.stack([filled.min(axis=0), filled.max(axis=0)]) * image.spacing + image.origin
@@ -183,7 +183,7 @@ def _labels(axes: Any, image: ScanImage, layer: int, normal: int, across: int, u
     return [*(_line(colour, text, lw=1.6) for _, colour, _, text in kinds), tint]
 
 
-def _mesh(axes: Any, peak: Peak, where: float, normal: int, flat: list[int]) -> list[Any]:
+def _mesh(axes: Any, peak: State, where: float, normal: int, flat: list[int]) -> list[Any]:
     """The elements' edges in the plane and the mesh's surfaces; what the legend says of them."""
     elements = np.unique(np.sort(peak.tets[:, _CORNERS].reshape(-1, 3), axis=1), axis=0)
     none = np.zeros((0, 3), int)
@@ -203,7 +203,7 @@ def _mesh(axes: Any, peak: Peak, where: float, normal: int, flat: list[int]) -> 
     return [_line(colour, text, lw=max(width, 0.8)) for _, colour, width, text in kinds]
 
 
-def _furnish(axes: Any, peak: Peak, across: int, up: int) -> None:
+def _furnish(axes: Any, peak: State, across: int, up: int) -> None:
     """Target, letters at the borders, scale bar."""
     axes.set_facecolor("black")
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)

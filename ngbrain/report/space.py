@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ngbrain.report.blade import ABOVE
-from ngbrain.report.peak import Peak
 from ngbrain.report.render import Camera, Layer, draw
+from ngbrain.report.state import State
 from ngbrain.report.style import (
     BONE,
     FLUID,
@@ -28,7 +28,7 @@ from ngbrain.report.surface import Floats, Ints, cut_surface, cut_volume, faces,
 RIM = "#333333"
 
 
-def head(peak: Peak) -> bytes:
+def head(peak: State) -> bytes:
     """The head with blade and opening from outside; beside it the site, near and cut open along the blade's push."""
     with style():
         page = figure(4.9)
@@ -72,7 +72,7 @@ def _palette(cmap: Any, norm: Any) -> Callable[[Floats], Floats]:
     return lambda strain: np.asarray(cmap(norm(np.maximum(strain, 0))))[:, :3]
 
 
-def _opened_layers(peak: Peak, cmap: Any, norm: Any, clip: Floats | None = None) -> list[Layer]:
+def _opened_layers(peak: State, cmap: Any, norm: Any, clip: Floats | None = None) -> list[Layer]:
     """Craniotomy and cleft, coloured by strain."""
     parts, palette = [peak.window(), *peak.cleft_faces().values()], _palette(cmap, norm)
     return [
@@ -82,11 +82,11 @@ def _opened_layers(peak: Peak, cmap: Any, norm: Any, clip: Floats | None = None)
     ]
 
 
-def _blade_layers(peak: Peak) -> list[Layer]:
+def _blade_layers(peak: State) -> list[Layer]:
     return [Layer(*blade.solid(), STEEL, shine=0.35) for blade in peak.blades]
 
 
-def _cutaway(axes: Any, peak: Peak, cmap: Any, norm: Any) -> None:
+def _cutaway(axes: Any, peak: State, cmap: Any, norm: Any) -> None:
     """The half of the site beyond the slice's plane, seen from the side that the slice is seen from, from above."""
     cleft = peak.cleft
     level = cleft.coordinates(peak.points)[:, 1]
@@ -109,7 +109,7 @@ def _cutaway(axes: Any, peak: Peak, cmap: Any, norm: Any) -> None:
     bar_mm(axes, 10)
 
 
-def _ribbons(peak: Peak, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
+def _ribbons(peak: State, tris: Ints, level: Floats, half_width: float = 0.11e-3) -> Layer:
     """The lines in which triangles meet the slice's plane, as thin strips just before it."""
     cut = cut_surface(tris, level)
     points = cut.at(peak.points) - 0.15e-3 * peak.cleft.along
@@ -132,7 +132,7 @@ def _show(axes: Any, camera: Camera, layers: list[Layer]) -> None:
     axes.axis("off")
 
 
-def _rim_points(peak: Peak) -> Floats:
+def _rim_points(peak: State) -> Floats:
     """The craniotomy's edge, (k, 3), in order around the axis."""
     window = peak.window()
     sides = np.sort(np.concatenate([window[:, [0, 1]], window[:, [1, 2]], window[:, [2, 0]]]), axis=1)
@@ -144,7 +144,7 @@ def _rim_points(peak: Peak) -> Floats:
     return peak.points[nodes[np.argsort(np.arctan2(at[:, 1], at[:, 0]))]]
 
 
-def _rim(axes: Any, camera: Camera, peak: Peak) -> None:
+def _rim(axes: Any, camera: Camera, peak: State) -> None:
     ring = 1e3 * camera.project(_rim_points(peak))
     if len(ring):
         axes.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color=RIM, lw=1.3)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import require
 from ngbrain.look import STYLE
-from ngbrain.report.peak import Peak
+from ngbrain.report.state import State
 from ngbrain.report.surface import Floats
 
 DPI = 150
@@ -99,6 +99,6 @@ def direction(v: Floats, words: bool = False) -> str:
     return "".join(names[k][0 if v[k] > 0 else 1] for k in order)
 
 
-def viewed_from(peak: Peak) -> str:
+def viewed_from(peak: State) -> str:
     """The slice is drawn with `across` to the right and `out` upwards: seen from -along."""
     return f", seen from {direction(-peak.cleft.along, words=True)}"

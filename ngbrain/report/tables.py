@@ -147,6 +147,15 @@ def duration(seconds: float) -> str:
     return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s" if whole % 60 else f"{whole // 60} min"
 
 
+def moment(seconds: float) -> str:
+    """A time, short ones to three digits.
+
+    >>> moment(0.0), moment(0.26667), moment(12.5), moment(865.2)
+    ('0 s', '0.267 s', '12.5 s', '14 min 25 s')
+    """
+    return f"{seconds:.3g} s" if seconds < 60 else duration(seconds)
+
+
 def comparison(answers: Mapping[str, Any]) -> list[Row]:
     """One row a metric, one column a protocol; lowest and highest said in words."""
     rows = []

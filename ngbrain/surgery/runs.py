@@ -27,7 +27,9 @@ from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml
 
 FRAME_SPACING = 1 / 12
-"""A frame is kept at events and at least every such share of the run."""
+"""A frame is kept at events, at least every such share of the run,"""
+FRAME_WAY = 1 / 4
+"""and where the blade has gone such a share of its furthest advance since the last."""
 LARGEST = ("von_mises", "rate")
 """Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
 
@@ -154,9 +156,7 @@ class ProtocolRun:
     def _save(self, body: Body, at: Progress) -> None:
         assert self.grid is not None and self.path is not None and self.peak is not None
         frame = Frame(at.t, self._fields(body))
-        spacing = FRAME_SPACING * self.protocol.times[-1]
-        keep = not self.frames or at.rested or at.t - self.frames[-1].time >= spacing
-        keep = keep or self.peak.t == at.t
+        keep = not self.frames or at.rested or self.peak.t == at.t or due(self.protocol, self.frames[-1].time, at.t)
         more = {"scene": self.model.scene.to_dict(), "kept_frames": len(self.frames) + bool(keep)}
         save(self.path, self.grid, [*self.frames, frame], self._state() | more)
         if keep:
@@ -198,6 +198,12 @@ class ProtocolRun:
         self.largest = {name: Spread(**spread) for name, spread in state["largest"].items()}
         self.sampler.start(self.transient.progress.t)
         self.frames = list(frames)
+
+
+def due(protocol: Protocol, last: float, t: float) -> bool:
+    """Whether a frame is kept at a time (s) between events, after one at `last`."""
+    way = abs(protocol.at(t) - protocol.at(last))
+    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * max(protocol.advance)
 
 
 def table(rows: list[Row]) -> dict[str, np.ndarray]:

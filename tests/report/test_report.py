@@ -15,8 +15,8 @@ import pytest
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.report import blade, build, figures, peak, render, style, surface, tables
-from ngbrain.report.peak import Peak
+from ngbrain.report import blade, build, figures, render, state, style, surface, tables
+from ngbrain.report.run import Run
 from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.response import points
 
@@ -111,12 +111,12 @@ def test_strain_at_a_folded_corner_is_replaced_and_no_other(ball: QuadraticGrid)
     points = ball.points * [stretch, 1, 1]
     true = (stretch**2 - 1) / 2
     strain = np.full(len(points), true)
-    assert peak.unfolded(ball.connectivity, ball.points, points, strain) is strain
+    assert state.unfolded(ball.connectivity, ball.points, points, strain) is strain
     rest = ball.points.copy()
     a, _, _, d, *middles = ball.connectivity[0]
     rest[middles[3]] = rest[a] + 0.26 * (rest[d] - rest[a])  # the edge's map stands nearly still at a
     strain[a] = 40.0
-    mended = peak.unfolded(ball.connectivity, rest, rest * [stretch, 1, 1], strain)
+    mended = state.unfolded(ball.connectivity, rest, rest * [stretch, 1, 1], strain)
     assert mended == pytest.approx(true, rel=1e-12)
 
 
@@ -296,7 +296,7 @@ def test_below_20_mmHg_the_margin_is_said() -> None:
 
 def test_the_blade_is_where_the_run_put_it(made: Path) -> None:
     result = json.loads((made / "result.json").read_text())
-    found = Peak.read(made, "continuous", result["geometry"], result["answers"]["continuous"])
+    found = Run.read(made, "continuous", result["geometry"], result["answers"]["continuous"]).peak()
     assert found.time == 10.0
     (drawn,) = found.blades
     points, tris = drawn.solid()

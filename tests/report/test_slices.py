@@ -17,9 +17,9 @@ from ngbrain.errors import InputError
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft
 from ngbrain.report import figures, slices, style
-from ngbrain.report.peak import Peak
 from ngbrain.report.slices import ScanImage, volumes
-from ngbrain.report.surface import faces
+from ngbrain.report.state import State
+from ngbrain.report.surface import faces, triangles
 
 SPACING = 4e-3
 ORIGIN = np.array([-0.078, -0.098, -0.066])  # m, centre of the first voxel
@@ -63,22 +63,34 @@ def grid() -> QuadraticGrid:
 
 
 @pytest.fixture(scope="module")
-def peak(grid: QuadraticGrid) -> Peak:
+def peak(grid: QuadraticGrid) -> State:
     tets = grid.connectivity
     cleft = Cleft(TARGET, np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 0.048, 0.004, 0.01)
     regions = np.array(grid.region_names)[grid.region]
     outer = {"skull": faces(tets)}
-    return Peak(
-        "a", 0.0, grid.points, grid.points, 0 * grid.points[:, 0], tets, regions, outer, cleft, 0.04, "blade", ()
+    return State(
+        "a",
+        0.0,
+        grid.points,
+        grid.points,
+        0 * grid.points[:, 0],
+        tets,
+        regions,
+        outer,
+        triangles(outer["skull"]),
+        cleft,
+        0.04,
+        "blade",
+        (),
     )
 
 
-def picture(arrays: dict[str, np.ndarray], peak: Peak) -> np.ndarray:
+def picture(arrays: dict[str, np.ndarray], peak: State) -> np.ndarray:
     return np.asarray(imread(io.BytesIO(slices.slices(image_of(arrays), peak)), format="png"))[..., :3]
 
 
 @pytest.fixture(scope="module")
-def plain(peak: Peak) -> np.ndarray:
+def plain(peak: State) -> np.ndarray:
     return picture(scan(), peak)
 
 
@@ -122,7 +134,7 @@ def test_the_picture_is_three_slices_wide_and_two_rows_high(plain: np.ndarray) -
     ],
 )
 def test_a_dark_spot_is_where_radiologists_look_for_it(
-    peak: Peak, plain: np.ndarray, row: int, view: int, mark: tuple[float, float, float], right: float, up: float
+    peak: State, plain: np.ndarray, row: int, view: int, mark: tuple[float, float, float], right: float, up: float
 ) -> None:
     """The spot is told by its difference to a scan with another; its place is measured from its slice's middle."""
     with_it = picture(scan(mark), peak)

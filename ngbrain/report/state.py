@@ -1,20 +1,15 @@
-"""A protocol's state at its largest strain, as the pictures need it."""
+"""A protocol's tissue and blade at one time, as the pictures need them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import InputError
-from ngbrain.io import load
 from ngbrain.mesh import Cleft
-from ngbrain.report.blade import TOOLS, Drawn, drawn
+from ngbrain.report.blade import Drawn
 from ngbrain.report.surface import Floats, Ints, faces, triangles
 
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
@@ -25,13 +20,14 @@ _MIDDLE = {frozenset(pair): 4 + k for k, pair in enumerate([(0, 1), (1, 2), (2, 
 
 
 @dataclass(frozen=True, eq=False)
-class Peak:
+class State:
     """What is drawn of one protocol.
 
     points, rest   (n, 3) m, displaced and as they were
     strain         (n,) maximum principal strain
     tets, region   (ntets, 10) nodes in VTK's order; (ntets,) names
     outer          boundary name → six-node faces of the outer surface, outwards
+    borders        (m, 3) triangles of it and between regions
     tool, blades   what opens the cleft, and as it stands
     time           s
     """
@@ -44,49 +40,15 @@ class Peak:
     tets: Ints
     region: np.ndarray
     outer: dict[str, Ints]
+    borders: Ints
     cleft: Cleft
     craniotomy: float
     tool: str
     blades: tuple[Drawn, ...]
 
-    @classmethod
-    def read(cls, folder: Path, protocol: str, geometry: Mapping[str, Any], answer: Mapping[str, Any]) -> Peak:
-        """From `folder/PROTOCOL.vtkhdf`: the frame nearest to when strain peaked.
-
-        Raises `InputError` for a file that is missing, damaged or without frames of displacement and strain.
-        """
-        path = folder / f"{protocol}.vtkhdf"
-        checkpoint = load(path)
-        frames = [f for f in checkpoint.frames if {"displacement", "max_principal_strain"} <= set(f.point_data)]
-        if not frames:
-            raise InputError("frames", "without displacement and max_principal_strain", "a run of ngbrain", file=path)
-        when = answer.get("strain_peak_at_s", (checkpoint.state.get("peak") or {}).get("t"))
-        if when is None:
-            frame = max(frames, key=lambda f: float(np.percentile(f.point_data["max_principal_strain"], 99)))
-        else:
-            frame = min(frames, key=lambda f: abs(f.time - float(when)))
-        grid = checkpoint.grid
-        series = answer.get("series", {})
-        advance = float(np.interp(frame.time, series["t_s"], series["blade_mm"])) * 1e-3
-        target, out, across = (np.array(geometry[key], float) for key in ("target_m", "out", "across"))
-        depth, opening, width = (float(geometry[key]) for key in ("depth_m", "opening_m", "width_m"))
-        cleft = Cleft(target, out, across, depth, opening, width)
-        points = grid.points + np.asarray(frame.point_data["displacement"], float)
-        strain = np.asarray(frame.point_data["max_principal_strain"], float)
-        return cls(
-            protocol,
-            frame.time,
-            points,
-            grid.points,
-            unfolded(grid.connectivity, grid.points, points, strain),
-            grid.connectivity,
-            np.array(grid.region_names)[grid.region],
-            _named(grid.mesh, faces(grid.connectivity)),
-            cleft,
-            float(geometry["craniotomy_m"]),
-            TOOLS[geometry["blade"].get("kind", "spatula")],
-            drawn(geometry["blade"], cleft, advance),
-        )
+    def surface(self) -> Ints:
+        """Triangles of the outer surface."""
+        return self._triangles(lambda name: True)
 
     def skull(self) -> Ints:
         """Triangles of the surface under the skull."""
@@ -139,11 +101,3 @@ def unfolded(tets: Ints, rest: Floats, points: Floats, strain: Floats) -> Floats
     result = strain.copy()
     result[nodes] = mean
     return result
-
-
-def _named(mesh: ngs.Mesh, outer: Ints) -> dict[str, Ints]:
-    """The faces of the outer surface by the mesh's boundary names."""
-    names = {tuple(sorted(v.nr for v in element.vertices)): element.mat for element in mesh.Elements(ngs.BND)}
-    corners = np.sort(outer[:, :3], axis=1)
-    found = np.array([names.get(tuple(map(int, row)), "surface") for row in corners])
-    return {str(name): outer[found == name] for name in sorted(set(found))}
