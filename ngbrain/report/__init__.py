@@ -101,4 +101,4 @@ def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], A
         drawn["peaks"] = animation.peaks(runs, answers)
     if image:
         drawn["slices"] = slices.slices(image, peak)
-    return drawn, animation.animation(runs, answers, peak.time), shown, peak.time
+    return drawn, animation.animation(runs, answers), shown, peak.time

@@ -17,7 +17,7 @@ from ngbrain.report.section import Section
 from ngbrain.report.state import State
 from ngbrain.report.style import bar_mm, colour, direction, figure, png, strain_bar, strain_colours, style
 from ngbrain.report.surface import Floats
-from ngbrain.report.tables import moment, number
+from ngbrain.report.tables import moment
 from ngbrain.surgery.injury import curve
 
 MOST = 48
@@ -66,22 +66,28 @@ class Animation:
     axes: list[Axis]
 
 
-def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], start: float) -> Animation:
-    """All protocols at equal times; it starts at the moment nearest to `start` (s)."""
-    shown = []
+def animation(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> Animation:
+    """All protocols at equal times; it starts where pressure is highest."""
+    shown, highest = [], 0.0
+    start = 0
     for t in times(list(runs.values())):
-        titles = {name: _now(answers[name], t) for name in runs}
+        now = {name: _now(answers[name], t) for name in runs}
+        titles = {name: title for name, (title, _) in now.items()}
         text = "; ".join(f"{name}: {title}" for name, title in titles.items())
         page = _panels([run.at(t) for run in runs.values()], titles, answers)
-        shown.append(Moment(t, f"{moment(t)} after first contact. {text}", _webp(page)))
-    nearest = int(np.argmin([abs(one.t - start) for one in shown]))
-    return Animation(shown, nearest, *_curves(answers))
+        shown.append(Moment(float(t), f"{moment(t)} after first contact. {text}", _webp(page)))
+        pressure = max(pressure for _, pressure in now.values())
+        if pressure > highest:
+            start, highest = len(shown) - 1, pressure
+    return Animation(shown, start, *_curves(answers))
 
 
 def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> bytes:
     """Every protocol when its own strain is largest; PNG."""
     states = [run.peak() for run in runs.values()]
-    titles = {state.protocol: f"{moment(state.time)}: {_now(answers[state.protocol], state.time)}" for state in states}
+    titles = {
+        state.protocol: f"{moment(state.time)}: {_now(answers[state.protocol], state.time)[0]}" for state in states
+    }
     return png(_panels(states, titles, answers))
 
 
@@ -100,17 +106,17 @@ def times(runs: Sequence[Run]) -> Floats:
     return np.asarray(every[np.unique(chosen)])
 
 
-def _now(answer: Mapping[str, Any], t: float) -> str:
-    """Opening and pressure at a time, or at the end before it."""
+def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
+    """Opening and pressure at a time, or at the end before it, in words; the pressure (mmHg)."""
     series = answer["series"]
     steps = np.array(series["t_s"], float)
-    at = np.clip(t, steps[0], steps[-1])
+    at = float(np.clip(t, steps[0], steps[-1]))
     opened, pressure = (
         float(curve(steps, np.array(series[name], float), answer.get("events_s", steps))(at))
         for name in ("opening_mm", "pressure_mmHg")
     )
-    ended = f" (ended at {moment(float(at))})" if t > at * (1 + 1e-9) else ""
-    return f"{opened:.1f} mm, {number(max(pressure, 0.0))} mmHg{ended}".replace("-", "−")
+    ended = f" (ended, {moment(at)})" if t > at * (1 + 1e-9) else ""
+    return f"{round(opened, 1) + 0.0:.1f} mm, {abs(pressure):.0f} mmHg{ended}".replace("-", "−"), pressure
 
 
 def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping[str, Any]) -> Any:

@@ -27,8 +27,12 @@ THRESHOLDS_MMHG = (20.0, 30.0)
 APART = 1e-9
 """Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
 
+DENSITY = 1040.0
+"""Of brain (kg/m³), about, for the speed of shear waves."""
+SLOW = 10.0
+"""Inertia matters where a blade's way takes less than so many times as long as a shear wave through the brain."""
+
 LEFT_OUT = (
-    "inertia: the blade moves at less than a millimetre per second",
     "friction between blade and tissue",
     "blood flow and drainage of tissue fluid; ventricles are a soft drained filling",
     "damage: the tissue recovers whatever it was strained to",
@@ -96,6 +100,29 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
     """Threshold → region → ml turned over: region → threshold → ml."""
     regions = next(iter(volumes.values()))
     return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
+
+
+def left_out(made: Model) -> list[str]:
+    """What the model leaves out, in words."""
+    return [_inertia(made), *LEFT_OUT, made.head.left_out]
+
+
+def _inertia(made: Model) -> str:
+    """How long the way of the scene's blades takes where they are fastest, against a shear wave in the softest tissue."""
+    programs = [made.program(made.scene, asked) for asked in made.scene.protocols]
+    speed = max(float(np.abs(np.diff(p.advance) / np.diff(p.times)).max()) for p in programs)
+    way = max(max(p.advance) for p in programs)
+    wave = np.sqrt(min(part.modulus for part in made.parts().values()) / DENSITY)
+    brain = float(np.ptp(np.array(made.mesh.ngmesh.Coordinates()) @ made.cleft.across))
+    ratio = way / speed / (brain / wave)
+    times = f"{ratio:.0f} times" if ratio >= SLOW else f"only {ratio:.2g} times"
+    text = (
+        f"the blade moves at up to {to_mm(speed):.3g} mm/s, at which its {to_mm(way):.3g} mm take {way / speed:.3g} s, {times} "
+        f"as long as a shear wave through the brain ({to_mm(brain):.0f} mm at {wave:.2g} m/s: {brain / wave:.2g} s)"
+    )
+    if ratio >= SLOW:
+        return f"inertia: {text}"
+    return f"inertia, which matters here: {text}; pressures are those of a slow blade (forward.dynamic.DynamicBody has mass)"
 
 
 def model(made: Model, runs: Runs) -> dict[str, Any]:

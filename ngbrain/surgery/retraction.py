@@ -114,7 +114,7 @@ def solve(
         "comparison": answers.comparison(runs, found),
         "dose_response": response.points(),
         "material_band": band.material_band(model, runs, checked[checks.MILLER], worth),
-        "left_out": [*answers.LEFT_OUT, model.head.left_out],
+        "left_out": answers.left_out(model),
         "time_s": time.perf_counter() - started,
     }
     if where is not None:

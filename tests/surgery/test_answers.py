@@ -1,15 +1,19 @@
 """From a run's record to what a result says: units, sums over regions, and the band of what is not known."""
 
+from dataclasses import replace
 from types import SimpleNamespace as Namespace
 
+import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
 import pytest
 
 from ngbrain.materials import CATALOGUE
-from ngbrain.scene import Patient
-from ngbrain.surgery.answers import answer
+from ngbrain.mesh import Cleft
+from ngbrain.scene import Patient, Protocol, Scene
+from ngbrain.surgery.answers import DENSITY, answer, left_out
 from ngbrain.surgery.band import material_band, published_moduli
+from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Row
 from ngbrain.surgery.retraction import Outcome
 from ngbrain.surgery.runs import Peak
@@ -83,3 +87,44 @@ def test_a_check_that_failed_leaves_its_error_out():
 def test_published_moduli_are_of_whole_brain_and_have_a_source():
     names = {"miller1997:brain", "miller2002:brain", "laksari2012:brain", "franceschini2006:brain", "bennion2022:brain"}
     assert published_moduli().keys() == names and all(CATALOGUE[name].doi for name in names)
+
+
+def inertia(ramp, *more):
+    """What is said of it where a blade goes 5 mm in `ramp` s, with `more` protocols, a brain 0.15 m wide, waves of 2 and 5 m/s."""
+    mesh = ngs.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (0.15, 0.1, 0.1))).GenerateMesh(maxh=0.1))
+    axes = (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
+    scene = Scene.shipped("idealised_fast")
+    scene = replace(
+        scene,
+        retraction=replace(scene.retraction, opening=5e-3, ramp=ramp, elapsed=100.0),
+        protocols=(Protocol(kind="continuous"), *more),
+    )
+    parts = {"soft": Part(None, 0.1, 4 * DENSITY), "stiff": Part(None, 0.1, 25 * DENSITY)}
+    cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)
+    head = Namespace(left_out="sulci")
+    made = Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)
+    first, *others = left_out(made)
+    assert others[-1] == "sulci" and not [text for text in others if "inertia" in text]
+    return first
+
+
+def test_what_is_said_of_inertia_is_the_scenes():
+    """A wave of 2 m/s takes 0.075 s through 0.15 m."""
+    assert inertia(10.0) == (
+        "inertia: the blade moves at up to 0.5 mm/s, at which its 5 mm take 10 s, 133 times as long as a shear wave through the "
+        "brain (150 mm at 2 m/s: 0.075 s)"
+    )
+    assert inertia(0.75).startswith(
+        "inertia: the blade moves at up to 6.67 mm/s, at which its 5 mm take 0.75 s, 10 times"
+    )
+    fast = inertia(0.1)
+    assert fast.startswith("inertia, which matters here: the blade moves at up to 50 mm/s") and "only 1.3 times" in fast
+
+
+def test_one_fast_piece_of_one_protocol_is_enough_for_inertia():
+    """Here in letting go, 4 mm in 0.02 s."""
+    pieces = {"times": (0.0, 20.0, 20.02, 100.0), "opening": (0.0, 4e-3, 0.0, 0.0)}
+    text = inertia(10.0, Protocol(kind="program", name="sudden", **pieces))
+    assert text.startswith(
+        "inertia, which matters here: the blade moves at up to 200 mm/s, at which its 5 mm take 0.025 s"
+    )
