@@ -15,7 +15,7 @@ import pytest
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.report import blade, build, figures, render, state, style, surface, tables
+from ngbrain.report import animation, blade, build, figures, render, state, style, surface, tables
 from ngbrain.report.run import Run
 from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.response import points
@@ -228,19 +228,38 @@ def page(made: Path) -> str:
 
 
 def test_the_page_stands_alone(page: str) -> None:
-    assert not re.search(r"https?:|<script|<link|@import|url\(", page)
+    assert not re.search(r"https?:|<link|<iframe|@import|url\(|fetch\(|import\(|XMLHttpRequest|WebSocket", page)
+    assert not re.search(r"""\b(?:src|srcset|data|action)=["'](?!data:image/(?:png|webp);base64,)""", page)
+    assert not re.search(r"""\bhref=["'](?!#)""", page)
+    assert page.count("<script") == page.count("<script>") == 1  # the viewer's, which holds all it needs
     assert "not for clinical decisions" in page
 
 
-def test_all_pictures_decode(page: str) -> None:
+def test_all_pictures_decode_and_are_told_in_words(page: str) -> None:
     from matplotlib.image import imread
 
-    found = re.findall(r'src="data:image/png;base64,([^"]*)"', page)
-    assert len(found) == 3 == page.count("<img")
-    for encoded in found:
-        picture = imread(io.BytesIO(base64.b64decode(encoded, validate=True)), format="png")
-        assert picture.shape[1] == 60 * style.WIDTH
-        assert picture[..., :3].std() > 0.05  # something is on it
+    found = re.findall(r'<img[^>]* alt="([^"]+)" src="data:image/(png|webp);base64,([^"]*)"', page)
+    assert [kind for _, kind, _ in found] == ["png"] * 4 + ["webp"] * 2 + ["png"] and page.count("<img") == 7
+    for _, kind, encoded in found:
+        picture = imread(io.BytesIO(base64.b64decode(encoded, validate=True)), format=kind)
+        assert picture.shape[1] == 60 * style.WIDTH * (animation.SHARE if kind == "webp" else 1)
+        assert (picture[..., :3] / picture.max()).std() > 0.05  # something is on it
+
+
+def test_the_viewer_starts_at_the_highest_pressure_and_does_not_play_by_itself(page: str) -> None:
+    moments = re.findall(r'<img( class="on")? data-t="([^"]*)" alt="([^"]*)"', page)
+    assert [(on, float(t)) for on, t, _ in moments] == [("", 0.0), (' class="on"', 10.0)]
+    words = "10 s after first contact. continuous: 4.5 mm, 146 mmHg; intermittent: 4.5 mm, 136 mmHg; "
+    words += "my own &lt;way&gt;: 4.5 mm, 126 mmHg"
+    assert moments[1][2].endswith(words) and f"<output>{words}</output>" in page
+    assert '<input type="range" min="0" max="1" value="1"' in page and ">Play</button>" in page
+    assert page.count("setInterval") == 1 < page.index("setInterval") > page.index('button.addEventListener("click"')
+    marks = re.findall(
+        r'<i class="mark" data-left="([^"]*)" data-width="([^"]*)" data-end="([^"]*)" style="[^"]*left:([^"]*)%"', page
+    )
+    for left, width, end, at in marks:
+        assert float(at) == pytest.approx(100 * (float(left) + float(width) * 10 / float(end)), abs=1e-3)
+    assert [float(end) for _, _, end, _ in marks] == [60.0, 300.0]
 
 
 def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:

@@ -165,6 +165,7 @@ def run(tmp_path: Path, grid: QuadraticGrid, monkeypatch: pytest.MonkeyPatch) ->
     """A folder of a run, whose other pictures are left out."""
     for name in ("head", "strain_slice"):
         monkeypatch.setattr(figures, name, lambda peak: b"none")
+    monkeypatch.setattr(report.animation, "animation", lambda *_: report.animation.Animation([], 0, b"", []))
     monkeypatch.setattr(style, "DPI", 50)
     zero = {"displacement": 0 * grid.points, "max_principal_strain": 0 * grid.points[:, 0]}
     save(tmp_path / "a.vtkhdf", grid, [Frame(0.0, zero)])

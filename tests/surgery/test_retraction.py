@@ -10,7 +10,8 @@ from ngbrain.errors import InputError
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery import retraction
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.runs import ProtocolRun, table
+from ngbrain.surgery.protocols import Protocol as Program
+from ngbrain.surgery.runs import ProtocolRun, due, table
 from ngbrain.threads import set_threads
 
 
@@ -34,6 +35,12 @@ def test_protocols_that_begin_alike_share_the_beginning():
     )
     assert lead[0] == "intermittent" and follow[0] == "continuous" and tasks.index(lead) < tasks.index(follow)
     assert lead[2][-1] == follow[2][-1] is not None and staged[2][-1] is None
+
+
+def test_frames_are_due_after_some_time_or_some_way():
+    protocol = Program("p", (0.0, 8.0, 96.0), (0.0, 4e-3, 4e-3))
+    assert not due(protocol, 0.0, 1.9) and due(protocol, 0.0, 2.1)  # 1 mm in 2 s
+    assert not due(protocol, 10.0, 17.9) and due(protocol, 10.0, 18.1)  # a twelfth of 96 s
 
 
 @pytest.mark.slow
