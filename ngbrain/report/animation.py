@@ -28,6 +28,8 @@ ACROSS = 3
 """Panels beside one another."""
 SHARE = 0.8
 """Of the other pictures' resolution."""
+LETTERS = 98.0
+"""Of a title of one point that an inch holds, all of them wide."""
 HEIGHT, CURVES = 2.75, 2.1
 """Of a panel and of the curves, inches."""
 
@@ -146,8 +148,12 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
                 look = {"transform": axes.transAxes, "ha": "right" if x > 0.5 else "left", "path_effects": [halo]}
                 axes.text(x, 0.55, direction(v), weight="bold", zorder=10, **look)
             above = {"transform": axes.transAxes, "va": "bottom", "ha": "left"}
-            axes.text(0, 1.075, state.protocol, color=colour(state.protocol, answers), weight="bold", **above)
-            axes.text(0, 1.01, titles[state.protocol], fontsize=9, **above)
+            for y, text, size, more in (
+                (1.075, state.protocol, 10.0, {"color": colour(state.protocol, answers), "weight": "bold"}),
+                (1.01, titles[state.protocol], 9.0, {}),
+            ):
+                fits = LETTERS * (width - 0.008) * looks.WIDTH / len(text)
+                axes.text(0, y, text, fontsize=min(size, fits), **more, **above)
         strain_bar(page, (0.942, 1 - (head + 0.9 * HEIGHT) / total, 0.013, 0.7 * HEIGHT / total), cmap, norm)
         return page
 

@@ -1,6 +1,7 @@
 """The animation against made-up runs: whose states, when, where on the picture."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import netgen.occ as occ
@@ -151,3 +152,12 @@ def test_many_frames_are_thinned_evenly_in_time_and_way():
     chosen = animation.times([Made(), Made()])
     assert set(chosen) <= set(times) and (chosen[0], chosen[-1]) == (0.0, 100.0)
     assert len(chosen) == animation.MOST and np.count_nonzero(chosen <= 1) == pytest.approx(animation.MOST / 2, abs=2)
+
+
+def test_long_names_stay_over_their_own_panel(runs):
+    name = "W" * 30 + " " + "m" * 19
+    states = [replace(run, protocol=one).at(1.0) for run, one in zip(runs.values(), (name, "b"), strict=True)]
+    page = animation._panels([*states, states[1]], {name: "0.0 mm, 0 mmHg", "b": "2.0 mm, 9 mmHg"}, {name: {}, "b": {}})
+    axes = page.axes[0]
+    (title,) = (text for text in axes.texts if text.get_text() == name)
+    assert 0.3 < title.get_window_extent(page.canvas.get_renderer()).width / axes.bbox.width < 1
