@@ -29,7 +29,7 @@ ACROSS = 3
 SHARE = 0.8
 """Of the other pictures' resolution."""
 LETTERS = 98.0
-"""Of a title of one point that an inch holds, all of them wide."""
+"""Of a bold title of one point, about so many to the inch."""
 HEIGHT, CURVES = 2.75, 2.1
 """Of a panel and of the curves, inches."""
 
