@@ -5,7 +5,7 @@
 # spatula that narrows towards its tip and with one that bulges. Which presses least, and where?
 #
 # **Numbers to reproduce.** Mean pressure on the wall, of one spatula's: two spatulas **0.38**, a tube **0.20** (each within
-# 5 %). The last cell checks both. (The other two: 0.89 and 0.69, where they are computed.)
+# 5 %). The last cell checks both. (The other two: 0.9 and 0.7, where they are computed.)
 
 # %%
 import os
