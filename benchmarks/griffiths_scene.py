@@ -8,10 +8,10 @@ a share of its depth.
 
 As in theirs: incision of 12 by 4 mm, 30 mm deep, program, cortex and white matter. Not as in theirs: our blades press and let
 tissue leave, and slide under its surface (they prescribe how the faces move across, and leave them free along), 10 mm wide and
-4 mm above the floor ("narrow") or nearly the whole face ("whole"); K/μ is 1000 where they have ν = .49; the corpus callosum has
-white matter's constants and deep grey matter the cortex's, as our heads do not tell them apart; the ventricles give way; another
-head, and a place in it of our own. Their files hold no results, and of their article's stresses by region only words were at
-hand (a tube's mean is lower): no number to hold these to.
+4 mm above the floor ("narrow") or nearly the whole face ("whole"); K/μ is 1000 where theirs is 49.67 (ν = .49), done once as
+well; the corpus callosum has white matter's constants and deep grey matter the cortex's, as our heads do not tell them apart;
+the ventricles give way; another head, and a place in it of our own. Their files hold no results, and of their article's
+stresses by region only words were at hand (a tube's mean is lower): no number to hold these to.
 
     python benchmarks/griffiths_scene.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/griffiths_scene.py --chart FILE.png < records.json
@@ -46,9 +46,20 @@ HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}
 A_SIDE, RAMP, END = 5.75e-3, 150.0, 1950.0
 BLADES = {"narrow": (10e-3, 4e-3), "whole": (12e-3, 1e-3)}
 """Width, and height of the tip above the floor (m)."""
+COMPRESSIBLE = 49.67
+"""K/μ at ν = .49."""
+CASES = (
+    ("idealised", "narrow", 1e3, "ours"),
+    ("idealised", "narrow", 1e3, "theirs"),
+    ("idealised", "whole", 1e3, "ours"),
+    ("idealised", "narrow", COMPRESSIBLE, "ours"),
+    ("MNI152", "narrow", 1e3, "ours"),
+    ("MNI152", "whole", 1e3, "ours"),
+)
+"""Head, blades, K/μ of its tissues and steps."""
 SOURCES = {"cortex": "cortex", "grey": "cortex", "white": "white_matter"}
 """Tissue → its constants of Griffiths'."""
-PRESSED = (0.05, 0.1, 0.2)
+PRESSED = (1e-3, 0.05, 0.1, 0.2)
 
 
 @dataclass(frozen=True)
@@ -71,13 +82,15 @@ class Theirs:
         raise NotImplementedError
 
 
-def scene(head: str, blade: str, opening: float) -> Scene:
-    """A shipped scene with two spatulas that share the way."""
+def scene(head: str, blade: str, bulk: float, opening: float) -> Scene:
+    """A shipped scene with two spatulas that share the way, and another K/μ of the tissues."""
     base = Scene.shipped(HEADS[head])
     width, tip = BLADES[blade]
+    tissues = (replace(each, bulk_ratio=bulk) if each.constants else each for each in base.tissues)
     return replace(
         base,
         title="Griffiths' spatulas",
+        tissues=tuple(tissues),
         blade=replace(base.blade, kind="two spatulas", width=width, tip=tip),
         retraction=replace(base.retraction, opening=opening, ramp=RAMP, elapsed=END),
         protocols=base.protocols[:1],
@@ -100,7 +113,7 @@ def stresses(sites: Sites, sample: Sample) -> dict[str, dict[str, float]]:
     return found
 
 
-def held(model: Model, protocol: Protocol, control: Control | None) -> Iterator[dict]:
+def held(model: Model, protocol: Protocol, control: Control | None) -> dict:
     """One run: a record of how it went; `reached_mm` is where a run that fails ends."""
     start = time.process_time()
     run = ProtocolRun(model, protocol, None, control=control)
@@ -112,8 +125,7 @@ def held(model: Model, protocol: Protocol, control: Control | None) -> Iterator[
             of[name] = stresses(run.sampler.sites, run.sampler(end))
     except SolverError as error:
         way = 500 * protocol.at(run.transient.progress.t)
-        yield record | {"converged": False, "reached_mm": way, "reason": str(error)[:120], "cpu_s": took(start)}
-        return
+        return record | {"converged": False, "reached_mm": way, "reason": str(error)[:120], "cpu_s": took(start)}
     columns, at = table(run.rows), run.transient.progress
     t, pressure, force = (columns[name] for name in ("t", "pressure", "force"))
     yield (
@@ -146,20 +158,19 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def on_head(head: str, blade: str, theirs: bool) -> Iterator[dict]:
-    """Ours, and theirs on request; what fails is done again as far as it got."""
+def on_head(head: str, blade: str, bulk: float, steps: str) -> Iterator[dict]:
+    """With our steps or theirs; ours that fail are done again as far as they got."""
     opening = 2 * A_SIDE
-    model = Model.of(scene(head, blade, opening))
-    kind = {"kind": "head", "head": head, "blade": blade, "order": model.scene.body.order, "tets": model.mesh.ne}
-    runs: dict[str, Control | None] = {"ours": None} | ({"theirs": Theirs()} if theirs else {})
-    for steps, control in runs.items():
-        of = kind | {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}
-        (found,) = held(model, continuous(opening, RAMP, END), control)
-        yield of | found
-        if not found["converged"] and steps == "ours":
-            opening = 0.9 * 2e-3 * found["reached_mm"]
-            (less,) = held(model, continuous(opening, RAMP * opening / (2 * A_SIDE), END), control)
-            yield of | less
+    model = Model.of(scene(head, blade, bulk, opening))
+    kind = {"kind": "head", "head": head, "blade": blade, "bulk_ratio": bulk}
+    kind |= {"order": model.scene.body.order, "tets": model.mesh.ne}
+    kind |= {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}
+    control: Control | None = Theirs() if steps == "theirs" else None
+    found = held(model, continuous(opening, RAMP, END), control)
+    yield kind | found
+    if not found["converged"] and control is None:
+        less = 0.9 * 2e-3 * found["reached_mm"]
+        yield kind | held(model, continuous(less, RAMP * less / opening, END), control)
 
 
 def columns() -> Iterator[dict]:
@@ -181,20 +192,24 @@ def measure(quick: bool) -> list[dict]:
     """All records; `quick` is the column's alone and the idealised head with our steps."""
     warnings.simplefilter("ignore", RangeWarning)
     records = list(columns())
-    cases = [("idealised", "narrow")] if quick else [(head, blade) for head in HEADS for blade in BLADES]
-    for head, blade in cases:
-        records += on_head(head, blade, theirs=not quick and blade == "narrow")
-    for r in records:
-        others = [s for s in records if s is not r and alike(r, s) and s["converged"]]
-        if others and r["converged"] and r["steps"] == "ours":
-            r["error"] = abs(r["peak_mmHg"] / others[0]["peak_mmHg"] - 1)
-            r["cpu_ratio"] = others[0]["cpu_s"] / r["cpu_s"]
+    for case in CASES[:1] if quick else CASES:
+        records += on_head(*case)
+    return compared(records)
+
+
+def compared(records: list[dict]) -> list[dict]:
+    """With errors from their steps and what these take longer."""
+    for r in (r for r in records if r["kind"] == "head" and r["converged"] and r["steps"] == "ours"):
+        for fine in (s for s in records if alike(r, s) and s["steps"] == "theirs" and s["converged"]):
+            r["error"] = abs(r["peak_mmHg"] / fine["peak_mmHg"] - 1)
+            r["left_error"] = abs(r["left"] / fine["left"] - 1)
+            r["cpu_ratio"] = fine["cpu_s"] / r["cpu_s"]
     return records
 
 
 def alike(r: dict, s: dict) -> bool:
     """Whether two runs of a head differ in their steps alone."""
-    return all(r.get(k) == s.get(k) for k in ("head", "blade", "a_side_mm")) and r["kind"] == "head"
+    return s["kind"] == "head" and all(r[k] == s[k] for k in ("head", "blade", "bulk_ratio", "a_side_mm"))
 
 
 def chart(records: list[dict], path: str) -> None:
@@ -202,9 +217,10 @@ def chart(records: list[dict], path: str) -> None:
     plt, figure, (over, left, tissues) = _front.figure(16, 5.4, 3, width_ratios=(1.1, 1.1, 1.2))
     heads = [r for r in records if r["kind"] == "head" and r["converged"]]
     colours = {"idealised": "#0072B2", "MNI152": "#D55E00"}
-    lines = {("narrow", "ours"): "-", ("narrow", "theirs"): ":", ("whole", "ours"): "--"}
     for r in heads:
-        look = {"color": colours[r["head"]], "linestyle": lines[r["blade"], r["steps"]], "lw": 1.8}
+        loose, theirs = r["bulk_ratio"] < 100, r["steps"] == "theirs"
+        style = ":" if theirs else "-." if loose else {"narrow": "-", "whole": "--"}[r["blade"]]
+        look = {"color": colours[r["head"]], "linestyle": style, "lw": 1.8}
         t, p = np.array(r["series"]["t_s"]), np.array(r["series"]["mmHg"])
         mark = {"marker": "o", "ms": 3} if r["steps"] == "ours" else {}
         label = f"{r['head']}, {r['blade']} blades, {r['n_steps']} steps" + (
@@ -213,8 +229,8 @@ def chart(records: list[dict], path: str) -> None:
         over.plot(t / 60, p, label=label, **look, **mark)
         if r["steps"] == "ours":
             held_, top = t >= RAMP, p.max()
-            left.plot((t[held_] - RAMP) / 60, p[held_] / top, label=f"{r['head']}, {r['blade']} blades", **look, **mark)
-    for r in (r for r in records if r["kind"] == "column" and r["strain"] != PRESSED[0]):
+            left.plot((t[held_] - RAMP) / 60, p[held_] / top, label=label, **look, **mark)
+    for r in (r for r in records if r["kind"] == "column" and r["strain"] in PRESSED[2:]):
         shade = {"cortex": "#009E73", "white_matter": "#CC79A7"}[r["tissue"]]
         text = f"one point of {r['tissue'].replace('_', ' ')}, {r['strain']:.0%}"
         left.plot((END - RAMP) / 60, r["left"], "D" if r["strain"] < 0.15 else "s", color=shade, label=text)
@@ -238,7 +254,7 @@ def by_tissue(axes: Any, heads: list[dict], colours: dict[str, str]) -> None:
     for r in heads:
         for tissue in r["stress_opened_Pa"]:
             k = len(names)
-            names.append(f"{r['head']}, {r['blade']}:\n{tissue}")
+            names.append(f"{r['head']}, {'ν = .49' if r['bulk_ratio'] < 100 else r['blade']}:\n{tissue}")
             for name, shift, alpha in (("stress_opened_Pa", -0.17, 1.0), ("stress_end_Pa", 0.17, 0.4)):
                 s = {key: value / 1e3 for key, value in r[name][tissue].items()}
                 axes.plot(
@@ -261,8 +277,9 @@ def by_tissue(axes: Any, heads: list[dict], colours: dict[str, str]) -> None:
 def line(r: dict) -> str:
     """A record to read."""
     if r["kind"] == "column":
-        return f"column {r['tissue']:<13} {r['strain']:5.0%}  peak {r['peak_mmHg']:7.2f} mmHg  left {r['left']:.3f}"
-    what = f"{r['head']:<10} {r['blade']:<7} {r['steps']:<7} {r['ndof']:6d} unknowns {r['a_side_mm']:.2f} mm a side"
+        return f"column {r['tissue']:<13} {r['strain']:5.1%}  peak {r['peak_mmHg']:7.2f} mmHg  left {r['left']:.3f}"
+    what = f"{r['head']:<10} {r['blade']:<7} K/μ {r['bulk_ratio']:<6g} {r['steps']:<7} {r['ndof']:6d} unknowns"
+    what += f" {r['a_side_mm']:.2f} mm a side"
     if not r["converged"]:
         return f"{what}  failed at {r['reached_mm']:.2f} mm: {r['reason']}"
     half = "never" if r["half_time_min"] is None else f"after {r['half_time_min']:.1f} min"

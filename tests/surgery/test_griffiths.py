@@ -1,0 +1,42 @@
+"""Griffiths 2024: 150 s of opening and half an hour of holding, with their constants."""
+
+import numpy as np
+import pytest
+from pressing import force
+
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.steps import ErrorControl
+from ngbrain.forward.transient import Transient
+from ngbrain.materials import constants
+from ngbrain.mesh import block
+from ngbrain.surgery.column import Column
+from ngbrain.surgery.protocols import Drive, continuous
+
+pytestmark = pytest.mark.filterwarnings("ignore::ngbrain.errors.RangeWarning")
+
+RAMP, END, SIZE = 150.0, 1950.0, 0.02
+
+
+def left(entry):
+    """F(END)/F(RAMP) at small strain: F(t) ∝ ∫ G(t - s) ds over the ramp, G = μ∞ + Σ μ_k exp(-t/τ_k), whatever the shape."""
+    mu, tau = np.array(entry.mu[1:]), np.array(entry.eta) / np.array(entry.mu[1:])
+    opened, ended = ((tau * (np.exp(-(t - RAMP) / tau) - np.exp(-t / tau)) / RAMP) @ mu for t in (RAMP, END))
+    return (entry.mu[0] + ended) / (entry.mu[0] + opened)
+
+
+@pytest.mark.parametrize("region", ["cortex", "corpus_callosum"])
+def test_a_pressed_block_keeps_the_share_that_the_constants_say(region):
+    """A bonded block, and a point of tissue, pressed by a thousandth."""
+    entry, way = constants(f"griffiths2024:{region}"), 1e-3 * SIZE
+    protocol, mu = continuous(way, RAMP, END), entry.initial_modulus
+    drive, rows = Drive(protocol), []
+    plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 2e5 * mu, 0.02 * way)
+    body = Body(block((SIZE,) * 3, 0.02), {"tissue": Material(entry.law(), 1000 * mu)}, "bottom", [plate])
+    transient = Transient(body, drive, ErrorControl(1e-2, touch=1.0), 1e-3)
+    transient.run(lambda b, at, record: rows.append((at.t, force(b))))
+    t, f = np.array(rows).T
+    point = Column(entry.law(), SIZE, "planar").push(protocol)
+    found = f[-1] / f[t == RAMP][0], point.pressure[-1] / point.pressure[point.t == RAMP][0]
+    print(region, found, left(entry), len(t))
+    assert found == pytest.approx((left(entry),) * 2, rel=0.005)
