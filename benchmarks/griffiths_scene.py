@@ -128,24 +128,21 @@ def held(model: Model, protocol: Protocol, control: Control | None) -> dict:
         return record | {"converged": False, "reached_mm": way, "reason": str(error)[:120], "cpu_s": took(start)}
     columns, at = table(run.rows), run.transient.progress
     t, pressure, force = (columns[name] for name in ("t", "pressure", "force"))
-    yield (
-        record
-        | of
-        | {
-            "converged": True,
-            "cpu_s": took(start),
-            "n_steps": at.steps,
-            "rejected": at.rejected,
-            "newton": at.newton,
-            "peak_mmHg": float(to_mmHg(pressure.max())),
-            "peak_N": float(force.max()),
-            "left": float(pressure[-1] / pressure.max()),
-            "left_force": float(force[-1] / force.max()),
-            "half_time_min": finite(half_time(Course(t, columns["advance"], pressure, protocol.times))),
-            "min_det_F": float(columns["min_det_F"].min()),
-            "series": {"t_s": t.tolist(), "mmHg": to_mmHg(pressure).tolist(), "N": force.tolist()},
-        }
-    )
+    values = {
+        "converged": True,
+        "cpu_s": took(start),
+        "n_steps": at.steps,
+        "rejected": at.rejected,
+        "newton": at.newton,
+        "peak_mmHg": float(to_mmHg(pressure.max())),
+        "peak_N": float(force.max()),
+        "left": float(pressure[-1] / pressure.max()),
+        "left_force": float(force[-1] / force.max()),
+        "half_time_min": finite(half_time(Course(t, columns["advance"], pressure, protocol.times))),
+        "min_det_F": float(columns["min_det_F"].min()),
+        "series": {"t_s": t.tolist(), "mmHg": to_mmHg(pressure).tolist(), "N": force.tolist()},
+    }
+    return record | of | values
 
 
 def took(start: float) -> float:

@@ -1,8 +1,8 @@
-"""A spatula pushed into tissue. Naive: trilinear hexahedra without pressures, as at ν = .49 in published retractions. Ours: P2/P1.
+"""A spatula pushed into tissue. Naive: trilinear hexahedra without pressures, as published at ν = .49. Ours: P2/P1.
 
-Half a slab between two spatulas whose face goes its way by 1 mm, with about 6000 unknowns each. The force of Q1 is too large by a tenth at
-ν = .49 and by more the closer ν is to a half; that of P2/P1 is within 3 %. References: Q3/Q2 with cells of 6 mm, at ν = .49 within
-0.5 % of Q4 and of Q3 with 4 mm.
+Half a slab between two spatulas whose face goes its way by 1 mm, with about 6000 unknowns each. The force of Q1 is too large by
+a tenth at ν = .49 and by nine tenths at .4995, that of P2/P1 too small by 2 % at both. References: Q3/Q2 with cells of 6 mm, at
+ν = .49 within 0.5 % of Q4, and of Q3 with cells of 4 mm.
 """
 
 import ngsolve as ngs
@@ -16,7 +16,7 @@ from ngbrain.materials import Ogden
 SIZE, EDGE, WAY = (36e-3, 24e-3, 48e-3), 9e-3, 1e-3
 MU, ALPHA = 160.0, -25.66
 """White matter at rest, Griffiths 2024."""
-WANTED = {0.49: 0.015931, 0.4995: 1.0}
+WANTED = {0.49: 0.015931, 0.4995: 0.016865}
 """ν → force (N)."""
 
 
@@ -41,7 +41,7 @@ def off(form, cells, nu):
     return found
 
 
-@pytest.mark.parametrize(("nu", "least"), [(0.49, 0.08), (0.4995, 0.3)])
+@pytest.mark.parametrize(("nu", "least"), [(0.49, 0.08), (0.4995, 0.7)])
 def test_naive_trilinear_hexahedra_push_back_too_hard(nu, least):
     assert off("Q1", 3e-3, nu) > least
 
