@@ -145,7 +145,9 @@ def space(quick: bool) -> list[dict]:
 def penalty(quick: bool) -> list[dict]:
     """How stiff the plate is, with and without the offset that makes up for it."""
     grid = (2, 0.02) if quick else GRID
-    exact = ours(chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=1e3 * PENALTY, softness=SOFTNESS)).force.max()
+    exact = ours(
+        chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=1e3 * PENALTY, softness=SOFTNESS)
+    ).force.max()
 
     def judge(found: Pressed) -> dict:
         return {"error": abs(found.force.max() / exact - 1)}
@@ -154,7 +156,9 @@ def penalty(quick: bool) -> list[dict]:
     for method, share in (("ngbrain:penalty alone", 0.0), ("ngbrain:penalty and offset", SHARE)):
         for times in (0.1, 1.0) if quick else (0.01, 0.1, 1.0, 10.0, 100.0):
             stiff = times * PENALTY
-            run = partial(ours, chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=stiff, share=share, softness=SOFTNESS))
+            run = partial(
+                ours, chosen(1.0), PROTOCOL, grid, plate=partial(contact, penalty=stiff, share=share, softness=SOFTNESS)
+            )
             found.append(record("penalty", method, grid, run, judge, PROTOCOL, dt=1.0, penalty=stiff))
     return found
 
