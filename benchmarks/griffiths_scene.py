@@ -8,10 +8,10 @@ a share of its depth.
 
 As in theirs: incision of 12 by 4 mm, 30 mm deep, program, cortex and white matter. Not as in theirs: our blades press and let
 tissue leave, and slide under its surface (they prescribe how the faces move across, and leave them free along), 10 mm wide and
-4 mm above the floor ("narrow") or nearly the whole face ("whole"); K/μ is 1000 where theirs is 49.67 (ν = .49), done once as
-well; the corpus callosum has white matter's constants and deep grey matter the cortex's, as our heads do not tell them apart;
-the ventricles give way; another head, and a place in it of our own. Their files hold no results, and of their article's
-stresses by region only words were at hand (a tube's mean is lower): no number to hold these to.
+4 mm above the floor; K/μ is 1000 where theirs is 49.67 (ν = .49; `griffiths_locking.py` says what that does); the corpus
+callosum has white matter's constants and deep grey matter the cortex's, as our heads do not tell them apart; the ventricles
+give way; another head, and a place in it of our own. Their files hold no results, and of their article's stresses by region
+only words were at hand (a tube's mean is lower): no number to hold these to.
 
     python benchmarks/griffiths_scene.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/griffiths_scene.py --chart FILE.png < records.json
@@ -44,19 +44,8 @@ from ngbrain.units import to_mmHg
 
 HEADS = {"idealised": "idealised_fast", "MNI152": "demo_fast"}
 A_SIDE, RAMP, END = 5.75e-3, 150.0, 1950.0
-BLADES = {"narrow": (10e-3, 4e-3), "whole": (12e-3, 1e-3)}
-"""Width, and height of the tip above the floor (m)."""
-COMPRESSIBLE = 49.67
-"""K/μ at ν = .49."""
-CASES = (
-    ("idealised", "narrow", 1e3, "ours"),
-    ("idealised", "narrow", 1e3, "theirs"),
-    ("idealised", "whole", 1e3, "ours"),
-    ("idealised", "narrow", COMPRESSIBLE, "ours"),
-    ("MNI152", "narrow", 1e3, "ours"),
-    ("MNI152", "whole", 1e3, "ours"),
-)
-"""Head, blades, K/μ of its tissues and steps."""
+CASES = (("idealised", "ours"), ("idealised", "theirs"), ("MNI152", "ours"))
+"""Head and steps."""
 SOURCES = {"cortex": "cortex", "grey": "cortex", "white": "white_matter"}
 """Tissue → its constants of Griffiths'."""
 PRESSED = (1e-3, 0.05, 0.1, 0.2)
@@ -82,16 +71,13 @@ class Theirs:
         raise NotImplementedError
 
 
-def scene(head: str, blade: str, bulk: float, opening: float) -> Scene:
-    """A shipped scene with two spatulas that share the way, and another K/μ of the tissues."""
+def scene(head: str, opening: float) -> Scene:
+    """A shipped scene with two spatulas that share the way."""
     base = Scene.shipped(HEADS[head])
-    width, tip = BLADES[blade]
-    tissues = (replace(each, bulk_ratio=bulk) if each.constants else each for each in base.tissues)
     return replace(
         base,
         title="Griffiths' spatulas",
-        tissues=tuple(tissues),
-        blade=replace(base.blade, kind="two spatulas", width=width, tip=tip),
+        blade=replace(base.blade, kind="two spatulas"),
         retraction=replace(base.retraction, opening=opening, ramp=RAMP, elapsed=END),
         protocols=base.protocols[:1],
         steps=replace(base.steps, contact=10.0, longest=600.0),
@@ -155,11 +141,11 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def on_head(head: str, blade: str, bulk: float, steps: str) -> Iterator[dict]:
+def on_head(head: str, steps: str) -> Iterator[dict]:
     """With our steps or theirs; ours that fail are done again as far as they got."""
     opening = 2 * A_SIDE
-    model = Model.of(scene(head, blade, bulk, opening))
-    kind = {"kind": "head", "head": head, "blade": blade, "bulk_ratio": bulk}
+    model = Model.of(scene(head, opening))
+    kind = {"kind": "head", "head": head}
     kind |= {"order": model.scene.body.order, "tets": model.mesh.ne}
     kind |= {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}
     control: Control | None = Theirs() if steps == "theirs" else None
@@ -206,7 +192,7 @@ def compared(records: list[dict]) -> list[dict]:
 
 def alike(r: dict, s: dict) -> bool:
     """Whether two runs of a head differ in their steps alone."""
-    return s["kind"] == "head" and all(r[k] == s[k] for k in ("head", "blade", "bulk_ratio", "a_side_mm"))
+    return s["kind"] == "head" and all(r[k] == s[k] for k in ("head", "a_side_mm"))
 
 
 def chart(records: list[dict], path: str) -> None:
@@ -215,14 +201,10 @@ def chart(records: list[dict], path: str) -> None:
     heads = [r for r in records if r["kind"] == "head" and r["converged"]]
     colours = {"idealised": "#0072B2", "MNI152": "#D55E00"}
     for r in heads:
-        loose, theirs = r["bulk_ratio"] < 100, r["steps"] == "theirs"
-        style = ":" if theirs else "-." if loose else {"narrow": "-", "whole": "--"}[r["blade"]]
-        look = {"color": colours[r["head"]], "linestyle": style, "lw": 1.8}
+        look = {"color": colours[r["head"]], "linestyle": ":" if r["steps"] == "theirs" else "-", "lw": 1.8}
         t, p = np.array(r["series"]["t_s"]), np.array(r["series"]["mmHg"])
         mark = {"marker": "o", "ms": 3} if r["steps"] == "ours" else {}
-        label = f"{r['head']}, {r['blade']} blades, {r['n_steps']} steps" + (
-            " (theirs)" if r["steps"] == "theirs" else ""
-        )
+        label = f"{r['head']}, {r['n_steps']} steps" + (" (theirs)" if r["steps"] == "theirs" else "")
         over.plot(t / 60, p, label=label, **look, **mark)
         if r["steps"] == "ours":
             held_, top = t >= RAMP, p.max()
@@ -251,7 +233,7 @@ def by_tissue(axes: Any, heads: list[dict], colours: dict[str, str]) -> None:
     for r in heads:
         for tissue in r["stress_opened_Pa"]:
             k = len(names)
-            names.append(f"{r['head']}, {'ν = .49' if r['bulk_ratio'] < 100 else r['blade']}:\n{tissue}")
+            names.append(f"{r['head']}:\n{tissue}")
             for name, shift, alpha in (("stress_opened_Pa", -0.17, 1.0), ("stress_end_Pa", 0.17, 0.4)):
                 s = {key: value / 1e3 for key, value in r[name][tissue].items()}
                 axes.plot(
@@ -275,7 +257,7 @@ def line(r: dict) -> str:
     """A record to read."""
     if r["kind"] == "column":
         return f"column {r['tissue']:<13} {r['strain']:5.1%}  peak {r['peak_mmHg']:7.2f} mmHg  left {r['left']:.3f}"
-    what = f"{r['head']:<10} {r['blade']:<7} K/μ {r['bulk_ratio']:<6g} {r['steps']:<7} {r['ndof']:6d} unknowns"
+    what = f"{r['head']:<10} {r['steps']:<7} {r['ndof']:6d} unknowns"
     what += f" {r['a_side_mm']:.2f} mm a side"
     if not r["converged"]:
         return f"{what}  failed at {r['reached_mm']:.2f} mm: {r['reason']}"
