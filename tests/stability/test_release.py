@@ -21,10 +21,10 @@ LAW = Viscous(NeoHooke(300.0), (Branch(NeoHooke(1200.0), 10.0),))
 class Glued(Contact):
     """A wall that sticks to the blade: the same penalty for pushing and pulling."""
 
-    def energy(self, u):
+    def energy(self, u, offset):
         return 0.5 * self.penalty * self.gap(u) ** 2
 
-    def pressure(self, u):
+    def pressure(self, u, offset):
         return -self.penalty * self.gap(u)
 
 
