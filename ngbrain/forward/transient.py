@@ -106,22 +106,24 @@ class Transient:
         body.begin(dt)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
-        guess = start
-        travel = self.motion.travel(at.t, self._now)
-        if at.touching and travel:
-            # The tissue follows the body as it did when it was last pushed, or goes back the same way.
-            guess = start + self.follow * travel
-        elif not travel and not at.rested:
-            guess = start + self.drift * self._slowing(at.t, self._now)
-        if guess is not start and not body.min_det(guess) > self.newton.min_det:
-            guess = start
-        body.state, record = self.newton.solve(self, guess)
+        body.state, record = self.newton.solve(self, self._guess(start, dt))
         if not record.converged:
             return record, record.reason
         depth = -body.min_gap()
         if depth > self.penetration_limit:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
         return record, self.control.judged(body, start, at)
+
+    def _guess(self, start: np.ndarray, dt: float) -> np.ndarray:
+        """Where a step from a state may end."""
+        at, guess = self.progress, start
+        travel = self.motion.travel(at.t, at.t + dt)
+        if at.touching and travel:
+            # The tissue follows the body as it did when it was last pushed, or goes back the same way.
+            guess = start + self.follow * travel
+        elif not travel and not at.rested:
+            guess = start + self.drift * self._slowing(at.t, at.t + dt)
+        return guess if guess is start or self.body.min_det(guess) > self.newton.min_det else start
 
     def _slowing(self, start: float, end: float) -> float:
         """How far a hold gets between two times on a scale on which relaxation is nearly even: the logarithm's."""

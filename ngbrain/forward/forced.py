@@ -1,0 +1,239 @@
+"""Rigid bodies whose force is given: how far they have gone is one more unknown, and its equation is the force's.
+
+With the energy Π(x, s) of a body's unknowns x and a rigid body's way s, the force that the rigid body feels is ∂Π/∂s, so that
+
+    ∂Π/∂x = 0 ,   ∂Π/∂s = f(t)
+
+are the equations of Π - f s, and their tangent is symmetric: the body's own K, bordered by ∂²Π/∂x∂s. It is solved by what K's
+factorisation does, kept or new, and one more back-substitution in each step. Where nothing is touched nothing depends on s: a rigid
+body of no force is taken away, and one that is to press again is first led to touch.
+
+Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Academic Press, 359-384.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import ContactError
+from ngbrain.forward.body import LENGTH_SCALE, Body
+from ngbrain.forward.contact import Contact, Touch
+from ngbrain.forward.material import Material
+from ngbrain.forward.steps import Control
+from ngbrain.forward.tangent import Solve
+from ngbrain.forward.transient import Transient
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import NewtonRecord
+
+NOTHING = 1e-9
+"""Share of the largest force below which a force counts as none."""
+CLOSE = 1e-6
+"""How near (m) a rigid body without force stays to the tissue,"""
+NEARLY = 1e-8
+"""and how well (m) it keeps that."""
+APPROACHES = 100
+"""Steps of its way there, at most; each is as long as the gap allows."""
+SHARE = 0.01
+"""Of a correction's size that the way has: as much as all displacements where a hundredth of the body follows."""
+
+
+class Press:
+    """A force over time as a `Motion`: `travel` is in newtons, and the rigid body is where the solution puts it.
+
+    times, force   s, and N (≥ 0) straight in between
+    away           where (m, on the way) the rigid body touches nothing, whatever the tissue does
+    nudge          how far (m) beyond a gap it goes to feel the tissue
+
+    way    Parameter that it moves by (m), `Contact.way`; force: what it is to feel now (N)
+    held   where it stands whatever the force; None while it presses
+    """
+
+    def __init__(self, times: Sequence[float], force: Sequence[float], away: float, nudge: float) -> None:
+        self._times, self._force = np.array(times, float), np.array(force, float)
+        self.events = tuple(float(t) for t in times[1:])
+        self.away, self.nudge = away, nudge
+        self.way = ngs.Parameter(0.0)
+        self.force, self.held = 0.0, None  # type: float, float | None
+
+    def at(self, t: float) -> float:
+        """Force (N) at time t (s); 0 where it is next to nothing."""
+        force = float(np.interp(t, self._times, self._force))
+        return force if force > NOTHING * self._force.max() else 0.0
+
+    def set(self, t: float) -> None:
+        """Ask for the force of time t; without one the rigid body is held away."""
+        self.force = self.at(t)
+        self.held = None if self.force else self.away
+
+    def travel(self, start: float, end: float) -> float:
+        """Change of the force (N) between two times."""
+        return self.at(end) - self.at(start)
+
+
+class PressedBody(Body):
+    """A `Body` with the way of a rigid body as its last unknown, whose equation is that of the force that `press` asks for.
+
+    press   moves the contacts whose `way` is its own; the rest is what a `Body` takes
+
+    Several rigid bodies that share the way share the work, too: the force is the derivative of all their energies by it.
+    """
+
+    def __init__(
+        self,
+        mesh: ngs.Mesh,
+        materials: dict[str, Material],
+        fixed: str,
+        contacts: Sequence[Touch] = (),
+        order: int = 2,
+        modulus: float = 1e3,
+        *,
+        press: Press,
+    ) -> None:
+        self.press = press
+        super().__init__(mesh, materials, fixed, contacts, order, modulus)
+        u, _, a = self.fes.TrialFunction()
+        self._felt, self._stiffness = ngs.BilinearForm(self.fes, symmetric=True), ngs.BilinearForm(self.fes, symmetric=True)
+        for contact in self.contacts:
+            if isinstance(contact, Contact) and contact.way is press.way:
+                driving = contact.driving(u, a)
+                self._felt += ngs.Variation(driving.Compile() * contact.measure())
+                self._stiffness += ngs.Variation(driving.Diff(press.way).Compile() * contact.measure())
+        self._border: tuple[Solve, np.ndarray, np.ndarray, float] | None = None
+
+    @property
+    def state(self) -> np.ndarray:
+        """All unknowns and the way as one array, a copy."""
+        return np.append(self.gfu.vec.FV().NumPy(), self.press.way.Get())
+
+    @state.setter
+    def state(self, x: np.ndarray) -> None:
+        self.gfu.vec.FV().NumPy()[:] = x[:-1]
+        self.press.way.Set(x[-1] if self.press.held is None else self.press.held)
+
+    def felt(self) -> float:
+        """Force (N) along the way at the current state."""
+        return float(self._felt.Energy(self.gfu.vec))
+
+    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """The body's residual, and what the force misses; 0 where the rigid body is held."""
+        r, reactions = super().residual(x)
+        return np.append(r, 0.0 if self.press.held is not None else self.felt() - self.press.force), reactions
+
+    def factorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve:
+        """Solver with the bordered tangent at x; see `Body.factorise`."""
+        solve = super().factorise(x, r)
+        return solve if self.partial else self._bordered(solve)
+
+    def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
+        """Solver with the bordered tangent, renewed in part; see `Body.refactorise`."""
+        solve = super().refactorise(x, None if r is None else r[:-1])
+        return solve and self._bordered(solve)
+
+    def _bordered(self, inner: Solve) -> Solve:
+        """The border is that of where a step first needs it."""
+        self._border = None
+
+        def solve(r: np.ndarray) -> np.ndarray:
+            y = inner(r[:-1])
+            if self.press.held is not None:
+                return np.append(y, 0.0)
+            if self._border is None or self._border[0] is not inner:
+                self._border = (inner, *self._column(inner))
+            _, column, follows, stiffness = self._border
+            way = (r[-1] - column @ y) / stiffness
+            return np.append(y - way * follows, way)
+
+        return solve
+
+    def _column(self, inner: Solve) -> tuple[np.ndarray, np.ndarray, float]:
+        """∂²Π/∂x∂s; what x does against it, K⁻¹ of that; and ∂f/∂s (N/m) with x in equilibrium, at the current state."""
+        self._felt.Apply(self.gfu.vec, self._vec)
+        column = self._vec.FV().NumPy() * self._free
+        follows = inner(column)
+        stiffness = float(self._stiffness.Energy(self.gfu.vec)) - float(column @ follows)
+        if not stiffness > 0:
+            raise FloatingPointError(f"the force does not grow with the way ({stiffness:.1e} N/m)")
+        return column, follows, stiffness
+
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds; it ends with `finish`."""
+        super().begin(dt)
+        self._border = None
+
+    def finish(self) -> None:
+        """End the step begun; a rigid body that is held away comes back until it is just clear."""
+        super().finish()
+        if self.press.held is not None:
+            self.approach(CLOSE)
+            if len(self._relaxed):
+                self._relaxed = self.state  # the tissue stays as it is
+
+    def approach(self, gap: float) -> None:
+        """Move the rigid body, which is clear of the tissue, towards it until a gap (m) is left."""
+        way = self.press.way
+        for _ in range(APPROACHES):
+            left = self.min_gap() - gap
+            if left < NEARLY:
+                break
+            way.Set(way.Get() + left)  # a distance changes by no more than the way
+
+
+class Pressing(Transient):
+    """Time stepping of a `PressedBody`: a `Transient` whose follow and drift are per newton of its motion.
+
+    limit   way (m) beyond which the run ends
+
+    Raises `ContactError` where the force takes the rigid body beyond the limit; and what `Transient` raises.
+    """
+
+    body: PressedBody
+    motion: Press
+
+    def __init__(
+        self,
+        body: PressedBody,
+        control: Control,
+        penetration_limit: float,
+        newton: Newton | None = None,
+        limit: float = np.inf,
+    ) -> None:
+        super().__init__(body, body.press, control, penetration_limit, newton)
+        self.limit = limit
+        self.follow, self.drift = np.zeros_like(body.state), np.zeros_like(body.state)
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The body's weights, and the way's."""
+        return np.append(self.body.weights, SHARE / LENGTH_SCALE**2)
+
+    def _up_to_touch(self, dt: float) -> float:
+        """A rigid body that is asked for a force is there at once."""
+        return min(dt, self.control.touch)
+
+    def _guess(self, start: np.ndarray, dt: float) -> np.ndarray:
+        """The same as for a given way; a rigid body that does not touch is first led to where it does."""
+        if self.progress.touching or not self.motion.force:
+            return super()._guess(start, dt)
+        self.body.state = start
+        self.motion.held = start[-1] + max(self.body.min_gap(), 0.0) + self.motion.nudge
+        guess, record = self.newton.solve(self, np.append(start[:-1], self.motion.held))
+        self.motion.held = None
+        self.progress.work += record.work
+        self.progress.newton += record.iterations
+        return guess if record.converged else start
+
+    def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
+        record, problem = super()._attempt(start, dt)
+        if not problem and self.body.state[-1] > self.limit:
+            way, t, force = self.body.state[-1], self.progress.t + dt, self.motion.force
+            self.body.state = start
+            self.motion.set(self.progress.t)
+            raise ContactError(
+                f"a force of {force:.3g} N at t = {t:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
+                f"{1e3 * self.limit:.4g} mm; try a smaller force"
+            )
+        return record, problem
