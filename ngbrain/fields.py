@@ -34,10 +34,11 @@ UNITS = {
     "Pa": (1, "modulus in Pa"),
     "s": (1, "time in s"),
     "mmHg": (1, "pressure in mmHg"),
+    "gf": (1, "force in gf"),
 }
 """End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words.
 
-Pressures of a patient stay in mmHg: a pascal is no whole number of them.
+Pressures of a patient stay in mmHg, and forces in gf: a pascal or a newton is no whole number of them.
 """
 LARGEST = 1_000_000
 """Bytes of a file that is still read: more is something else than a scene."""

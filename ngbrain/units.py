@@ -16,6 +16,7 @@ T = TypeVar("T")
 
 PA_PER_MMHG = 133.322
 MINUTE = 60.0
+N_PER_GF = 9.80665e-3
 
 
 def mm(value: T) -> T:
@@ -56,6 +57,16 @@ def ml(value: T) -> T:
 def to_ml(value: T) -> T:
     """Cubic metres to millilitres."""
     return value * 1e6  # type: ignore
+
+
+def gf(value: T) -> T:
+    """Grams-force, the weight of a gram, to newtons (1 gf = 9.80665 mN)."""
+    return value * N_PER_GF  # type: ignore
+
+
+def to_gf(value: T) -> T:
+    """Newtons to grams-force."""
+    return value / N_PER_GF  # type: ignore
 
 
 def to_minutes(value: T) -> T:

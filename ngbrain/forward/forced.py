@@ -48,16 +48,17 @@ class Press:
     away           where (m, on the way) the rigid body touches nothing, whatever the tissue does
     nudge          how far (m) beyond a gap it goes to feel the tissue
 
-    way    Parameter that it moves by (m), `Contact.way`; force: what it is to feel now (N)
-    held   where it stands whatever the force; None while it presses
+    parameter  its way (m), `Contact.way`; force: what it is to feel now (N)
+    held       where it stands whatever the force; None while it presses
     """
 
     def __init__(self, times: Sequence[float], force: Sequence[float], away: float, nudge: float) -> None:
         self._times, self._force = np.array(times, float), np.array(force, float)
         self.events = tuple(float(t) for t in times[1:])
         self.away, self.nudge = away, nudge
-        self.way = ngs.Parameter(0.0)
-        self.force, self.held = 0.0, None  # type: float, float | None
+        self.parameter = ngs.Parameter(0.0)
+        self.force = 0.0
+        self.held: float | None = None
 
     def at(self, t: float) -> float:
         """Force (N) at time t (s); 0 where it is next to nothing."""
@@ -98,21 +99,20 @@ class PressedBody(Body):
         u, _, a = self.fes.TrialFunction()
         self._felt, self._stiffness = ngs.BilinearForm(self.fes, symmetric=True), ngs.BilinearForm(self.fes, symmetric=True)
         for contact in self.contacts:
-            if isinstance(contact, Contact) and contact.way is press.way:
+            if isinstance(contact, Contact) and contact.way is press.parameter:
                 driving = contact.driving(u, a)
                 self._felt += ngs.Variation(driving.Compile() * contact.measure())
-                self._stiffness += ngs.Variation(driving.Diff(press.way).Compile() * contact.measure())
-        self._border: tuple[Solve, np.ndarray, np.ndarray, float] | None = None
+                self._stiffness += ngs.Variation(driving.Diff(press.parameter).Compile() * contact.measure())
 
     @property
     def state(self) -> np.ndarray:
         """All unknowns and the way as one array, a copy."""
-        return np.append(self.gfu.vec.FV().NumPy(), self.press.way.Get())
+        return np.append(self.gfu.vec.FV().NumPy(), self.press.parameter.Get())
 
     @state.setter
     def state(self, x: np.ndarray) -> None:
         self.gfu.vec.FV().NumPy()[:] = x[:-1]
-        self.press.way.Set(x[-1] if self.press.held is None else self.press.held)
+        self.press.parameter.Set(x[-1] if self.press.held is None else self.press.held)
 
     def felt(self) -> float:
         """Force (N) along the way at the current state."""
@@ -134,35 +134,22 @@ class PressedBody(Body):
         return solve and self._bordered(solve)
 
     def _bordered(self, inner: Solve) -> Solve:
-        """The border is that of where a step first needs it."""
-        self._border = None
+        """With the border of where the tangent was made: one of elsewhere does not fit to it, and stiff contacts hardly differ."""
+        self._felt.Apply(self.gfu.vec, self._vec)
+        column = self._vec.FV().NumPy() * self._free
+        follows = inner(column)
+        stiffness = float(self._stiffness.Energy(self.gfu.vec)) - float(column @ follows)
 
         def solve(r: np.ndarray) -> np.ndarray:
             y = inner(r[:-1])
             if self.press.held is not None:
                 return np.append(y, 0.0)
-            if self._border is None or self._border[0] is not inner:
-                self._border = (inner, *self._column(inner))
-            _, column, follows, stiffness = self._border
+            if not stiffness > 0:
+                raise FloatingPointError(f"the force does not grow with the way ({stiffness:.1e} N/m)")
             way = (r[-1] - column @ y) / stiffness
             return np.append(y - way * follows, way)
 
         return solve
-
-    def _column(self, inner: Solve) -> tuple[np.ndarray, np.ndarray, float]:
-        """∂²Π/∂x∂s; what x does against it, K⁻¹ of that; and ∂f/∂s (N/m) with x in equilibrium, at the current state."""
-        self._felt.Apply(self.gfu.vec, self._vec)
-        column = self._vec.FV().NumPy() * self._free
-        follows = inner(column)
-        stiffness = float(self._stiffness.Energy(self.gfu.vec)) - float(column @ follows)
-        if not stiffness > 0:
-            raise FloatingPointError(f"the force does not grow with the way ({stiffness:.1e} N/m)")
-        return column, follows, stiffness
-
-    def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds; it ends with `finish`."""
-        super().begin(dt)
-        self._border = None
 
     def finish(self) -> None:
         """End the step begun; a rigid body that is held away comes back until it is just clear."""
@@ -174,7 +161,7 @@ class PressedBody(Body):
 
     def approach(self, gap: float) -> None:
         """Move the rigid body, which is clear of the tissue, towards it until a gap (m) is left."""
-        way = self.press.way
+        way = self.press.parameter
         for _ in range(APPROACHES):
             left = self.min_gap() - gap
             if left < NEARLY:
@@ -212,7 +199,8 @@ class Pressing(Transient):
 
     def _up_to_touch(self, dt: float) -> float:
         """A rigid body that is asked for a force is there at once."""
-        return min(dt, self.control.touch)
+        touch, t = self.control.touch, self.progress.t
+        return min(dt, touch) if self.motion.travel(t, t + touch) > 0 else dt
 
     def _guess(self, start: np.ndarray, dt: float) -> np.ndarray:
         """The same as for a given way; a rigid body that does not touch is first led to where it does."""
@@ -221,7 +209,7 @@ class Pressing(Transient):
         self.body.state = start
         self.motion.held = start[-1] + max(self.body.min_gap(), 0.0) + self.motion.nudge
         guess, record = self.newton.solve(self, np.append(start[:-1], self.motion.held))
-        self.motion.held = None
+        self.motion.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
         self.progress.work += record.work
         self.progress.newton += record.iterations
         return guess if record.converged else start

@@ -61,10 +61,13 @@ class Protocol(Section):
     intermittent   open, hold for `hold` s, let go, open again `rest` s after letting go, …
     staged         open in `stages` equal steps with `rest` s between them, hold
     program        the blade's way (m) `opening` from first contact at `times` (s), straight in between
+    force          the blade's force (gf, as in its key) `force_gf` at `times` (s), straight in between; its way is found. One force alone
+                   is reached in `Retraction.ramp` and held. Without force the blade is off
     """
 
     KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}
     KINDS["program"] = ("times", "opening")
+    KINDS["force"] = ("times", "force_gf")
     NAME: ClassVar = "up to 50 letters, digits, spaces and . + - _, of which the first is a letter or digit"
 
     kind: str = choice("kind", MISSING, KINDS)
@@ -74,6 +77,7 @@ class Protocol(Section):
     stages: int = whole("stages", None, 2, MOST)
     times: tuple[float, ...] = number("t_s", None, least=0.0, size=0)
     opening: tuple[float, ...] = number("opening_mm", None, signed=True, size=0)
+    force_gf: tuple[float, ...] = number("force_gf", None, least=0.0, size=0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.kind if self.name == "" else self.name)
@@ -82,7 +86,8 @@ class Protocol(Section):
     def _check(self, path: str, scene: Scene) -> None:
         own = self.KINDS[self.kind]
         keys = ", ".join(entry.key for name, entry in entries(self).items() if name in ("kind", "name", *own))
-        for name in ("hold", "rest", "stages", "times", "opening"):
+        own = own[1:] if self.kind == "force" and self.times is None else own
+        for name in ("hold", "rest", "stages", "times", "opening", "force_gf"):
             wanted = f"{'a value' if name in own else 'this key left out'}: kind {self.kind!r} has {keys}"
             self._need((getattr(self, name) is not None) == (name in own), path, name, wanted)
         for name in ("hold", "rest"):
@@ -94,6 +99,8 @@ class Protocol(Section):
             self._check_staged(path, scene.retraction)
         if self.kind == "program":
             self._check_program(path, scene.retraction)
+        if self.kind == "force":
+            self._check_force(path, scene)
 
     def _check_intermittent(self, path: str, shared: Retraction) -> None:
         ramp, end = shared.ramp, shared.elapsed
@@ -117,13 +124,27 @@ class Protocol(Section):
         self._need(self.stages <= most, path, "stages", f"at most {most}, for {shared.in_words}")
 
     def _check_program(self, path: str, shared: Retraction) -> None:
+        self._check_times(path, shared)
+        wanted = f"{len(self.times)} values, as many as t_s; the first 0, or less (clear of tissue), some greater"
+        fits = len(self.opening) == len(self.times) and self.opening[0] <= 0 < max(self.opening)
+        self._need(fits, path, "opening", wanted)
+
+    def _check_force(self, path: str, scene: Scene) -> None:
+        wanted = "another one with blade.kind = 'tube', whose force is not along one way"
+        self._need(scene.blade.kind != "tube", path, "kind", wanted)
+        if self.times is None:
+            self._need(len(self.force_gf) == 1 and self.force_gf[0] > 0, path, "force_gf", "one force above 0, or t_s too")
+            return
+        self._check_times(path, scene.retraction)
+        wanted = f"{len(self.times)} values, as many as t_s; the first 0, where the blade touches, some greater"
+        fits = len(self.force_gf) == len(self.times) and self.force_gf[0] == 0 < max(self.force_gf)
+        self._need(fits, path, "force_gf", wanted)
+
+    def _check_times(self, path: str, shared: Retraction) -> None:
         rising = self.times[0] == 0 and all(b - a >= shared.moment for a, b in pairwise(self.times))
         wanted = f"times that start at 0, increase by {shared.moment:g} or more"
         wanted += f", and end at retraction.elapsed_s = {shared.elapsed:g}"
         self._need(rising and math.isclose(self.times[-1], shared.elapsed), path, "times", wanted)
-        wanted = f"{len(self.times)} values, as many as t_s; the first 0, or less (clear of tissue), some greater"
-        fits = len(self.opening) == len(self.times) and self.opening[0] <= 0 < max(self.opening)
-        self._need(fits, path, "opening", wanted)
 
     def _check_wall(self, path: str, wall: float) -> None:
         wanted = f"none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"

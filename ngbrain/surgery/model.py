@@ -13,6 +13,7 @@ import numpy as np
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding
+from ngbrain.forward.forced import Press, PressedBody, Pressing
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
 from ngbrain.forward.transient import Transient
@@ -25,8 +26,9 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.blades import Blade, Spatula, Tube
 from ngbrain.surgery.heads import Head, head_of
-from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
 from ngbrain.surgery.sampling import Part
+from ngbrain.units import gf
 
 WALLS = ("wall_plus", "wall_minus")
 """The walls of a cleft: towards its `across`, which one blade pushes, and the other, which a second one or a tube does."""
@@ -138,13 +140,16 @@ class Model:
 
     def run(
         self,
-        protocol: Protocol,
+        protocol: Protocol | Force,
         control: Control | None = None,
         materials: dict[str, Material] | None = None,
         order: int | None = None,
     ) -> Transient:
-        """A transient run of a protocol, at rest; other steps, materials or order than the scene's on request."""
-        scene, drive = self.scene, Drive(protocol)
+        """A transient run of a protocol, at rest; other steps, materials or order than the scene's on request.
+
+        A blade of given force may go as far as the scene's opening.
+        """
+        scene, drive = self.scene, protocol.drive()
         opening = scene.retraction.opening
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
@@ -157,9 +162,16 @@ class Model:
         meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        body = Body(self.mesh, materials, self.held, [*contacts, *films, meeting], order, stiffest)
-        body.focus(self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS)
-        return Transient(body, drive, control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
+        parts = (self.mesh, materials, self.held, [*contacts, *films, meeting], order, stiffest)
+        steps = (control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
+        near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
+        if isinstance(drive, Press):
+            pressed = PressedBody(*parts, press=drive)
+            pressed.focus(near)
+            return Pressing(pressed, *steps, limit=opening)
+        body = Body(*parts)
+        body.focus(near)
+        return Transient(body, drive, *steps)
 
     @property
     def held(self) -> str:
@@ -177,7 +189,7 @@ class Model:
         return ErrorControl(steps.tolerance, touch, steps.longest, SHORTEST * touch, steps.contact)
 
     @staticmethod
-    def program(scene: Scene, asked: SceneProtocol) -> Protocol:
+    def program(scene: Scene, asked: SceneProtocol) -> Protocol | Force:
         """The blade's program that a scene's protocol asks for."""
         r = scene.retraction
         if asked.kind == "continuous":
@@ -186,6 +198,9 @@ class Model:
             return intermittent(r.opening, r.ramp, r.elapsed, asked.hold, asked.rest, asked.name)
         if asked.kind == "staged":
             return staged(r.opening, r.ramp, r.elapsed, asked.stages, asked.rest, asked.name)
+        if asked.kind == "force":
+            times, force = asked.times or (0.0, r.ramp, r.elapsed), tuple(map(gf, asked.force_gf))
+            return Force(asked.name, times, force if asked.times else (0.0, *force, *force))
         return Protocol(asked.name, tuple(asked.times), tuple(asked.opening))
 
     def ramp(self, name: str) -> Protocol:

@@ -1,14 +1,20 @@
-"""How a blade is driven: its advance over time as straight pieces."""
+"""How a blade is driven: its advance or its force over time, as straight pieces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.forced import Press
 from ngbrain.scene.programs import CLEAR
+
+NUDGE = 1e-5
+"""How far (m) beyond its gap a blade of given force goes to feel the tissue."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +26,7 @@ class Protocol:
     advance: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if len(self.times) != len(self.advance) or len(self.times) < 2:
-            raise InputError(
-                f"protocol {self.name!r}",
-                f"{len(self.times)} times, {len(self.advance)} advances",
-                "as many of each, two or more",
-            )
-        if self.times[0] != 0 or np.any(np.diff(self.times) <= 0):
-            raise InputError(f"protocol {self.name!r} times", list(self.times), "times that start at 0 and increase")
+        _check(self.name, self.times, self.advance, "advances")
 
     def at(self, t: float) -> float:
         """Advance (m) at time t (s)."""
@@ -36,9 +35,70 @@ class Protocol:
     @property
     def working_s(self) -> float:
         """Time (s) at the full opening, while a surgeon can work."""
-        t, s = np.array(self.times), np.array(self.advance)
-        full = (s[1:] == s.max()) & (s[:-1] == s.max())
-        return float(np.sum(np.diff(t)[full]))
+        return _at_most(self.times, self.advance)
+
+    @property
+    def beginning(self) -> Any:
+        """The first piece: the same for protocols that may share it."""
+        return "advance", self.times[:2], self.advance[:2]
+
+    def drive(self) -> Drive:
+        """What moves the blade."""
+        return Drive(self)
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force (N) of a blade at times (s), straight in between, from 0 on; the blade goes as far as it takes (`forward.forced`).
+
+    Without force it is off the tissue, and comes back as the tissue does.
+
+    >>> from ngbrain.units import gf
+    >>> round(Force("30 gf", (0.0, 10.0, 600.0), (0.0, gf(30.0), gf(30.0))).at(5.0), 5)
+    0.1471
+    """
+
+    name: str
+    times: tuple[float, ...]
+    force: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _check(self.name, self.times, self.force, "forces")
+        if self.force[0] != 0 or min(self.force) < 0 or not max(self.force) > 0:
+            raise InputError(f"protocol {self.name!r} force", list(self.force), "forces (N) from 0 on, some > 0, none < 0")
+
+    def at(self, t: float) -> float:
+        """Force (N) at time t (s)."""
+        return float(np.interp(t, self.times, self.force))
+
+    @property
+    def working_s(self) -> float:
+        """Time (s) at the full force, while a surgeon can work."""
+        return _at_most(self.times, self.force)
+
+    @property
+    def beginning(self) -> Any:
+        """The first piece: the same for protocols that may share it."""
+        return "force", self.times[:2], self.force[:2]
+
+    def drive(self) -> Press:
+        """What asks for the force."""
+        return Press(self.times, self.force, -CLEAR, NUDGE)
+
+
+def _check(name: str, times: Sequence[float], values: Sequence[float], what: str) -> None:
+    if len(times) != len(values) or len(times) < 2:
+        found = f"{len(times)} times, {len(values)} {what}"
+        raise InputError(f"protocol {name!r}", found, "as many of each, two or more")
+    if times[0] != 0 or np.any(np.diff(times) <= 0):
+        raise InputError(f"protocol {name!r} times", list(times), "times that start at 0 and increase")
+
+
+def _at_most(times: Sequence[float], values: Sequence[float]) -> float:
+    """Time (s) at the largest of the values."""
+    t, v = np.array(times), np.array(values)
+    full = (v[1:] == v.max()) & (v[:-1] == v.max())
+    return float(np.sum(np.diff(t)[full]))
 
 
 class Drive:

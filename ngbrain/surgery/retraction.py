@@ -21,7 +21,7 @@ from ngbrain.pool import Tell
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, band, checks, response
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.runs import Peak, ProtocolRun, table
 from ngbrain.surgery.sampling import Spread
 
@@ -125,9 +125,9 @@ def solve(
 def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path) -> list[pool.Task]:
     """The longest first, so that the processes end together; last those that begin like another and go on from there."""
     scene = model.scene
-    groups: dict[Any, list[Protocol]] = {}
+    groups: dict[Any, list[Protocol | Force]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
-        groups.setdefault((program.times[:2], program.advance[:2]), []).append(program)
+        groups.setdefault(program.beginning, []).append(program)
     leading: list[pool.Task] = []
     following: list[pool.Task] = []
     for number, programs in enumerate(groups.values()):
@@ -141,7 +141,7 @@ def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path) -> lis
 
 
 def _lead(
-    model: Model, program: Protocol, folder: Path | None, resume: bool, begun: Path | None, tell: Tell
+    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path | None, tell: Tell
 ) -> Outcome:
     """A run; it leaves in a file how it stands after its first piece (None if it is past that), for those that follow."""
     run = ProtocolRun(model, program, folder, resume)
@@ -154,7 +154,7 @@ def _lead(
     return _outcome(run.go(tell))
 
 
-def _follow(model: Model, program: Protocol, folder: Path | None, resume: bool, begun: Path, tell: Tell) -> Outcome:
+def _follow(model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path, tell: Tell) -> Outcome:
     """A run that goes on from where another, which was started before, stood after the piece that they share."""
     while not begun.exists():
         time.sleep(POLL)

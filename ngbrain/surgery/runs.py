@@ -12,6 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
+from ngbrain.forward.contact import Contact
 from ngbrain.forward.stability import CREASE
 from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.transient import Transient
@@ -21,7 +22,7 @@ from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
-from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.sampling import Sample, Sampler, Spread
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
 from ngbrain.units import to_ml
@@ -90,7 +91,7 @@ class ProtocolRun:
     def __init__(
         self,
         model: Model,
-        protocol: Protocol,
+        protocol: Protocol | Force,
         folder: Path | None,
         resume: bool = False,
         start: Snapshot | None = None,
@@ -100,6 +101,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
+        self._way = next(contact.way for contact in body.contacts if isinstance(contact, Contact))
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts())
         self.rows: list[Row] = []
@@ -131,7 +133,7 @@ class ProtocolRun:
         return deepcopy(self._state()), list(self.frames)
 
     def _look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
-        self.rows.append(self.observer(at.t, self.protocol.at(at.t), record.min_det_F))
+        self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
         spreads = sample.spreads()
         if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
