@@ -13,8 +13,7 @@ Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Ac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import ngsolve as ngs
 import numpy as np
@@ -97,7 +96,7 @@ class PressedBody(Body):
         self.press = press
         super().__init__(mesh, materials, fixed, contacts, order, modulus)
         u, _, a = self.fes.TrialFunction()
-        self._felt, self._stiffness = ngs.BilinearForm(self.fes, symmetric=True), ngs.BilinearForm(self.fes, symmetric=True)
+        self._felt, self._stiffness = (ngs.BilinearForm(self.fes, symmetric=True) for _ in range(2))
         for contact in self.contacts:
             if isinstance(contact, Contact) and contact.way is press.parameter:
                 driving = contact.driving(u, a)
@@ -134,7 +133,7 @@ class PressedBody(Body):
         return solve and self._bordered(solve)
 
     def _bordered(self, inner: Solve) -> Solve:
-        """With the border of where the tangent was made: one of elsewhere does not fit to it, and stiff contacts hardly differ."""
+        """With the border of where the tangent was made: of a stiff contact they cancel each other but for a hundredth."""
         self._felt.Apply(self.gfu.vec, self._vec)
         column = self._vec.FV().NumPy() * self._free
         follows = inner(column)
@@ -156,6 +155,7 @@ class PressedBody(Body):
         super().finish()
         if self.press.held is not None:
             self.approach(CLOSE)
+            self.press.held = self.press.parameter.Get()
             if len(self._relaxed):
                 self._relaxed = self.state  # the tissue stays as it is
 
@@ -189,13 +189,20 @@ class Pressing(Transient):
         limit: float = np.inf,
     ) -> None:
         super().__init__(body, body.press, control, penetration_limit, newton)
-        self.limit = limit
+        self.limit, self.motion.held = limit, body.press.parameter.Get()
         self.follow, self.drift = np.zeros_like(body.state), np.zeros_like(body.state)
 
     @property
     def weights(self) -> np.ndarray:
         """The body's weights, and the way's."""
         return np.append(self.body.weights, SHARE / LENGTH_SCALE**2)
+
+    def _stand(self, x: np.ndarray) -> None:
+        """Go to a state of the present time; a rigid body without force stays just clear."""
+        self.motion.set(self.progress.t)
+        if self.motion.held is not None:
+            self.motion.held = x[-1]
+        self.body.state = x
 
     def _up_to_touch(self, dt: float) -> float:
         """A rigid body that is asked for a force is there at once."""
@@ -218,8 +225,7 @@ class Pressing(Transient):
         record, problem = super()._attempt(start, dt)
         if not problem and self.body.state[-1] > self.limit:
             way, t, force = self.body.state[-1], self.progress.t + dt, self.motion.force
-            self.body.state = start
-            self.motion.set(self.progress.t)
+            self._stand(start)
             raise ContactError(
                 f"a force of {force:.3g} N at t = {t:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
                 f"{1e3 * self.limit:.4g} mm; try a smaller force"

@@ -78,12 +78,16 @@ class Transient:
                 self._accept(start, dt)
                 return record
             at.rejected += 1
-            self.body.state = start
-            self.motion.set(at.t)
+            self._stand(start)
             at.cut = True
             dt = dt / 3
             if dt < self.control.shortest:
                 raise _error(problem, at.t, dt)
+
+    def _stand(self, x: np.ndarray) -> None:
+        """Go to a state of the present time."""
+        self.motion.set(self.progress.t)
+        self.body.state = x
 
     def _propose(self) -> float:
         """Step length from what the control says, landing on touch and events."""
@@ -204,8 +208,7 @@ class Transient:
         body.memory = saved["history"]
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
-        body.state = saved["x"]
-        self.motion.set(self.progress.t)
+        self._stand(saved["x"])
 
 
 def _error(problem: str, t: float, dt: float) -> Exception:

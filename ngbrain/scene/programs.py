@@ -61,8 +61,8 @@ class Protocol(Section):
     intermittent   open, hold for `hold` s, let go, open again `rest` s after letting go, …
     staged         open in `stages` equal steps with `rest` s between them, hold
     program        the blade's way (m) `opening` from first contact at `times` (s), straight in between
-    force          the blade's force (gf, as in its key) `force_gf` at `times` (s), straight in between; its way is found. One force alone
-                   is reached in `Retraction.ramp` and held. Without force the blade is off
+    force          the blade's force (gf) `force_gf` at `times` (s), straight in between; its way is found, `Retraction.opening`
+                   at most. One force alone is reached in `Retraction.ramp` and held. Without force the blade is off
     """
 
     KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}
@@ -86,7 +86,7 @@ class Protocol(Section):
     def _check(self, path: str, scene: Scene) -> None:
         own = self.KINDS[self.kind]
         keys = ", ".join(entry.key for name, entry in entries(self).items() if name in ("kind", "name", *own))
-        own = own[1:] if self.kind == "force" and self.times is None else own
+        own = own[1:] if self.kind == "force" and not self.times else own
         for name in ("hold", "rest", "stages", "times", "opening", "force_gf"):
             wanted = f"{'a value' if name in own else 'this key left out'}: kind {self.kind!r} has {keys}"
             self._need((getattr(self, name) is not None) == (name in own), path, name, wanted)
@@ -132,8 +132,10 @@ class Protocol(Section):
     def _check_force(self, path: str, scene: Scene) -> None:
         wanted = "another one with blade.kind = 'tube', whose force is not along one way"
         self._need(scene.blade.kind != "tube", path, "kind", wanted)
-        if self.times is None:
-            self._need(len(self.force_gf) == 1 and self.force_gf[0] > 0, path, "force_gf", "one force above 0, or t_s too")
+        if not self.times:
+            self._need(
+                len(self.force_gf) == 1 and self.force_gf[0] > 0, path, "force_gf", "one force above 0, or t_s too"
+            )
             return
         self._check_times(path, scene.retraction)
         wanted = f"{len(self.times)} values, as many as t_s; the first 0, where the blade touches, some greater"

@@ -31,6 +31,8 @@ DENSITY = 1040.0
 """Of brain (kg/m³), about, for the speed of shear waves."""
 SLOW = 10.0
 """Inertia matters where a blade's way takes less than so many times as long as a shear wave through the brain."""
+SAME = 1e-6
+"""Openings that differ by no more than this share are equal."""
 
 LEFT_OUT = (
     "friction between blade and tissue",
@@ -205,7 +207,9 @@ def _recovered(run: Outcome, away: np.ndarray) -> float:
 
 def comparison(runs: Runs, numbers: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work."""
-    findings = []
+    findings, ways = [], {name: float(to_mm(run.column("advance").max())) for name, run in runs.items()}
+    if max(ways.values()) - min(ways.values()) > SAME * max(ways.values()):
+        findings.append("Not at equal openings: way of the blade (mm) " + _listed(ways) + ".")
     for metric, text in (
         ("peak_pressure_mmHg", "Peak pressure (mmHg)"),
         ("peak_tip_pressure_mmHg", "Peak pressure at the tip (mmHg)"),
@@ -217,7 +221,8 @@ def comparison(runs: Runs, numbers: dict[str, dict[str, Any]]) -> dict[str, Any]
         values = {name: number[metric] for name, number in numbers.items()}
         findings.append(f"{text}: " + _ranked(values))
     result: dict[str, Any] = {"findings": findings}
-    if {"continuous", "intermittent"} <= set(runs):
+    alike = [ways[name] for name in ("continuous", "intermittent") if name in ways]
+    if len(alike) == 2 and abs(alike[0] - alike[1]) <= SAME * max(alike):
         working = runs["intermittent"].working_s
         continuous = runs["continuous"]
         t, pressure = continuous.column("t"), to_mmHg(continuous.column("pressure"))
@@ -236,9 +241,13 @@ def comparison(runs: Runs, numbers: dict[str, dict[str, Any]]) -> dict[str, Any]
     return result
 
 
+def _listed(values: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.4g}" for name, value in sorted(values.items(), key=lambda item: item[1]))
+
+
 def _ranked(values: dict[str, float]) -> str:
     spread = max(values.values()) - min(values.values())
-    listed = ", ".join(f"{name} {value:.4g}" for name, value in sorted(values.items(), key=lambda item: item[1]))
+    listed = _listed(values)
     if spread <= 5e-3 * abs(max(values.values())):
         return f"equal within 0.5 % ({listed})."
     return f"lowest with {min(values, key=values.__getitem__)} ({listed})."

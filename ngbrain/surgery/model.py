@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import Closing, Contact, Sliding
+from ngbrain.forward.contact import Closing, Contact, Sliding, Touch
 from ngbrain.forward.forced import Press, PressedBody, Pressing
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
@@ -162,7 +162,8 @@ class Model:
         meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        parts = (self.mesh, materials, self.held, [*contacts, *films, meeting], order, stiffest)
+        touches: list[Touch] = [*contacts, *films, meeting]
+        parts = (self.mesh, materials, self.held, touches, order, stiffest)
         steps = (control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
         if isinstance(drive, Press):

@@ -65,7 +65,9 @@ class Force:
     def __post_init__(self) -> None:
         _check(self.name, self.times, self.force, "forces")
         if self.force[0] != 0 or min(self.force) < 0 or not max(self.force) > 0:
-            raise InputError(f"protocol {self.name!r} force", list(self.force), "forces (N) from 0 on, some > 0, none < 0")
+            raise InputError(
+                f"protocol {self.name!r} force", list(self.force), "forces (N) from 0 on, some > 0, none < 0"
+            )
 
     def at(self, t: float) -> float:
         """Force (N) at time t (s)."""

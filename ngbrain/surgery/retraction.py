@@ -154,7 +154,9 @@ def _lead(
     return _outcome(run.go(tell))
 
 
-def _follow(model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path, tell: Tell) -> Outcome:
+def _follow(
+    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path, tell: Tell
+) -> Outcome:
     """A run that goes on from where another, which was started before, stood after the piece that they share."""
     while not begun.exists():
         time.sleep(POLL)

@@ -101,7 +101,7 @@ class ProtocolRun:
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
         self.transient: Transient = model.run(protocol, control)
         body = self.transient.body
-        self._way = next(contact.way for contact in body.contacts if isinstance(contact, Contact))
+        self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts())
         self.rows: list[Row] = []
