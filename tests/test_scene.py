@@ -20,6 +20,8 @@ from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import Blade, Cleft, Protocol, Scene, Tissue
 from ngbrain.surgery import observe
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.protocols import Force
 
 NAMES = ["demo", "demo_fast", "idealised", "idealised_fast"]
 SMALLEST = {"tissue": [{"region": ".*", "mu_Pa": 500}], "cleft": {"target_mm": [17, 5.9, 26.2]}}
@@ -145,6 +147,20 @@ def test_round_trip_of_a_scene_with_everything_there_is(demo):
     assert Scene.from_dict(tomllib.loads(scene.to_toml())) == scene
     assert scene.protocols[3].opening == (-0.001, 0.0033, 0.0033) and scene.protocols[3].times == (0, 1, 900)
     assert scene.cleft.across == (1.0, 0.5, 0.0)
+
+
+def test_a_given_force_alone_or_over_time(demo):
+    demo["protocol"] = [
+        {"kind": "force", "force_gf": 30},
+        {"kind": "force", "name": "let go", "t_s": [0, 10, 20, 30, 900], "force_gf": [0, 30, 30, 0, 0]},
+    ]
+    scene = Scene.from_dict(demo)
+    assert Scene.from_dict(tomllib.loads(scene.to_toml())) == scene
+    held, let_go = (Model.program(scene, asked) for asked in scene.protocols)
+    assert held == Force("force", (0.0, 10.0, 900.0), (0.0, 0.2941995, 0.2941995)) and held.working_s == 890
+    assert (
+        let_go.times == (0, 10, 20, 30, 900) and let_go.at(15) == held.at(10) == 2 * held.at(5) and let_go.at(800) == 0
+    )
 
 
 def test_any_length_survives_the_way_to_millimetres_and_back(rng):
@@ -382,6 +398,32 @@ def test_a_program_that_is_none(demo, change, line):
     assert re.search(r"^protocol#1\." + line, str(refusal(put(demo, "protocol.0", program | change))))
 
 
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"force_gf": [0, 30]}, r"force_gf is \[0\.0, 30\.0\]; wanted: 3 values, as many as t_s"),
+        ({"force_gf": [5, 30, 30]}, r"force_gf is .*the first 0"),
+        ({"force_gf": [0, -30, 30]}, r"force_gf is .*wanted: a force in gf of at least 0"),
+        ({"force_gf": [0, 0, 0]}, r"force_gf is .*some greater"),
+        ({"t_s": [0, 10, 800]}, r"t_s is .*retraction\.elapsed_s = 900"),
+        ({"t_s": None}, r"force_gf is .*one force above 0, or t_s too"),
+        ({"force_gf": None}, r"force_gf is missing; .*kind 'force' has kind, name, t_s, force_gf"),
+        ({"opening_mm": 5}, r"opening_mm is \[5\.0\]; .*left out"),
+        ({"force_mN": 5}, r"force_mN is not a known key; .*'force_gf'"),
+    ],
+)
+def test_a_force_that_is_none(demo, change, line):
+    force = {"kind": "force", "t_s": [0, 10, 900], "force_gf": [0, 30, 30]}
+    Scene.from_dict(put(demo, "protocol.0", force))
+    changed = {key: value for key, value in (force | change).items() if value is not None}
+    assert re.search(r"^protocol#1\." + line, str(refusal(put(demo, "protocol.0", changed))))
+
+
+def test_a_tube_has_no_force_along_one_way(demo):
+    data = put(put(demo, "protocol.0", {"kind": "force", "force_gf": 30}), "blade.kind", "tube")
+    assert re.search(r"^protocol#1\.kind is 'force'; .*blade\.kind = 'tube'", str(refusal(data)))
+
+
 @pytest.mark.parametrize("data", [None, 3, [], "text"])
 def test_a_scene_that_is_no_table(data):
     assert str(refusal(data)).endswith("wanted: a table of keys and values")
@@ -574,6 +616,9 @@ def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     head, program = text.split('# [[protocol]]\n# kind = "program"')
     scene = Scene.from_dict(tomllib.loads(head + '[[protocol]]\nkind = "program"' + program.replace("\n# ", "\n", 3)))
     assert scene.protocols[-1].kind == "program" and scene.protocols[:3] == Scene.shipped("demo").protocols
+    head, force = text.split('# [[protocol]]\n# kind = "force"')
+    scene = Scene.from_dict(tomllib.loads(head + '[[protocol]]\nkind = "force"' + force.replace("\n# ", "\n", 3)))
+    assert scene.protocols[-1].kind == "force" and max(scene.protocols[-1].force_gf) == 50
     head, patient = text.split("# [patient]")
     scene = Scene.from_dict(tomllib.loads(head + "[patient]" + patient.replace("\n# ", "\n")))
     assert scene.patient == room.Patient(map_mmHg=85.0, icp_mmHg=10.0)

@@ -5,7 +5,7 @@ With the energy Π(x, s) of a body's unknowns x and a rigid body's way s, the fo
     ∂Π/∂x = 0 ,   ∂Π/∂s = f(t)
 
 are the equations of Π - f s, and their tangent is symmetric: the body's own K, bordered by ∂²Π/∂x∂s. It is solved by what K's
-factorisation does, kept or new, and one more back-substitution in each step. Where nothing is touched nothing depends on s: a rigid
+factorisation does, and one more back-substitution for each. Where nothing is touched nothing depends on s: a rigid
 body of no force is taken away, and one that is to press again is first led to touch.
 
 Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Academic Press, 359-384.
@@ -14,6 +14,7 @@ Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Ac
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -95,6 +96,7 @@ class PressedBody(Body):
     ) -> None:
         self.press = press
         super().__init__(mesh, materials, fixed, contacts, order, modulus)
+        self.pace = np.zeros(2)
         u, _, a = self.fes.TrialFunction()
         self._felt, self._stiffness = (ngs.BilinearForm(self.fes, symmetric=True) for _ in range(2))
         for contact in self.contacts:
@@ -150,14 +152,46 @@ class PressedBody(Body):
 
         return solve
 
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds from the present state; it ends with `finish`."""
+        super().begin(dt)
+        self._begun = np.array([self.press.parameter.Get(), dt])
+
+    def inertia_error(self) -> float:
+        """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
+
+        The history takes all paths for straight, and a step of creep is not.
+        """
+        rate, dt = self._pace()
+        before, last = self.pace
+        if not last or self.press.held is not None:
+            return 0.0
+        return float(abs(dt**2 / 12 * (rate - before) / ((dt + last) / 2) / self.press.parameter.Get()))
+
+    def _pace(self) -> np.ndarray:
+        """Mean speed (m/s) of the step that now ends, and its length (s)."""
+        start, dt = self._begun
+        return np.array([(self.press.parameter.Get() - start) / dt, dt])
+
     def finish(self) -> None:
         """End the step begun; a rigid body that is held away comes back until it is just clear."""
         super().finish()
+        self.pace = self._pace() if self.press.held is None else np.zeros(2)
         if self.press.held is not None:
             self.approach(CLOSE)
             self.press.held = self.press.parameter.Get()
             if len(self._relaxed):
                 self._relaxed = self.state  # the tissue stays as it is
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come besides the state."""
+        return {**super().memory, "pace": self.pace}
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        self.history.memory = saved
+        self.pace = np.array(saved["pace"])
 
     def approach(self, gap: float) -> None:
         """Move the rigid body, which is clear of the tissue, towards it until a gap (m) is left."""

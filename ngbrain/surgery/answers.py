@@ -12,6 +12,7 @@ from ngbrain.surgery.checks import HALF, ORDER
 from ngbrain.surgery.injury import curve, dose, times_above
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
+from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.response import infarct
 from ngbrain.surgery.sampling import Spread
 from ngbrain.units import to_kPa, to_ml, to_mm, to_mmHg
@@ -104,16 +105,18 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
     return {region: {threshold: parts[region] for threshold, parts in volumes.items()} for region in regions}
 
 
-def left_out(made: Model) -> list[str]:
-    """What the model leaves out, in words."""
-    return [_inertia(made), *LEFT_OUT, made.head.left_out]
+def left_out(made: Model, runs: Runs) -> list[str]:
+    """What the model leaves out, in words; blades of given force go as they went in their runs."""
+    return [_inertia(made, runs), *LEFT_OUT, made.head.left_out]
 
 
-def _inertia(made: Model) -> str:
+def _inertia(made: Model, runs: Runs) -> str:
     """How long the way of the scene's blades takes where they are fastest, against a shear wave in the softest tissue."""
     programs = [made.program(made.scene, asked) for asked in made.scene.protocols]
-    speed = max(float(np.abs(np.diff(p.advance) / np.diff(p.times)).max()) for p in programs)
-    way = max(max(p.advance) for p in programs)
+    went = [(runs[p.name].column("t"), runs[p.name].column("advance")) for p in programs if isinstance(p, Force)]
+    went += [(np.array(p.times), np.array(p.advance)) for p in programs if isinstance(p, Protocol)]
+    speed = max(float(np.abs(np.diff(advance) / np.diff(t)).max()) for t, advance in went)
+    way = float(max(advance.max() for _, advance in went))
     wave = np.sqrt(min(part.modulus for part in made.parts().values()) / DENSITY)
     brain = float(np.ptp(np.array(made.mesh.ngmesh.Coordinates()) @ made.cleft.across))
     ratio = way / speed / (brain / wave)

@@ -38,6 +38,11 @@ class Protocol:
         return _at_most(self.times, self.advance)
 
     @property
+    def most(self) -> float:
+        """Furthest advance (m)."""
+        return max(self.advance)
+
+    @property
     def beginning(self) -> Any:
         """The first piece: the same for protocols that may share it."""
         return "advance", self.times[:2], self.advance[:2]
@@ -77,6 +82,11 @@ class Force:
     def working_s(self) -> float:
         """Time (s) at the full force, while a surgeon can work."""
         return _at_most(self.times, self.force)
+
+    @property
+    def most(self) -> float:
+        """Largest force (N)."""
+        return max(self.force)
 
     @property
     def beginning(self) -> Any:

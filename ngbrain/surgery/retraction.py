@@ -99,6 +99,7 @@ def solve(
     checked = {name: results[_CHECK + name] for name in _CHECKS}
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
     worth = answers.checks(scene, runs, checked)
+    driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
     result = {
         "verb": "retract",
         "title": scene.title,
@@ -113,8 +114,8 @@ def solve(
         "answers": found,
         "comparison": answers.comparison(runs, found),
         "dose_response": response.points(),
-        "material_band": band.material_band(model, runs, checked[checks.MILLER], worth),
-        "left_out": answers.left_out(model),
+        "material_band": band.material_band(model, driven, checked[checks.MILLER], worth) if driven else {},
+        "left_out": answers.left_out(model, runs),
         "time_s": time.perf_counter() - started,
     }
     if where is not None:

@@ -30,7 +30,7 @@ from ngbrain.units import to_ml
 FRAME_SPACING = 1 / 12
 """A frame is kept at events, at least every such share of the run,"""
 FRAME_WAY = 1 / 4
-"""and where the blade has gone such a share of its furthest advance since the last."""
+"""and where the blade has gone such a share of its furthest advance, or of its largest force, since the last."""
 LARGEST = ("von_mises", "rate")
 """Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
 
@@ -202,10 +202,10 @@ class ProtocolRun:
         self.frames = list(frames)
 
 
-def due(protocol: Protocol, last: float, t: float) -> bool:
+def due(protocol: Protocol | Force, last: float, t: float) -> bool:
     """Whether a frame is kept at a time (s) between events, after one at `last`."""
     way = abs(protocol.at(t) - protocol.at(last))
-    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * max(protocol.advance)
+    return t - last >= FRAME_SPACING * protocol.times[-1] or way >= FRAME_WAY * protocol.most
 
 
 def table(rows: list[Row]) -> dict[str, np.ndarray]:

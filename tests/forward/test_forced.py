@@ -67,18 +67,19 @@ def test_without_force_the_plate_is_just_clear_and_the_tissue_comes_back(relaxin
     assert np.all(gap[~off] < 0)
 
 
-def test_a_bonded_block_creeps_by_the_compliance_of_its_law():
+@pytest.mark.parametrize(("tolerance", "error"), [(1e-2, 1e-2), (1e-3, 3e-3)])
+def test_a_bonded_block_creeps_by_the_compliance_of_its_law(tolerance, error):
     """Small strain: the way is the elastic one times the creep of the law, 1/g - (1/g - 1) exp(-t g/τ), after a ramp."""
     law, hard = Prony(NeoHooke(MU), [G], [TAU]), {"penalty": 2e10, "softness": 1e-8, "nudge": 1e-7}
     program = ((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3))
-    control = ErrorControl(1e-3, touch=0.1, pushing=1.0)
+    control = ErrorControl(tolerance, touch=0.1, pushing=1.0)
     t, way, *_ = followed(pressing(law, program, control, share=0.0, **hard))
     _, elastic, *_ = followed(pressing(Viscous(NeoHooke(MU)), program, control, share=0.0, **hard))
     stays = 1 - G
     rate, held = stays / TAU, t >= 4
     late = np.exp(-rate * t[held]) * np.expm1(rate * 4.0) / (rate * 4.0)
     assert way.max() < 2e-3 * SIZE and held.sum() > 5
-    assert way[held] / elastic[-1] == pytest.approx(1 / stays - (1 / stays - 1) * late, rel=2e-3)
+    assert way[held] / elastic[-1] == pytest.approx(1 / stays - (1 / stays - 1) * late, rel=error)
 
 
 def test_a_block_that_slides_creeps_as_in_the_laboratory(relaxing):

@@ -11,7 +11,7 @@ import pytest
 from ngbrain.materials import CATALOGUE
 from ngbrain.mesh import Cleft
 from ngbrain.scene import Patient, Protocol, Scene
-from ngbrain.surgery.answers import DENSITY, answer, left_out
+from ngbrain.surgery.answers import DENSITY, answer, comparison, left_out
 from ngbrain.surgery.band import material_band, published_moduli
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Row
@@ -35,8 +35,9 @@ PEAK = Peak(
 LARGEST = {"von_mises": Spread(10.0, 30.0, 400.0, 1100.0, 2200.0), "rate": Spread(5.0, 0.002, 0.007, 0.011, 0.018)}
 
 
-def run(pressure_mmHg):  # noqa: N803
+def run(pressure_mmHg, way=5e-3):  # noqa: N803
     rows = {name: np.zeros(len(T)) for name in Row.__annotations__}
+    rows["advance"] = way * (T > 0)
     rows |= {"t": T, "pressure": mmHg(np.array(pressure_mmHg)), "centre_pressure": mmHg(np.array([0.0, 12.0, 5.0]))}
     return Outcome(rows, tuple(T), PEAK, LARGEST, 990.0, 2, 0, 5, 3)
 
@@ -56,6 +57,17 @@ def test_an_answer_in_the_units_of_its_keys():
     assert found["s_perfusion_below_10_mmHg"] > 300
     assert found["pressure_held_15_min_mmHg"] == pytest.approx(24 + 10 * (1000 - 865) / 990, abs=0.3)
     assert 0 < found["infarct_probability_95"][0] < 0.01 and found["infarct_probability_95"][1] == 1.0
+
+
+def test_only_equal_openings_are_compared_at_equal_work():
+    def compared(way):
+        runs = {"continuous": run([0.0, 30.0, 20.0]), "intermittent": run([0.0, 30.0, 10.0], way)}
+        return comparison(runs, {name: answer(one, Patient()) for name, one in runs.items()})
+
+    fair, unfair = compared(5e-3), compared(2.1e-3)
+    assert "dose_at_equal_working_time_mmHg_min" in fair and "Not at equal" not in " ".join(fair["findings"])
+    assert "dose_at_equal_working_time_mmHg_min" not in unfair
+    assert unfair["findings"][0] == "Not at equal openings: way of the blade (mm) intermittent 2.1, continuous 5."
 
 
 def test_without_a_patient_no_perfusion():
@@ -89,7 +101,7 @@ def test_published_moduli_are_of_whole_brain_and_have_a_source():
     assert published_moduli().keys() == names and all(CATALOGUE[name].doi for name in names)
 
 
-def inertia(ramp, *more):
+def inertia(ramp, *more, **runs):
     """What is said of it where a blade goes 5 mm in `ramp` s, with `more` protocols, a brain 0.15 m wide, waves of 2 and 5 m/s."""
     mesh = ngs.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (0.15, 0.1, 0.1))).GenerateMesh(maxh=0.1))
     axes = (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
@@ -103,7 +115,7 @@ def inertia(ramp, *more):
     cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)
     head = Namespace(left_out="sulci")
     made = Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)
-    first, *others = left_out(made)
+    first, *others = left_out(made, runs)
     assert others[-1] == "sulci" and not [text for text in others if "inertia" in text]
     return first
 
@@ -119,6 +131,14 @@ def test_what_is_said_of_inertia_is_the_scenes():
     )
     fast = inertia(0.1)
     assert fast.startswith("inertia, which matters here: the blade moves at up to 50 mm/s") and "only 1.3 times" in fast
+
+
+def test_of_a_blade_of_given_force_inertia_is_asked_where_it_went():
+    force = Protocol(kind="force", force_gf=30.0)
+    assert inertia(10.0, force, force=run([0.0, 30.0, 20.0])) == inertia(10.0)  # 5 mm in 10 s
+    assert inertia(10.0, force, force=run([0.0, 30.0, 20.0], 0.1)).startswith(
+        "inertia: the blade moves at up to 10 mm/s"
+    )
 
 
 def test_one_fast_piece_of_one_protocol_is_enough_for_inertia():

@@ -6,9 +6,12 @@ from types import SimpleNamespace as Namespace
 
 import netgen.occ as occ
 import ngsolve as ngs
+import numpy as np
 import pytest
 
+from ngbrain.errors import ContactError
 from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Steps, Tissue
 from ngbrain.surgery import model as surgery_model
 from ngbrain.surgery.model import Model
@@ -16,6 +19,7 @@ from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import ProtocolRun, table
 from ngbrain.threads import set_threads
+from ngbrain.units import gf
 
 PUSH = Protocol("push and let go", (0.0, 2.0, 6.0, 8.0), (0.0, 1e-3, 1e-3, -1e-3))
 
@@ -54,6 +58,41 @@ def test_without_its_offset_contact_is_a_matter_of_the_penalty(monkeypatch):
         monkeypatch.setattr(surgery_model, "PENALTY", factor * 500.0)
         rows.append(opened_elastic(opening))
     assert rows[0].depth > 0.015 * opening and rows[0].pressure < 0.97 * rows[1].pressure
+
+
+@pytest.mark.slow
+def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path):
+    set_threads(1)
+    scene = Scene.shipped("idealised_fast")
+    scene = replace(
+        scene,
+        retraction=replace(scene.retraction, ramp=2.0, elapsed=8.0),
+        protocols=(SceneProtocol(kind="force", force_gf=30.0),),
+    )
+    model = Model.of(scene)
+    program = model.program(scene, scene.protocols[0])
+    whole = ProtocolRun(model, program, None).go()
+    rows = table(whole.rows)
+    t, way, opening = (rows[name] for name in ("t", "advance", "opening"))
+    assert rows["force"] == pytest.approx(gf(30.0) * np.minimum(t / 2, 1), rel=1e-3)
+    assert rows["net_reaction"] == pytest.approx(rows["force"], rel=1e-3) and rows["balance"].max() < 1e-4
+    held = t >= 2
+    assert held.sum() > 3 and np.all(np.diff(way[held]) > 0) and np.all(np.diff(opening[held]) > 0)
+    assert way[held][-1] > 1.05 * way[held][0] > 1e-3
+    ProtocolRun(model, program, tmp_path).go(until=3.0)
+    again = table(ProtocolRun(model, program, tmp_path, resume=True).go().rows)
+    assert all(np.array_equal(again[name], rows[name]) for name in rows)
+
+
+@pytest.mark.slow
+def test_a_force_beyond_the_opening_is_one_error():
+    set_threads(1)
+    scene = Scene.shipped("idealised_fast")
+    shared = replace(scene.retraction, opening=1e-3, ramp=2.0, elapsed=8.0)
+    scene = replace(scene, retraction=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
+    model = Model.of(scene)
+    with pytest.raises(ContactError, match="beyond the limit of 1 mm"):
+        ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go()
 
 
 def opened_elastic(opening):

@@ -43,6 +43,18 @@ def test_frames_are_due_after_some_time_or_some_way():
     assert not due(protocol, 10.0, 17.9) and due(protocol, 10.0, 18.1)  # a twelfth of 96 s
 
 
+def test_forces_share_no_beginning_with_ways():
+    scene = Scene.shipped("idealised_fast")
+    continuous, way = scene.protocols[0], scene.retraction
+    same = {"times": (0.0, way.ramp, way.elapsed), "force_gf": (0.0, 30.0, 30.0)}
+    protocols = (continuous, Protocol(kind="force", force_gf=30.0), Protocol(kind="force", name="same", **same))
+    tasks = retraction._tasks(
+        Model(replace(scene, protocols=protocols), None, None, None, None), None, False, Path("x")
+    )
+    begun = {name: args[-1] for name, _, args in tasks if name in ("continuous", "force", "same")}
+    assert begun["continuous"] is None and begun["force"] == begun["same"] is not None
+
+
 @pytest.mark.slow
 def test_a_shared_beginning_changes_no_bit(tmp_path):
     set_threads(1)
