@@ -202,7 +202,7 @@ def _recovered(run: Outcome, away: np.ndarray) -> float:
     opening, advance = run.column("opening"), run.column("advance")
     recovered = []
     for i in np.flatnonzero(away[:-1] & ~away[1:]):
-        held = np.flatnonzero(advance[:i] >= advance.max() * (1 - 1e-9))
+        held = np.flatnonzero(advance[:i] >= advance[:i].max(initial=0.0) * (1 - 1e-9))  # a later one may go further
         if held.size:
             recovered.append(opening[held[-1]] - opening[i])
     return min(recovered, default=float("nan"))

@@ -11,7 +11,7 @@ import pytest
 from ngbrain.materials import CATALOGUE
 from ngbrain.mesh import Cleft
 from ngbrain.scene import Patient, Protocol, Scene
-from ngbrain.surgery.answers import DENSITY, answer, comparison, left_out
+from ngbrain.surgery.answers import DENSITY, _recovered, answer, comparison, left_out
 from ngbrain.surgery.band import material_band, published_moduli
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Row
@@ -68,6 +68,12 @@ def test_only_equal_openings_are_compared_at_equal_work():
     assert "dose_at_equal_working_time_mmHg_min" in fair and "Not at equal" not in " ".join(fair["findings"])
     assert "dose_at_equal_working_time_mmHg_min" not in unfair
     assert unfair["findings"][0] == "Not at equal openings: way of the blade (mm) intermittent 2.1, continuous 5."
+
+
+def test_what_came_back_is_from_where_the_blade_let_go_though_it_goes_further_later():
+    columns = {"advance": [0.0, 2.0, 0.5, 0.6, 3.0], "opening": [0.0, 1.9, 0.5, 0.4, 2.9]}
+    went = Namespace(column=lambda name: np.array(columns[name]))
+    assert _recovered(went, np.array([False, False, True, False, False])) == pytest.approx(1.5)
 
 
 def test_without_a_patient_no_perfusion():
