@@ -11,6 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.contact import Contact, Sliding, Touch, offsets, surface_rule
 from ngbrain.forward.forces import Density, Forces
+from ngbrain.forward.friction import Friction, Grip
 from ngbrain.forward.history import History
 from ngbrain.forward.material import Material
 from ngbrain.forward.patterns import check_apart, check_regions
@@ -32,13 +33,13 @@ class Body:
     mesh       NGSolve mesh, tetrahedra
     materials  region pattern → `Material`
     fixed      boundary pattern held at u = 0; "" for none
-    contacts   rigid bodies that walls see, walls that slide, and walls that close on each other
+    contacts   rigid bodies that walls see, their friction, walls that slide, and walls that close on each other
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
     Unknowns are u, p and the offset of the contacts, of order k - 1 on their walls.
 
-    Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`. Raises `InputError` for a pattern that
+    Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`, `friction` (`Grip`). Raises `InputError` for a pattern that
     matches no region or boundary.
     """
 
@@ -47,7 +48,7 @@ class Body:
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Touch] = (),
+        contacts: Sequence[Touch | Friction] = (),
         order: int = 2,
         modulus: float = 1e3,
     ) -> None:
@@ -56,19 +57,21 @@ class Body:
         rigid = [contact for contact in contacts if isinstance(contact, Contact)]
         for film in (contact for contact in contacts if isinstance(contact, Sliding)):
             check_apart(mesh, film.wall, [contact.wall for contact in rigid])
-        self.mesh, self.materials, self.contacts = mesh, materials, tuple(contacts)
+        self.mesh, self.materials = mesh, materials
+        self.contacts = tuple(contact for contact in contacts if not isinstance(contact, Friction))
         self.order, self.modulus = order, modulus
         spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
         self.fes = ngs.FESpace([*spaces, offsets(mesh, rigid, order - 1)])
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p, self.offset = self.gfu.components
+        self.friction = Grip(self.fes, [contact for contact in contacts if isinstance(contact, Friction)])
         self.history = History(mesh, {name: m.viscous for name, m in materials.items()}, order - 1)
         F = deformation_gradient(self.u)
         self.history.follow(isochoric(right_cauchy_green(F)))
         self._det = ngs.Det(F).Compile()
         self._points = mesh.MapToAllElements({ngs.TET: self.history.rules[ngs.TET]}, ngs.VOL)
         self._tissue_terms, self._joined = self._terms(), list[object]()
-        self.contact_form, self.form = self._form([]), self._form(self._tissue_terms)
+        self.contact_form, self.form = self._form([]), self.friction.join(self._form(self._tissue_terms))
         densities = {name: self._density(material, self.history.work) for name, material in materials.items()}
         self._tissue_forces = Forces(self.gfu, densities, self.history.space)
         self._gaps = [
@@ -126,7 +129,7 @@ class Body:
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
         self.focused = True
-        part, inside = self._form(tissue), self._without(~elements)
+        part, inside = self.friction.join(self._form(tissue)), self._without(~elements)
         self._tangent = Tangent(self.form, self._free_dofs, self.weights, part, inside)
 
     def _without(self, elements: np.ndarray) -> ngs.BitArray:
@@ -174,6 +177,7 @@ class Body:
     def _relax(self, x: np.ndarray) -> None:
         """Go to a state and let the Maxwell branches flow there."""
         self.state = x
+        self.friction.hold(self.gfu.vec)
         if self.history.flows and not np.array_equal(x, self._relaxed):
             self.history.relax()
             self._relaxed, self._stiff = x.copy(), False
@@ -188,11 +192,14 @@ class Body:
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds; it ends with `finish`."""
         self.history.begin(dt)
+        self.friction.begin(self.state)
         self._relaxed = np.empty(0)
 
     def finish(self) -> None:
         """End the step begun at the state that now stands."""
         self.history.finish()
+        self.friction.hold(self.gfu.vec)
+        self.friction.finish()
 
     def halving(self, before: np.ndarray) -> tuple[float, float]:
         """By how much (Pa) the overstress at the end of the step would change in two half steps, and its size: see `History`."""
@@ -207,18 +214,24 @@ class Body:
         return 0.0
 
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:
-        """Go back to a state x and what the energy (`History.frozen`) was made of there."""
+        """Go back to a state x and what the energy (`frozen`) was made of there."""
         self.history.frozen, self._relaxed, self._stiff = energy, x.copy(), True
+        self.friction.frozen = energy
         self.state = x
+
+    @property
+    def frozen(self) -> dict[str, Any]:
+        """All that the energy of the present step is made of besides the state."""
+        return {**self.history.frozen, **self.friction.frozen}
 
     @property
     def memory(self) -> dict[str, Any]:
         """All that decides the steps to come besides the state."""
-        return self.history.memory
+        return {**self.history.memory, **self.friction.memory}
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
-        self.history.memory = saved
+        self.history.memory = self.friction.memory = saved
 
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""
@@ -250,13 +263,24 @@ class Body:
         return self._tissue_forces.stress
 
     def contact_forces(self) -> np.ndarray:
-        """Nodal forces (N) of contacts and sliding walls at the current state."""
+        """Nodal forces (N) of contacts, their friction and sliding walls at the current state."""
+        self.friction.hold(self.gfu.vec)
         return self._contact_forces()[self.is_u]
 
     def contact_energy(self) -> float:
         """Energy (J) stored in the penalties of contacts and sliding walls at the current state."""
         return float(self.contact_form.Energy(self.gfu.vec))
 
+    def friction_work(self) -> float:
+        """What went into friction (J) since the present time step began."""
+        self.friction.hold(self.gfu.vec)
+        return self.friction.work()
+
+    def friction_driving(self) -> float:
+        """Force (N) along the way of the rigid bodies that friction asks of them, as `Contact.driving` does."""
+        self.friction.hold(self.gfu.vec)
+        return self.friction.driving()
+
     def _contact_forces(self) -> np.ndarray:
         self.contact_form.Apply(self.gfu.vec, self._vec)
-        return self._vec.FV().NumPy().copy()
+        return self._vec.FV().NumPy() + self.friction.forces()

@@ -13,6 +13,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.forward.body import LENGTH_SCALE, Body
 from ngbrain.forward.contact import Touch
+from ngbrain.forward.friction import Friction
 from ngbrain.forward.material import Material
 from ngbrain.forward.patterns import check_regions
 from ngbrain.materials.base import Value, positive
@@ -160,7 +161,7 @@ class DynamicBody(Body):
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Touch] = (),
+        contacts: Sequence[Touch | Friction] = (),
         order: int = 2,
         modulus: float = 1e3,
         *,
@@ -261,5 +262,5 @@ class DynamicBody(Body):
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
-        self.history.memory = saved
+        self.history.memory = self.friction.memory = saved
         self.pace = Pace(**saved["pace"])

@@ -178,7 +178,7 @@ class Transient:
         return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
-        return {"t": self._now, "x": x.copy(), "history": self.body.history.frozen}
+        return {"t": self._now, "x": x.copy(), "history": self.body.frozen}
 
     # Restart.
 
