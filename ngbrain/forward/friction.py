@@ -14,8 +14,8 @@ from ngsolve.comp import IntegrationRuleSpaceSurface
 from ngbrain.forward.contact import SURFACE_ORDER, Contact
 from ngbrain.materials.base import checked, positive
 
-TINY = 1e-12
-"""Length (m) that keeps the derivative of a norm finite at zero."""
+TINY = 1e-14
+"""Keeps roots and quotients of numbers about 1 finite at zero."""
 
 Moves = Callable[[CoefficientFunction], CoefficientFunction]
 """x ↦ how far (m) a rigid body's surface at x moves per metre of its way, a vector."""
@@ -25,37 +25,37 @@ Moves = Callable[[CoefficientFunction], CoefficientFunction]
 class Friction:
     """Coulomb friction in a `Contact`: the wall sticks to the body up to a traction μP, and slides with that.
 
-    With the elastic slip e₀ and the displacement u₀ at the start of a time step, the body's own displacement b since then, and
-    the contact's normal n = ∇φ,
+    With the elastic slip e and the displacement u₀ at the start of a time step, the body's own displacement b since then, and
+    the contact's normal n = ∇φ, the traction per reference area on the wall is -τ,
 
-        g = (1 - n⊗n)(e₀ + u - u₀ - b),   traction τ = k g min(1, ℓ/|g|),   ℓ = μP/k,
+        g = (1 - n⊗n)(e + u - u₀ - b),   τ = μP s(|g|/r) g/|g|,   s(y) = (3y - y³)/2 up to y = 1, and 1 beyond,
 
-    per reference area, from the energy k |g|²/2 up to |g| = ℓ and k ℓ (|g| - ℓ/2) beyond. At the end of a step the elastic slip
-    is τ/k, so that a wall which sticks has gone no further than ℓ however many steps there are, and comes back elastically. P and
-    n are those of the end of the step too, but not varied: the tangent is symmetric and positive semi-definite, and misses
-    only what the change of P changes in τ.
+    from an energy per area in g, which is convex and twice continuously differentiable. At the end of a step the elastic slip is
+    what of g is no longer than r, or none without a pressure: a wall that sticks goes no further than r, however many steps there
+    are, and comes back. P and n are those of the end of the step too, but are not varied: the tangent is symmetric and positive
+    semi-definite, and misses only what a change of P changes in τ.
 
     contact      whose pressure P presses; it has to act on the same body
     coefficient  μ
-    stiffness    k (Pa/m), of sticking
+    slip         r (m), by which a wall gives before it slides
     moves        x ↦ b per metre of the contact's way; None: the body's surface stays, or moves along its normal
 
-    Raises `InputError` for a coefficient below 0 and a stiffness that is not above it. Source: Simo and Laursen 1992,
-    10.1016/0045-7949(92)90540-G.
+    Raises `InputError` for a coefficient below 0 and a slip that is not above it. Source, with a penalty in place of the slip:
+    Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G.
 
     >>> plate = Contact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
-    >>> Friction(plate, 0.1, 1e8).wall
+    >>> Friction(plate, 0.1, 1e-5).wall
     'top'
     """
 
     contact: Contact
     coefficient: float
-    stiffness: float
+    slip: float
     moves: Moves | None = None
 
     def __post_init__(self) -> None:
         checked(self.coefficient, "friction coefficient", lambda mu: mu >= 0, "a number of at least 0")
-        positive(self.stiffness, "stiffness of friction")
+        positive(self.slip, "slip of friction")
 
     @property
     def wall(self) -> str:
@@ -64,14 +64,20 @@ class Friction:
 
     def energy(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
-        limit, size = self.coefficient * pressure / self.stiffness, _size(g)
-        slides = limit * (size - limit / 2)
-        return self.stiffness * ngs.IfPos(size - limit, slides, ngs.InnerProduct(g, g) / 2)
+        square = ngs.InnerProduct(g, g) / self.slip**2
+        sticks, slides = square * (6 - square) / 8, _root(square) - 3 / 8
+        return self.coefficient * self.slip * pressure * ngs.IfPos(square - 1, slides, sticks)
 
-    def held(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
-        """τ/k: what of g is elastic (m)."""
-        limit, size = self.coefficient * pressure / self.stiffness, _size(g)
-        return ngs.IfPos(size - limit, limit / size, 1) * g
+    def traction(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
+        """τ (Pa), the slope of the energy."""
+        square = ngs.InnerProduct(g, g) / self.slip**2
+        per_slip = ngs.IfPos(square - 1, 1 / _root(square), (3 - square) / 2)
+        return self.coefficient / self.slip * pressure * per_slip * g
+
+    def elastic(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
+        """What of g comes back (m)."""
+        square = ngs.InnerProduct(g, g) / self.slip**2
+        return ngs.IfPos(pressure, ngs.IfPos(square - 1, 1 / _root(square), 1), 0) * g
 
 
 class Grip:
@@ -137,7 +143,7 @@ class Grip:
         """All that the energies of the present step are made of, but for the state held."""
         if not self.frictions:
             return {}
-        slips = [_values(rub.slip).copy() for rub in self._rubs]
+        slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self._rubs]
         return {"start": _values(self._start).copy(), "ways": [rub.start.Get() for rub in self._rubs], "slips": slips}
 
     @frozen.setter
@@ -146,7 +152,7 @@ class Grip:
             _values(self._start)[:] = saved["start"]
             for rub, way, slip in zip(self._rubs, saved["ways"], saved["slips"], strict=True):
                 rub.start.Set(way)
-                _values(rub.slip)[:] = slip
+                _values(rub.slip)[:], _values(rub.before)[:] = slip
 
     @property
     def memory(self) -> dict[str, Any]:
@@ -162,7 +168,7 @@ class Grip:
 class _Rub:
     """One friction: its fields on the wall.
 
-    slip   e₀ at the points of the wall's quadrature; start: the contact's way when the step began
+    slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
     """
 
     def __init__(self, friction: Friction, now: ngs.GridFunction, start: ngs.GridFunction) -> None:
@@ -172,7 +178,7 @@ class _Rub:
         # Its rule is the contact's: of the same order, at whose points fields on it can be read.
         points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self._on)
         self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
-        self.slip, self._end = (ngs.GridFunction(ngs.VectorValued(points, 3)) for _ in range(2))
+        self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, 3)) for _ in range(4))
         self.start = ngs.Parameter(self.way)
         u, _, offset = now.components
         x = (ngs.CF((ngs.x, ngs.y, ngs.z)) + u).MakeVariable()
@@ -180,11 +186,13 @@ class _Rub:
         self._pressure, self._before = contact.pressure(u, offset), start.components[0]
         moves = friction.moves(x) if friction.moves else ngs.CF((0.0, 0.0, 0.0))
         self._moved = moves if contact.way is None else (contact.way - self.start) * moves
-        held = friction.held(self._along(self._gone(u) + self.slip), self._pressure)
-        self._held = held.Compile()
-        k = friction.stiffness
-        self.work = (k / 2 * ngs.InnerProduct(self._along(self._gone(u)), self.slip + held)).Compile()
-        self.driving = (-k * ngs.InnerProduct(held, moves)).Compile()
+        gone = self._along(self._gone(u))
+        g = gone + self._along(self.slip)
+        traction = friction.traction(g, self._pressure)
+        self._elastic, self._traction = friction.elastic(g, self._pressure).Compile(), traction.Compile()
+        # at the start of the step
+        self.work = (ngs.InnerProduct(traction + self.before, gone) / 2).Compile()
+        self.driving = (-ngs.InnerProduct(traction, moves)).Compile()
 
     @property
     def way(self) -> float:
@@ -204,17 +212,19 @@ class _Rub:
         return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
 
     def end(self) -> np.ndarray:
-        """Elastic slip at the state held."""
-        self._end.Interpolate(self._held, definedon=self._on)
-        return _values(self._end).copy()
+        """Elastic slip and traction at the state held."""
+        for field, value in zip(self._ends, (self._elastic, self._traction), strict=True):
+            field.Interpolate(value, definedon=self._on)
+        return np.array([_values(field) for field in self._ends])
 
     def integral(self, value: CoefficientFunction) -> float:
         """Over the wall."""
         return float(ngs.Integrate(value * self.measure, self.slip.space.mesh))
 
 
-def _size(v: CoefficientFunction) -> CoefficientFunction:
-    return ngs.sqrt(ngs.InnerProduct(v, v) + TINY**2)
+def _root(square: CoefficientFunction) -> CoefficientFunction:
+    """Of what may be 0 where it is not needed."""
+    return ngs.sqrt(square + TINY)
 
 
 def _values(field: ngs.GridFunction) -> Any:
