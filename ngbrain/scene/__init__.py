@@ -213,6 +213,7 @@ class Blade(Section):
     width       along the walls; of a tube, the width of the wall over which pressure is read
     tip_width   of a spatula that widens from its tip to the surface (m)
     bend        radius (m) of a spatula's face that bulges towards the tissue
+    friction    coefficient of Coulomb's friction between blade and tissue
     """
 
     kind: str = choice("kind", "spatula", ["spatula", "two spatulas", "tube"])
@@ -222,6 +223,7 @@ class Blade(Section):
     thickness: float = number("thickness_mm", 4e-3)
     tip_width: float | None = number("tip_width_mm", None)
     bend: float | None = number("bend_radius_mm", None)
+    friction: float = number("friction", 0.0, least=0.0)
 
     def _check(self, path: str, scene: Scene) -> None:
         wanted = f"at most {scene.cleft.shown('width'):g}, cleft.width_mm: not a blade wider than the cleft"
@@ -230,6 +232,7 @@ class Blade(Section):
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
         least = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
+        self._need(self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force")
         if self.kind == "tube":
             self._check_tube(path, scene)
         else:

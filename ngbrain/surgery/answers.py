@@ -107,7 +107,9 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
 
 def left_out(made: Model, runs: Runs) -> list[str]:
     """What the model leaves out, in words; blades of given force go as they went in their runs."""
-    return [_inertia(made, runs), *LEFT_OUT, made.head.left_out]
+    rubs = made.scene.blade.friction > 0
+    said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
+    return [_inertia(made, runs), *said, made.head.left_out]
 
 
 def _inertia(made: Model, runs: Runs) -> str:
@@ -154,7 +156,8 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     """Name → value; what each should be is in the report. Worst over the protocols."""
     energy, volume, off_force, off_gap, recontact = [], [], [], [], []
     for run in runs.values():
-        gone = run.column("blade_work") - run.column("contact_energy") - run.column("tissue_work")
+        into = ("contact_energy", "tissue_work", "friction_work")
+        gone = run.column("blade_work") - sum(run.column(name) for name in into)
         energy.append(abs(gone[-1]) / run.column("tissue_work_size")[-1])
         parts = np.array(list(run.peak.volume.values()))
         volume.append(abs(parts.sum()) / np.abs(parts).max())

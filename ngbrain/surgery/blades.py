@@ -40,6 +40,9 @@ class Blade(Protocol):
     def distance(self, advance: CoefficientFunction) -> Signed:
         """Its signed distance when it has gone `advance` (m) from where it touches the unloaded wall."""
 
+    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
+        """How its surface at x moves per advance, a vector."""
+
 
 @dataclass(frozen=True)
 class Spatula:
@@ -72,6 +75,10 @@ class Spatula:
             return _rounded((self._before(a - face, c) + r, self._beside(b, c) + r, self.tip + r - c), r)
 
         return signed
+
+    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
+        """As one: towards `cleft.across`."""
+        return ngs.CF(tuple(map(float, self.cleft.across)))
 
     def _before(self, a: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
         """Distance (m) to the face's plane or cylinder, at a height c and a in front of its foremost line."""
@@ -118,6 +125,12 @@ class Tube:
             return _rounded((ngs.sqrt(a * a + b * b + INSIDE**2) - radius + r, self.tip + r - c), r)
 
         return signed
+
+    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
+        """Away from its axis."""
+        a, b, _ = coordinates(self.cleft, x)
+        across, along = (ngs.CF(tuple(map(float, axis))) for axis in (self.cleft.across, self.cleft.along))
+        return (a * across + b * along) / ngs.sqrt(a * a + b * b + INSIDE**2)
 
 
 def patch(blade: Blade, margin: float, height: float | None = None) -> CoefficientFunction:

@@ -14,6 +14,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding, Touch
 from ngbrain.forward.forced import Press, PressedBody, Pressing
+from ngbrain.forward.friction import Friction, Moves
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
 from ngbrain.forward.transient import Transient
@@ -46,6 +47,8 @@ MADE_UP = 0.98
 What is left there is, where it presses, 0.4 % of the opening in the mean, and most at the blade's rounded edges, which elements
 cannot follow: 1.9 % (4 mm elements: 1.0 and 2.6 %).
 """
+SLIP = 0.01
+"""By how much a wall gives along the blade before it slides with all of its friction, in openings."""
 FILM = 1e5
 """Stiffness of a sliding wall in initial shear moduli per metre: a pressure of a modulus goes 10 µm deep."""
 POINTWISE = 0.2
@@ -157,12 +160,17 @@ class Model:
             Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP, way=drive.parameter)
             for wall, blade in self.blades.items()
         ]
+        rubs = [
+            Friction(contact, scene.blade.friction, SLIP * opening, _carried(blade, len(self.blades)))
+            for contact, blade in zip(contacts, self.blades.values(), strict=True)
+            if scene.blade.friction
+        ]
         slides = scene.support.sliding
         films = [Sliding.on(self.mesh, slides, FILM * stiffest)] if slides else []
         meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        touches: list[Touch] = [*contacts, *films, meeting]
+        touches: list[Touch | Friction] = [*contacts, *rubs, *films, meeting]
         parts = (self.mesh, materials, self.held, touches, order, stiffest)
         steps = (control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
@@ -219,6 +227,11 @@ def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
     shape = (tool.width, tool.edge_radius, tool.tip, tool.thickness, tool.tip_width, tool.bend or np.inf)
     pushed = WALLS if tool.kind == "two spatulas" else (plus,)
     return {wall: Spatula(sides[wall], *shape) for wall in pushed}
+
+
+def _carried(blade: Blade, sharing: int) -> Moves:
+    """How its surface moves per metre of the way that so many blades share."""
+    return lambda x: blade.moves(x) / sharing
 
 
 def _mixed(shares: list[tuple[Tissue, Value]], constants: Constants) -> Material:

@@ -40,6 +40,7 @@ class Row:
     contact_energy: float
     tissue_work: float
     tissue_work_size: float
+    friction_work: float
 
 
 class Observer:
@@ -53,7 +54,8 @@ class Observer:
     inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
     along the push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium
     residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
-    ∫ `Contact.driving` d(advance); it goes into the contact energy, which the penalty stores, and the tissue work ∫∫ P:Ḟ.
+    ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, the tissue
+    work ∫∫ P:Ḟ, and friction.
     The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
     """
 
@@ -65,7 +67,7 @@ class Observer:
         self._forces = np.zeros(displacement.ndof)
         self._u = np.zeros(displacement.ndof)
         self._advance = self._driving = 0.0
-        self.blade_work = self.tissue_work = self.tissue_work_size = 0.0
+        self.blade_work = self.tissue_work = self.tissue_work_size = self.friction_work = 0.0
 
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
         """The body as it stands at time t with the blades at `advance` (m)."""
@@ -78,7 +80,7 @@ class Observer:
         push = self._faces[0].push
         supports = float(push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
         left = abs(supports - push @ contact)
-        self._add_work(tissue, driving, advance)
+        self._add_work(tissue, driving + self.body.friction_driving(), advance)
         patch, tip, centre = (f / a for f, a in np.reshape(pressures, (3, 2)))
         return Row(
             t,
@@ -98,11 +100,13 @@ class Observer:
             self.body.contact_energy(),
             self.tissue_work,
             self.tissue_work_size,
+            self.friction_work,
         )
 
     def checkpoint(self) -> dict[str, object]:
         """The running work and the state it is measured from."""
-        names = ("_u", "_forces", "_advance", "_driving", "blade_work", "tissue_work", "tissue_work_size")
+        works = ("blade_work", "tissue_work", "tissue_work_size", "friction_work")
+        names = ("_u", "_forces", "_advance", "_driving", *works)
         return {name.lstrip("_"): getattr(self, name) for name in names}
 
     def restore(self, saved: dict[str, object]) -> None:
@@ -115,6 +119,7 @@ class Observer:
         step = float((tissue + self._forces) @ (u - self._u)) / 2
         self.tissue_work += step
         self.tissue_work_size += abs(step)
+        self.friction_work += self.body.friction_work()
         self.blade_work += (driving + self._driving) / 2 * (advance - self._advance)
         self._u, self._forces, self._advance, self._driving = u, tissue, advance, driving
 

@@ -208,5 +208,5 @@ def _geometry(model: Model) -> dict[str, Any]:
         "width_m": cleft.width,
         "craniotomy_m": model.scene.cleft.craniotomy,
         "blade": {"kind": blade.kind}
-        | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name != "kind"},
+        | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name not in ("kind", "friction")},
     }

@@ -105,7 +105,7 @@ def opened_elastic(opening):
     observe, rows = Observer(run.body, model.blades, model.held), []
     run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
     row = rows[-1]
-    off = abs(row.blade_work - row.contact_energy - row.tissue_work) / row.tissue_work_size
+    off = abs(row.blade_work - row.contact_energy - row.tissue_work - row.friction_work) / row.tissue_work_size
     return Namespace(gap=row.gap, depth=row.depth, pressure=row.pressure, energy_off=off)
 
 
