@@ -1,0 +1,91 @@
+"""Friction as an energy: its slope, its steps taken up again, and that without it nothing is changed."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from dragging import Drag, on_a_rail, transient
+
+from ngbrain.errors import InputError
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.friction import Friction
+from ngbrain.materials import NeoHooke
+from ngbrain.mesh import block
+
+PATH = ((0, 1, 2), (0, 1e-3, 1e-3), (0, 0, 1e-3))
+SOFT = {"tissue": Material(NeoHooke(1e3), 1e4)}
+
+
+def rubbed(coefficient, kind=Body, **mass):
+    """A block held at its bottom, and a plate that presses it and then goes along."""
+    drag = Drag(*PATH)
+    contact = drag.contact(1e7, 0.5)
+    frictions = [] if coefficient is None else [drag.friction(contact, coefficient, 2e-5)]
+    return drag, kind(block((0.02,) * 3, 0.02), SOFT, "bottom", [contact, *frictions], **mass)
+
+
+def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(rng):
+    """A ball against the top, in a step that has begun: Taylor's rest is of second order, sticking and sliding."""
+    way = ngs.Parameter(0.0)
+
+    def ball(x):
+        return ngs.Norm(x - ngs.CF((0.01, 0.01, 0.05 - way))) - 0.03
+
+    contact = Contact("top", ball, 1e6, 1e-4, 0.5, way)
+    body = Body(block((0.02,) * 3, 0.01), SOFT, "bottom", [contact, Friction(contact, 0.4, 1e-4)])
+    x = body.state
+    x[body.is_u] = 1e-4 * rng.standard_normal(body.is_u.sum())
+    body.state = x
+    way.Set(1e-3)
+    body.begin(1.0)
+    x[body.is_u] += 1e-4 * rng.standard_normal(body.is_u.sum())
+    body.friction.hold(body.gfu.vec)
+    body.state = x
+    body.friction.hold(body.gfu.vec)
+    form, vec = body.friction.form, body.gfu.vec
+    direction = 1e-4 * rng.standard_normal(x.size)
+    energy, slope = form.Energy(vec), float(body.friction.forces() @ direction)
+    rests = []
+    for h in (0.1, 0.05, 0.025):
+        body.state = x + h * direction
+        rests.append(abs(form.Energy(vec) - energy - h * slope))
+    assert energy > 0 and np.log2(np.divide(rests[:-1], rests[1:])) == pytest.approx([2, 2], abs=0.1)
+
+
+def test_no_friction_is_what_there_was():
+    ends = []
+    for coefficient in (None, 0.0):
+        drag, body = rubbed(coefficient)
+        transient(body, drag, 0.25).run(lambda *_: None)
+        ends.append(body.state)
+        assert body.friction_work() == body.friction_driving() == 0
+    assert np.array_equal(*ends)
+
+
+@pytest.mark.parametrize(
+    "kind, mass", [(Body, {}), (DynamicBody, {"density": {".*": 1000.0}, "scheme": GeneralizedAlpha(0.5)})]
+)
+@pytest.mark.parametrize("stop", [1.0, 1.3])
+def test_restart_goes_on_with_the_same_bits(kind, mass, stop):
+    def made():
+        drag, body = rubbed(0.2, kind, **mass)
+        body.focus(np.arange(body.mesh.ne) % 2 == 0)
+        return transient(body, drag, 0.1)
+
+    whole, half, other = made(), made(), made()
+    whole.run(lambda *_: None)
+    half.run(lambda *_: None, until=stop)
+    saved = half.checkpoint()
+    assert saved["factors"] and np.abs(saved["history"]["slips"]).max() > 0
+    other.restore(saved)
+    np.testing.assert_equal(other.checkpoint(), saved)
+    other.run(lambda *_: None)
+    assert np.array_equal(other.body.state, whole.body.state)
+    assert abs(whole.body.friction_driving()) > 0.01
+
+
+@pytest.mark.parametrize("numbers", [(-0.1, 1e-5), (0.1, 0.0)])
+def test_what_is_no_friction_is_named(numbers):
+    with pytest.raises(InputError, match="friction"):
+        Friction(Contact("top", lambda x: x[2], 1e6, 1e-5), *numbers)
