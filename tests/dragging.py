@@ -51,7 +51,7 @@ def on_a_rail(drag, coefficient, share=0.0, maxh=SIDE):
 
 def even(dt):
     """Even steps (s)."""
-    return StepControl(dt, first=1.0, touch_growth=1.0, dt_max=dt)
+    return StepControl(dt, first=1.0, restart=1.0, touch_growth=1.0, dt_max=dt)
 
 
 def transient(body, drag, dt, **newton):

@@ -232,7 +232,9 @@ class Blade(Section):
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
         least = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
-        self._need(self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force")
+        self._need(
+            self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force"
+        )
         if self.kind == "tube":
             self._check_tube(path, scene)
         else:
