@@ -322,6 +322,8 @@ BAD = [
     ("blade", 3, r"blade is 3; wanted: a table"),
     ("blade.width_mm", 1.5, r"blade\.width_mm is 1\.5; .*blade\.edge_radius_mm"),
     ("blade.width_mm", 3.0, r"blade\.width_mm is 3\.0; wanted: at least 4, and twice blade\.edge_radius_mm = 1"),
+    ("blade.friction", 1.5, r"blade\.friction is 1\.5; wanted: at most 1"),
+    ("blade.friction", -0.1, r"blade\.friction is -0\.1; wanted: .*at least 0"),
     ("blade.tip_mm", 25.1, r"blade\.tip_mm is 25\.1; wanted: 5 or more below 29\.95, the height of the wall"),
     ("blade.edge_radius_mm", 0.5, r"blade\.edge_radius_mm is 0\.5; wanted: .*at least 1"),
     ("blade.tip_mm", 0.0, r"blade\.tip_mm is 0\.0; wanted: .*greater than 0"),

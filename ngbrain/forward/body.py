@@ -39,8 +39,8 @@ class Body:
 
     Unknowns are u, p and the offset of the contacts, of order k - 1 on their walls.
 
-    Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`, `friction` (`Grip`). Raises `InputError` for a pattern that
-    matches no region or boundary.
+    Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`, `friction` (`Grip`). Raises `InputError`
+    for a pattern that matches no region or boundary.
     """
 
     def __init__(
@@ -192,7 +192,7 @@ class Body:
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds; it ends with `finish`."""
         self.history.begin(dt)
-        self.friction.begin(self.state)
+        self.friction.begin(np.array(self.gfu.vec.FV().NumPy()))
         self._relaxed = np.empty(0)
 
     def finish(self) -> None:

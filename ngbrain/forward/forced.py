@@ -190,7 +190,7 @@ class PressedBody(Body):
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
-        self.history.memory = saved
+        self.history.memory = self.friction.memory = saved
         self.pace = np.array(saved["pace"])
 
     def approach(self, gap: float) -> None:

@@ -68,12 +68,6 @@ class Friction:
         sticks, slides = square * (6 - square) / 8, _root(square) - 3 / 8
         return self.coefficient * self.slip * pressure * ngs.IfPos(square - 1, slides, sticks)
 
-    def traction(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
-        """τ (Pa), the slope of the energy."""
-        square = ngs.InnerProduct(g, g) / self.slip**2
-        per_slip = ngs.IfPos(square - 1, 1 / _root(square), (3 - square) / 2)
-        return self.coefficient / self.slip * pressure * per_slip * g
-
     def elastic(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
         """What of g comes back (m)."""
         square = ngs.InnerProduct(g, g) / self.slip**2
@@ -92,17 +86,18 @@ class Grip:
     def __init__(self, fes: ngs.FESpace, frictions: Sequence[Friction]) -> None:
         self.frictions = frictions
         self.form = ngs.BilinearForm(fes, symmetric=True)
+        self._rubs: list[_Rub] = []
         if frictions:
             self._now, self._start = ngs.GridFunction(fes), ngs.GridFunction(fes)
             self._vec = self._now.vec.CreateVector()
             self._rubs = [_Rub(friction, self._now, self._start) for friction in frictions]
             self.join(self.form)
-            self.slips = [rub.end() for rub in self._rubs]
+        self.finish()
 
     def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
         """Add the energies to a form of the body's, and give it back."""
         u = form.space.TrialFunction()[0]
-        for rub in self._rubs if self.frictions else ():
+        for rub in self._rubs:
             form += ngs.Variation(rub.energy(u).Compile() * rub.measure)
         return form
 
@@ -118,8 +113,7 @@ class Grip:
 
     def finish(self) -> None:
         """End the step begun at the state held; forces can still be read."""
-        if self.frictions:
-            self.slips = [rub.end() for rub in self._rubs]
+        self.slips = [rub.end() for rub in self._rubs]
 
     def forces(self) -> np.ndarray | float:
         """Nodal forces at the state held, one for each unknown; 0 for all without friction."""
@@ -130,11 +124,11 @@ class Grip:
 
     def work(self) -> float:
         """What went into friction (J) from the start of the step to the state held, by the trapezoidal rule."""
-        return sum(rub.integral(rub.work) for rub in self._rubs) if self.frictions else 0.0
+        return sum((rub.integral(rub.work) for rub in self._rubs), 0.0)
 
     def driving(self) -> float:
         """∂(energy)/∂way (J/m) at the state held: what friction adds to `Contact.driving`."""
-        return sum(rub.integral(rub.driving) for rub in self._rubs) if self.frictions else 0.0
+        return sum((rub.integral(rub.driving) for rub in self._rubs), 0.0)
 
     # Restart.
 
@@ -185,12 +179,11 @@ class _Rub:
         self._normal = contact.distance(x).Diff(x)
         self._pressure, self._before = contact.pressure(u, offset), start.components[0]
         moves = friction.moves(x) if friction.moves else ngs.CF((0.0, 0.0, 0.0))
-        self._moved = moves if contact.way is None else (contact.way - self.start) * moves
+        self._moved = (0.0 if contact.way is None else contact.way - self.start) * moves
         gone = self._along(self._gone(u))
-        g = gone + self._along(self.slip)
-        traction = friction.traction(g, self._pressure)
+        g = (gone + self._along(self.slip)).MakeVariable()
+        traction = friction.energy(g, self._pressure).Diff(g)
         self._elastic, self._traction = friction.elastic(g, self._pressure).Compile(), traction.Compile()
-        # at the start of the step
         self.work = (ngs.InnerProduct(traction + self.before, gone) / 2).Compile()
         self.driving = (-ngs.InnerProduct(traction, moves)).Compile()
 

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from dragging import Drag, on_a_rail, transient
+from dragging import Drag, transient
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body, Material
@@ -40,7 +40,6 @@ def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(
     way.Set(1e-3)
     body.begin(1.0)
     x[body.is_u] += 1e-4 * rng.standard_normal(body.is_u.sum())
-    body.friction.hold(body.gfu.vec)
     body.state = x
     body.friction.hold(body.gfu.vec)
     form, vec = body.friction.form, body.gfu.vec

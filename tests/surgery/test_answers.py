@@ -107,8 +107,8 @@ def test_published_moduli_are_of_whole_brain_and_have_a_source():
     assert published_moduli().keys() == names and all(CATALOGUE[name].doi for name in names)
 
 
-def inertia(ramp, *more, **runs):
-    """What is said of it where a blade goes 5 mm in `ramp` s, with `more` protocols, a brain 0.15 m wide, waves of 2 and 5 m/s."""
+def made(ramp, *more, friction=0.0):
+    """Where a blade goes 5 mm in `ramp` s, with `more` protocols, a brain 0.15 m wide, waves of 2 and 5 m/s."""
     mesh = ngs.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (0.15, 0.1, 0.1))).GenerateMesh(maxh=0.1))
     axes = (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]))
     scene = Scene.shipped("idealised_fast")
@@ -116,12 +116,17 @@ def inertia(ramp, *more, **runs):
         scene,
         retraction=replace(scene.retraction, opening=5e-3, ramp=ramp, elapsed=100.0),
         protocols=(Protocol(kind="continuous"), *more),
+        blade=replace(scene.blade, friction=friction),
     )
     parts = {"soft": Part(None, 0.1, 4 * DENSITY), "stiff": Part(None, 0.1, 25 * DENSITY)}
     cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)
     head = Namespace(left_out="sulci")
-    made = Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)
-    first, *others = left_out(made, runs)
+    return Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)
+
+
+def inertia(ramp, *more, **runs):
+    """What is said of it."""
+    first, *others = left_out(made(ramp, *more), runs)
     assert others[-1] == "sulci" and not [text for text in others if "inertia" in text]
     return first
 
@@ -145,6 +150,12 @@ def test_of_a_blade_of_given_force_inertia_is_asked_where_it_went():
     assert inertia(10.0, force, force=run([0.0, 30.0, 20.0], 0.1)).startswith(
         "inertia: the blade moves at up to 10 mm/s"
     )
+
+
+def test_friction_is_left_out_where_there_is_none():
+    without, rubs = (left_out(made(10.0, friction=value), {}) for value in (0.0, 0.1))
+    assert [text for text in without if text not in rubs] == ["friction between blade and tissue"]
+    assert set(rubs) < set(without)
 
 
 def test_one_fast_piece_of_one_protocol_is_enough_for_inertia():

@@ -17,7 +17,7 @@ def dragged(request):
     def watch(body, at, record):
         now = [body.u.vec.FV().NumPy().copy(), body.tissue_forces(), drag.way.Get(), body.friction_driving()]
         tissue, plate = (np.sum((now[k + 1] + last[k + 1]) / 2 * (now[k] - last[k])) for k in (0, 2))
-        last[:], works[:] = now, works + (body.friction_work(), tissue, plate)
+        last[:], works[:] = now, works + np.array((body.friction_work(), tissue, plate))
         rows.append((at.t, drag.way.Get(), *forces(body), works[0], body.contact_energy(), *works[1:]))
 
     transient(body, drag, 0.1).run(watch)
