@@ -637,3 +637,11 @@ def test_a_tube_has_to_fit_between_the_ends_of_the_cleft(demo):
         InputError, match=r"blade\.kind is 'tube'; wanted: a spatula: a tube of 13 mm, .*width_mm = 12$"
     ):
         Scene.from_dict(demo)
+
+
+def test_a_blade_of_given_force_has_no_friction():
+    scene = Scene.shipped("idealised_fast")
+    blade, force = replace(scene.blade, friction=0.1), Protocol(kind="force", force_gf=30.0)
+    assert replace(scene, blade=blade).blade.friction == 0.1
+    with pytest.raises(InputError, match=r"blade\.friction is 0\.1; wanted: 0: the force of protocol 'force'"):
+        replace(scene, blade=blade, protocols=(force,))

@@ -22,6 +22,7 @@ import numpy as np
 from ngbrain.errors import ContactError
 from ngbrain.forward.body import LENGTH_SCALE, Body
 from ngbrain.forward.contact import Contact, Touch
+from ngbrain.forward.friction import Friction
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control
 from ngbrain.forward.tangent import Solve
@@ -88,7 +89,7 @@ class PressedBody(Body):
         mesh: ngs.Mesh,
         materials: dict[str, Material],
         fixed: str,
-        contacts: Sequence[Touch] = (),
+        contacts: Sequence[Touch | Friction] = (),
         order: int = 2,
         modulus: float = 1e3,
         *,
