@@ -641,7 +641,7 @@ def test_a_tube_has_to_fit_between_the_ends_of_the_cleft(demo):
 
 def test_a_blade_of_given_force_has_no_friction():
     scene = Scene.shipped("idealised_fast")
-    blade, force = replace(scene.blade, friction=0.1), Protocol(kind="force", force_gf=30.0)
-    assert replace(scene, blade=blade).blade.friction == 0.1
+    blade, force = dataclasses.replace(scene.blade, friction=0.1), Protocol(kind="force", force_gf=30.0)
+    assert dataclasses.replace(scene, blade=blade).blade.friction == 0.1
     with pytest.raises(InputError, match=r"blade\.friction is 0\.1; wanted: 0: the force of protocol 'force'"):
-        replace(scene, blade=blade, protocols=(force,))
+        dataclasses.replace(scene, blade=blade, protocols=(force,))
