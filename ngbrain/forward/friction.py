@@ -123,7 +123,10 @@ class Grip:
         return self._vec.FV().NumPy().copy()
 
     def work(self) -> float:
-        """What went into friction (J) from the start of the step to the state held, by the trapezoidal rule."""
+        """What went into friction (J) from the start of the step to the state held, by the trapezoidal rule.
+
+        As the tissue's work is measured; in a step that turns back it is too little, and may be negative.
+        """
         return sum((rub.integral(rub.work) for rub in self._rubs), 0.0)
 
     def driving(self) -> float:
