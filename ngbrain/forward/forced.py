@@ -210,6 +210,18 @@ class Pressing(Transient):
     limit   way (m) beyond which the run ends
 
     Raises `ContactError` where the force takes the rigid body beyond the limit; and what `Transient` raises.
+
+    >>> from ngbrain.forward.steps import StepControl
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> press = Press((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
+    >>> plate = Contact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
+    >>> tissue = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}
+    >>> body = PressedBody(block((0.02, 0.02, 0.02), 0.02), tissue, "bottom", [plate], press=press)
+    >>> run, way = Pressing(body, StepControl(1.0), 1e-3), {}
+    >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
+    >>> way[60.0] > 1.5 * way[4.0], f"{body.felt():.6f} N"
+    (True, '0.001000 N')
     """
 
     body: PressedBody
