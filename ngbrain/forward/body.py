@@ -209,8 +209,8 @@ class Body:
         self.state = now
         return self.history.halving(middle)
 
-    def inertia_error(self) -> float:
-        """Error of the step that now ends from inertia, relative: none without."""
+    def path_error(self) -> float:
+        """Error of the step that now ends beside the history's, relative: none of a body without mass, moved by a given way."""
         return 0.0
 
     def freeze(self, x: np.ndarray, energy: dict[str, Any]) -> None:

@@ -233,7 +233,7 @@ class DynamicBody(Body):
         end, free = self._step.end(self._displacement()), self._free[: self._n]
         self.pace = Pace(free * end.velocity, free * end.acceleration, free * end.average, end.dt)
 
-    def inertia_error(self) -> float:
+    def path_error(self) -> float:
         """Largest error of a displacement in the step that now ends, over `amplitude`."""
         error = self._step.error(self._displacement()) * self._free[: self._n]
         return float(np.max(np.abs(error))) / self.amplitude

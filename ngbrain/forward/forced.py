@@ -158,7 +158,7 @@ class PressedBody(Body):
         super().begin(dt)
         self._begun = np.array([self.press.parameter.Get(), dt])
 
-    def inertia_error(self) -> float:
+    def path_error(self) -> float:
         """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
 
         The history takes all paths for straight, and a step of creep is not.

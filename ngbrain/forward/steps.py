@@ -160,7 +160,7 @@ class ErrorControl:
         """Whether the error is over `OVER` times the tolerance."""
         change, overstress = body.halving(before)
         largest = max(at.largest, overstress)
-        error = max(change / largest if largest else 0.0, body.inertia_error())
+        error = max(change / largest if largest else 0.0, body.path_error())
         if error > OVER * self.tolerance:
             return f"an error of {error:.1e} in a step, tolerance {self.tolerance:.1e}"
         at.largest = largest

@@ -54,9 +54,9 @@ class Observer:
     inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
     along the push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium
     residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
-    ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, the tissue
-    work ∫∫ P:Ḟ, and friction.
-    The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance relative to it is not flattered.
+    ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
+    friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
+    relative to it is not flattered.
     """
 
     def __init__(self, body: Body, blades: Mapping[str, Blade], fixed: str) -> None:
