@@ -32,6 +32,7 @@ def observed(press):
 
 def test_an_even_pressure_is_the_same_everywhere():
     row = observed(lambda height: ngs.CF(5e-5))
+    assert row.depth == pytest.approx(5e-5, rel=0.01) and row.gap == pytest.approx(-5e-5, rel=0.01)
     assert [row.pressure, row.tip_pressure, row.centre_pressure] == pytest.approx([PENALTY * 5e-5] * 3, rel=1e-3)
 
 
