@@ -113,7 +113,7 @@ class Body:
         form = ngs.BilinearForm(self.fes, symmetric=True)
         for term in tissue:
             form += term
-        self._joined += [contact.join(form) for contact in self.contacts]
+        self._joined += [contact.join(form) for contact in self.contacts]  # some have to live as long as the form
         return form
 
     def hold(self, elements: np.ndarray) -> None:

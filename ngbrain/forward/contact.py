@@ -89,6 +89,10 @@ class Sliding:
     wall       boundary name or pattern
     stiffness  κ (Pa/m)
     normal     N; `Sliding.on` makes it
+
+    >>> from ngbrain.mesh import block
+    >>> Sliding.on(block(maxh=0.02), "bottom", 1e8).wall
+    'bottom'
     """
 
     wall: str
@@ -120,6 +124,9 @@ class Closing:
     penalty      ε (Pa/m)
     softness     s (m)
     reach        from wall to wall (m), at most
+
+    >>> Closing("wall_plus", "wall_minus", 1e8, 1e-5, reach=6e-3).other
+    'wall_minus'
     """
 
     wall: str

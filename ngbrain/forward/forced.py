@@ -19,7 +19,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import ContactError
+from ngbrain.errors import ContactError, InputError
 from ngbrain.forward.body import LENGTH_SCALE, Body
 from ngbrain.forward.contact import Contact, Touch
 from ngbrain.forward.friction import Friction
@@ -82,6 +82,7 @@ class PressedBody(Body):
     press   moves the contacts whose `way` is its own; the rest is what a `Body` takes
 
     Several rigid bodies that share the way share the work, too: the force is the derivative of all their energies by it.
+    Raises `InputError` for friction, and what `Body` raises.
     """
 
     def __init__(
@@ -97,6 +98,8 @@ class PressedBody(Body):
     ) -> None:
         self.press = press
         super().__init__(mesh, materials, fixed, contacts, order, modulus)
+        if self.friction.frictions:
+            raise InputError("contacts", "with friction", "none: a given force is of contact alone")
         self.pace = np.zeros(2)
         u, _, a = self.fes.TrialFunction()
         self._felt, self._stiffness = (ngs.BilinearForm(self.fes, symmetric=True) for _ in range(2))
@@ -191,7 +194,7 @@ class PressedBody(Body):
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
-        self.history.memory = self.friction.memory = saved
+        self.history.memory = saved
         self.pace = np.array(saved["pace"])
 
     def approach(self, gap: float) -> None:

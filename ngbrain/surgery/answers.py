@@ -156,8 +156,8 @@ def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float
     """Name → value; what each should be is in the report. Worst over the protocols."""
     energy, volume, off_force, off_gap, recontact = [], [], [], [], []
     for run in runs.values():
-        gone = run.column("blade_work") - run.column("contact_energy") - run.column("tissue_work")
-        gone = gone - run.column("friction_work")
+        kept = sum(run.column(name) for name in ("contact_energy", "tissue_work", "friction_work"))
+        gone = run.column("blade_work") - kept
         energy.append(abs(gone[-1]) / run.column("tissue_work_size")[-1])
         parts = np.array(list(run.peak.volume.values()))
         volume.append(abs(parts.sum()) / np.abs(parts).max())

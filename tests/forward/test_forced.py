@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pressing import Failing, force
 
-from ngbrain.errors import ContactError, ConvergenceError
+from ngbrain.errors import ContactError, ConvergenceError, InputError
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.forced import CLOSE, Press, PressedBody, Pressing
+from ngbrain.forward.friction import Friction
 from ngbrain.forward.steps import ErrorControl, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, NeoHooke, Prony, Viscous, lab
@@ -148,3 +149,11 @@ def test_a_force_that_goes_too_far_is_one_error(relaxing):
     with pytest.raises(ContactError, match=r"0\.\d+ N .*1\.\d+ mm far, beyond the limit of 1\.2 mm"):
         transient.run(lambda *_: None)
     assert 0.5e-3 < transient.body.state[-1] <= 1.2e-3
+
+
+def test_a_given_force_takes_no_friction():
+    press = Press(*PRESS, AWAY, NUDGE)
+    plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
+    mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
+    with pytest.raises(InputError, match="with friction"):
+        PressedBody(mesh, tissue, "bottom", [plate, Friction(plate, 0.1, 1e-5)], press=press)

@@ -119,3 +119,9 @@ def test_a_wall_that_is_held_does_not_slide():
     mesh = block((SIDE,) * 3, SIDE)
     with pytest.raises(InputError, match=r"without bottom"):
         Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "bottom", [Sliding.on(mesh, "bottom", 1.0)])
+
+
+def test_a_wall_that_is_not_there_does_not_slide():
+    mesh = block((SIDE,) * 3, SIDE)
+    with pytest.raises(InputError, match="skull"):
+        Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "bottom", [Sliding.on(mesh, "skull", 1.0)])
