@@ -1,0 +1,1 @@
+"""Models and objectives as functions for PyTorch, JAX, SciPy and UM-Bridge: one module each."""

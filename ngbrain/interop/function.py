@@ -1,0 +1,147 @@
+"""A model or an objective as y = f(x) of one real vector: what all faces of `interop` stand on.
+
+    a `Model`     x = θ,  y = d, its data, real or complex
+    a `Reduced`   x,      y = J(x), a number
+
+w weighs y: derivatives of complex y are those of Re Σ w̄ y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import Protocol
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Model, Point, Reduced, State
+
+Array = np.ndarray
+
+
+class Function(Protocol):
+    """y = f(x). What is asked for at the x of the last question is not solved for again."""
+
+    def value(self, x: Array) -> Array:
+        """y, a copy."""
+
+    def push(self, x: Array, direction: Array) -> Array:
+        """f'(x) δx, of y's shape."""
+
+    def pull(self, x: Array, w: Array) -> Array:
+        """The gradient of Re Σ w̄ y: one adjoint solve for each load."""
+
+
+def function(of: Model | Reduced) -> DataFunction | ObjectiveFunction:
+    """The function that a model or an objective is."""
+    return ObjectiveFunction(of) if isinstance(of, Reduced) else DataFunction(of)
+
+
+class DataFunction:
+    """A model's data. Raises what the model raises: `SolverError` where it has no solution."""
+
+    def __init__(self, model: Model) -> None:
+        self._kept = kept(model)
+
+    def value(self, x: Array) -> Array:
+        """d."""
+        with self._kept.at(x) as state:
+            return np.array(state.data)
+
+    def push(self, x: Array, direction: Array) -> Array:
+        """J δθ."""
+        with self._kept.at(x) as state:
+            return state.push(direction)
+
+    def pull(self, x: Array, w: Array) -> Array:
+        """Re(Jᵀ w̄)."""
+        with self._kept.at(x) as state:
+            return state.gradient(w)
+
+
+class ObjectiveFunction:
+    """J, with the weights that the `Reduced` has at each call. Raises what its model raises.
+
+    >>> from ngbrain.inverse.phantoms import Phantom
+    >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    >>> J, x = ObjectiveFunction(inversion.reduced), inversion.start
+    >>> float(J.push(x, np.ones(len(x))) / (J.pull(x, 1.0) @ np.ones(len(x))))
+    1.0
+    """
+
+    def __init__(self, reduced: Reduced) -> None:
+        self.reduced, self._kept = reduced, kept(reduced.model)
+        self._point: Point | None = None
+        self._weights: dict[str, float] = {}
+
+    @contextmanager
+    def _at(self, x: Array) -> Iterator[Point]:
+        with self._kept.at(self.reduced.unknowns.theta(x)) as state:
+            known = self._point
+            if (
+                known is None
+                or known.state is not state
+                or not np.array_equal(x, known.x)
+                or self._weights != self.reduced.weights
+            ):
+                known = self._point = Point(self.reduced, np.array(x, float), state)
+                self._weights = dict(self.reduced.weights)
+            yield known
+
+    def value(self, x: Array) -> Array:
+        """J."""
+        with self._at(x) as point:
+            return np.array(point.value)
+
+    def push(self, x: Array, direction: Array) -> Array:
+        """∇J · δx."""
+        with self._at(x) as point:
+            return np.array(point.gradient() @ direction)
+
+    def pull(self, x: Array, w: Array | float) -> Array:
+        """w ∇J."""
+        with self._at(x) as point:
+            return w * point.gradient()
+
+    def bend(self, x: Array, direction: Array) -> Array:
+        """The Gauss-Newton matrix times δx: two solves for each load."""
+        with self._at(x) as point:
+            return point.product(direction)
+
+
+class Kept:
+    """A model and its last State, with the factor in it.
+
+    A State is of use until its model is asked for another θ: hence one `Kept` for each model, see `kept`, one question at a time,
+    as callbacks may come from several threads, and a look at the model's own `theta` (where it has one), which whoever asks the
+    model itself moves.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model, self._lock = model, Lock()
+        self._theta: Array | None = None
+        self._left: Array | None = None
+        self._state: State | None = None
+
+    @contextmanager
+    def at(self, theta: Array) -> Iterator[State]:
+        """The State at θ, solved for unless it is the last one."""
+        with self._lock:
+            if self._state is None or not np.array_equal(theta, self._theta) or self._moved():
+                self._state = None
+                self._state, self._theta = self.model.at(theta), np.array(theta)
+                self._left = getattr(self.model, "theta", None)
+            yield self._state
+
+    def _moved(self) -> bool:
+        return not np.array_equal(getattr(self.model, "theta", None), self._left)  # type: ignore[arg-type]
+
+
+_KEPT: WeakValueDictionary[int, Kept] = WeakValueDictionary()
+
+
+def kept(model: Model) -> Kept:
+    """The `Kept` of a model, the same as long as a function holds it."""
+    return _KEPT.setdefault(id(model), Kept(model))

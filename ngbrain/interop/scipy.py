@@ -1,0 +1,81 @@
+"""An objective for `scipy.optimize`: value, gradient and Gauss-Newton products, one solve for all three at one x."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import SolverError
+from ngbrain.interop import function as functions
+
+Array = np.ndarray
+BACK = 10.0
+"""How much steeper it goes up behind a failed step than it went down before: a line search comes back to about .02 of it."""
+RECENT = 10
+"""Solved values that no failed one may be below: an iterate is among them."""
+
+
+class Objective:
+    """J of a `Reduced` as what `scipy.optimize.minimize` asks for: `fun`, `jac`, `hessp`.
+
+    A failed solve (`SolverError`) is answered by a hill that no search stays on, and that its interpolation comes back from:
+
+        J_max + 10 |g·(x - x̂)|      g at the last x̂ whose gradient was asked for, J_max the largest of the last J
+
+    and by that hill's slope; by inf to searches without gradients. It must not be huge: after 1e30 L-BFGS-B takes the step of no
+    length that its cubic gives for convergence. At the first x the `SolverError` is raised.
+
+    >>> import scipy.optimize
+    >>> from ngbrain.inverse.phantoms import Phantom
+    >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    >>> J = Objective(inversion.reduced)
+    >>> found = scipy.optimize.minimize(J.fun, inversion.start, method="trust-ncg", jac=J.jac, hessp=J.hessp)
+    >>> bool(found.fun < 0.5 * J.fun(inversion.start))
+    True
+    """
+
+    def __init__(self, reduced: Reduced) -> None:
+        self._function = functions.ObjectiveFunction(reduced)
+        self._recent: deque[float] = deque(maxlen=RECENT)
+        self._slope: tuple[Array, Array] | None = None
+        self._failed: Array | None = None
+
+    def fun(self, x: Array) -> float:
+        """J(x)."""
+        value = self._solved(x)
+        if value is not None:
+            return value
+        return np.inf if self._slope is None else max(self._recent) + BACK * abs(self._along(x))
+
+    def jac(self, x: Array) -> Array:
+        """∇J: one adjoint solve for each load."""
+        if self._solved(x) is not None:
+            self._slope = np.array(x), self._function.pull(x, 1.0)
+            return self._slope[1].copy()
+        return np.zeros_like(x) if self._slope is None else BACK * np.sign(self._along(x)) * self._slope[1]
+
+    def hessp(self, x: Array, p: Array) -> Array:
+        """The Gauss-Newton matrix times p: two solves for each load."""
+        return self._function.bend(x, p)
+
+    def _solved(self, x: Array) -> float | None:
+        """J, or None where there is no solution."""
+        if self._failed is not None and np.array_equal(x, self._failed):
+            return None
+        try:
+            value = float(self._function.value(x))
+        except SolverError:
+            if not self._recent:
+                raise
+            self._failed = np.array(x)
+            return None
+        if not self._recent or value != self._recent[-1]:
+            self._recent.append(value)
+        return value
+
+    def _along(self, x: Array) -> float:
+        assert self._slope is not None
+        there, slope = self._slope
+        return float(slope @ (x - there))

@@ -1,0 +1,123 @@
+"""One solve for one θ, whoever asks; never a State that is out of date."""
+
+import threading
+
+import numpy as np
+import pytest
+from inversions import square
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import ConvergenceError
+from ngbrain.interop.function import DataFunction, ObjectiveFunction, function
+
+
+def same(a, b):
+    np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
+
+
+def test_model_and_objective_are_told_apart(waves, inversion):
+    assert isinstance(function(waves), DataFunction) and isinstance(function(inversion), ObjectiveFunction)
+
+
+def test_one_solve_for_one_theta(waves):
+    f, theta = function(waves), waves.theta
+    y = f.value(theta)
+    f.push(theta, theta), f.pull(theta, y), f.value(theta.copy())
+    assert waves.solves.factorisations == waves.solves.forward == 1 and waves.solves.adjoint == 1
+
+
+def test_value_is_a_copy(waves):
+    f, theta = function(waves), waves.theta
+    y = f.value(theta)
+    truth = y.copy()
+    y[:] = 0
+    same(f.value(theta), truth)
+
+
+def test_theta_changed_in_place_is_another_one(waves):
+    f, theta = function(waves), waves.theta
+    before = f.value(theta)
+    theta *= 1.5
+    assert np.linalg.norm(f.value(theta) - before) > 0.01 * np.linalg.norm(before)
+
+
+@pytest.mark.parametrize("of_two", [False, True], ids=["one function", "two functions"])
+def test_earlier_theta_is_solved_again(waves, around, of_two):
+    f = function(waves)
+    other = function(waves) if of_two else f
+    theta, w = around(waves, f.value(waves.theta))
+    f.value(theta)
+    other.value(1.3 * theta)
+    same(f.pull(theta, w), square(3, "Q2", 0.1).at(theta).gradient(w))
+
+
+def test_model_asked_by_others_is_asked_again(waves, around):
+    f = function(waves)
+    theta, w = around(waves, f.value(waves.theta))
+    f.value(theta)
+    waves.at(1.3 * theta)
+    same(f.pull(theta, w), square(3, "Q2", 0.1).at(theta).gradient(w))
+
+
+def test_failed_solve_leaves_nothing_behind(real):
+    f, theta = function(real), np.zeros(8)
+    y = f.value(theta)
+    with pytest.raises(ConvergenceError):
+        f.value(theta + 1)
+    with pytest.raises(ConvergenceError):
+        f.pull(theta + 1, y)
+    same(f.value(theta), y)
+
+
+def test_threads_get_their_own_answers(waves, around):
+    f = function(waves)
+    thetas = [around(waves, f.value(waves.theta))[0] for _ in range(3)]
+    w = np.ones_like(f.value(thetas[0]))
+    truth = [square(3, "Q2", 0.1).at(theta).gradient(w) for theta in thetas]
+    found = {}
+
+    def ask(number):
+        for _ in range(10):
+            f.value(thetas[number])
+            found.setdefault(number, []).append(f.pull(thetas[number], w))
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for number, right in enumerate(truth):
+        for one in found[number]:
+            same(one, right)
+
+
+def test_objective_is_that_of_the_reduced(inversion, rng):
+    x = inversion.unknowns.start + 0.1 * rng.normal(size=inversion.unknowns.start.size)
+    f, point, dx = function(inversion), inversion.at(x), rng.normal(size=x.size)
+    value, gradient, product = point.value, point.gradient(), point.product(dx)
+    same(f.value(x), value)
+    same(f.pull(x, 2.0), 2 * gradient)
+    same(f.push(x, dx), gradient @ dx)
+    same(f.bend(x, dx), product)
+
+
+def test_objective_follows_the_weights(inversion):
+    x = inversion.unknowns.start + 0.1
+    f = function(inversion)
+    before = float(f.value(x))
+    regular = inversion.regular(x)
+    inversion.weights = {name: 3 * weight for name, weight in inversion.weights.items()}
+    assert float(f.value(x)) - before == pytest.approx(2 * regular, rel=1e-10) and regular > 0
+    assert f.pull(x, 1.0) == pytest.approx(inversion.at(x).gradient(), rel=1e-12)
+
+
+def test_rates(waves, inversion, around, rng):
+    f = function(waves)
+    theta, w = around(waves, f.value(waves.theta))
+    dx = theta * rng.normal(size=theta.size)
+    rates = taylor(f.value, lambda d: f.push(theta, d), theta, dx, first=1e-3)
+    assert np.all(np.abs(rates - 2) < 0.1)
+    rates = taylor(lambda x: float(np.sum(np.conj(w) * f.value(x)).real), f.pull(theta, w), theta, dx, first=1e-3)
+    assert np.all(np.abs(rates - 2) < 0.1)
+    J, x = function(inversion), inversion.unknowns.start + 0.1
+    assert np.all(np.abs(taylor(J.value, J.pull(x, 1.0), x, rng.normal(size=x.size), first=1e-3) - 2) < 0.1)
