@@ -34,22 +34,32 @@ class History:
         self.rules = self.space.GetIntegrationRules()
         tensors = ngs.VectorValued(self.space, 6)
         self.pull = ngs.GridFunction(tensors)
-        self._points = Points(self.space, mesh.MapToAllElements(dict(self.rules), ngs.VOL))
+        self.points = Points(self.space, mesh.MapToAllElements(dict(self.rules), ngs.VOL))
         self.n_branches = max((len(region.hereditary) for region in regions.values()), default=0)
+        self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
+        most = max((len(region.flowing) for region in regions.values()), default=0)
+        self.flows = Flows(self.points, [self._flow(k) for k in range(most)])
+        self.rest()
+        self._stress_cf: list[CoefficientFunction] = []
+        self._shape_cf: CoefficientFunction = six(ngs.Id(3))
+        self.dt = 0.0
+
+    def rest(self) -> None:
+        """Forget: rest as at the start, with the relaxation times and viscosities that parameters have now."""
         points = self.space.ndof
         self.strain = np.outer([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], np.ones(points))
         self.stress = np.zeros((self.n_branches, 6, points))
         self.overstress = np.zeros((self.n_branches, 6, points))
-        self.shares = [ngs.GridFunction(self.space) for _ in range(self.n_branches)]
         self._tau = np.full((self.n_branches, points), REST)
         for k in range(self.n_branches):
-            times = {name: r.hereditary[k].tau for name, r in regions.items() if len(r.hereditary) > k}
+            times = {name: r.hereditary[k].tau for name, r in self.regions.items() if len(r.hereditary) > k}
             self._tau[k] = self._values(times, REST)
-        most = max((len(region.flowing) for region in regions.values()), default=0)
-        self.flows = Flows(self._points, [self._flow(k) for k in range(most)])
-        self._stress_cf: list[CoefficientFunction] = []
-        self._shape_cf: CoefficientFunction = six(ngs.Id(3))
-        self.dt = 0.0
+        for k, flow in enumerate(self.flows.flows):
+            flow.rest(self._viscosity(k))
+
+    def _viscosity(self, k: int) -> np.ndarray:
+        etas = {name: r.flowing[k].eta for name, r in self.regions.items() if len(r.flowing) > k}
+        return self._values(etas, 0.0)
 
     def _flow(self, k: int) -> Flow:
         """The k-th Maxwell branch of all regions that have one; stiff without viscosity elsewhere, so that it rests."""
@@ -60,7 +70,7 @@ class History:
             parts = {name: branch.slopes(strain) for name, branch in branches.items()}
             return self.mesh.MaterialCF(parts, default=absent)
 
-        return Flow(self._points, slopes, self._values({name: branch.eta for name, branch in branches.items()}, 0.0))
+        return Flow(self.points, slopes, self._viscosity(k))
 
     def _values(self, by_region: dict[str, Value], default: float) -> np.ndarray:
         field = ngs.GridFunction(self.space)
@@ -102,24 +112,24 @@ class History:
 
     def relax(self) -> None:
         """Let the Maxwell branches flow to where they are at rest with the current state."""
-        self.flows.relax(self._points(self._shape_cf))
+        self.flows.relax(self.points(self._shape_cf))
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.
 
         What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
         """
-        self.strain = self._points(self._shape_cf)
+        self.strain = self.points(self._shape_cf)
         self.flows.finish(self.strain)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
-            new = self._points(self._stress_cf[k])
+            new = self.points(self._stress_cf[k])
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
 
     def here(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """C̄ and each S̄_k at the state that now stands."""
-        return self._points(self._shape_cf), [self._points(stress) for stress in self._stress_cf]
+        return self.points(self._shape_cf), [self.points(stress) for stress in self._stress_cf]
 
     def halving(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
         """Rms over quadrature points (Pa) of the overstress of two half steps by way of `middle` (see `here`) less that of the

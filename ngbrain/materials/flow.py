@@ -118,15 +118,10 @@ class Flow:
         self, points: Points, slopes: Callable[[CoefficientFunction], CoefficientFunction], eta: float | np.ndarray
     ) -> None:
         n = len(points.mapped)
-        self.points, self.eta = points, np.broadcast_to(np.asarray(eta, float), (n,))
-        self.kappa = np.zeros(n)
-        self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
-        self._pull = _congruence(self._step)
-        self.energy, self.stress = np.zeros(n), np.zeros((6, n))
-        self._elastic = np.zeros((2, n))
+        self.points = points
         self._strain = points.field(np.zeros((2, n)))
         self._slopes = slopes(self._strain)
-        self._modulus = self._at(self._elastic)[3] / 2
+        self.rest(eta)
         self._pulled = points.field(np.outer(REST, np.ones(n)))
         a = ngs.CF(tuple(self._pulled[i] for i in range(6))).MakeVariable()
         logs = [ngs.log(value) / 2 for value in principal_values(of_six(a))]
@@ -134,6 +129,17 @@ class Flow:
         by_a = x.Diff(a)
         self._first = ngs.CF((x, by_a.Reshape((12,)))).Compile()
         self._second = by_a.Diff(a).Reshape((72,)).Compile()
+
+    def rest(self, eta: float | np.ndarray) -> None:
+        """Forget: rest, with this η and the law as its parameters are now."""
+        n = len(self.points.mapped)
+        self.eta = np.broadcast_to(np.asarray(eta, float), (n,))
+        self.kappa = np.zeros(n)
+        self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
+        self._pull = _congruence(self._step)
+        self.energy, self.stress = np.zeros(n), np.zeros((6, n))
+        self._elastic = np.zeros((2, n))
+        self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes: half of it with the stress there."""

@@ -1,0 +1,168 @@
+"""A run of a body taken again on a given grid of times, tightly converged, with what any of its steps started from.
+
+Of N steps every `every`-th is kept, state and history; those between are taken again from there when they are asked for. With
+√N, the default, 2√N steps are held at most, for one more run.
+
+Source: Griewank 1992, 10.1080/10556789208805505 (recomputation for memory).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import ConvergenceError, InputError, InvertedElementError
+from ngbrain.forward.body import Body
+from ngbrain.forward.transient import Motion, Transient
+from ngbrain.solvers.newton import Newton
+
+Array = np.ndarray
+TIGHT = Newton(rtol=1e-10, xtol=1e-10, max_iter=80)
+"""Derivatives are those of the converged step: what is left of the residual is an error of theirs."""
+PARTS = 3
+"""How often the way of the rigid bodies in a step is halved where Newton's method does not reach its end at once."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The n-th step: from a history (`Body.memory`) at grid[n] to the state x at grid[n + 1]."""
+
+    n: int
+    memory: dict[str, Any]
+    x: Array
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where a run stood at grid[n]: state, the state a step before, history."""
+
+    n: int
+    x: Array
+    before: Array
+    memory: dict[str, Any]
+
+
+def times_of(transient: Transient) -> Array:
+    """Run it to its end; times (s) at which its accepted steps start and end, the grid for a `Replay`."""
+    grid = [transient.progress.t]
+    transient.run(lambda body, at, record: grid.append(at.t))
+    return np.array(grid)
+
+
+class Replay:
+    """Steps of a quasi-static body without friction under a motion, on a grid of times (s) that starts at 0.
+
+    newton  tight settings
+    every   how many steps apart states are kept; None: √N, 1: all of them, and nothing is taken twice
+
+    `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
+    on what is differentiated. `taken` counts steps.
+    """
+
+    def __init__(
+        self, body: Body, motion: Motion, grid: Array, newton: Newton = TIGHT, every: int | None = None
+    ) -> None:
+        if type(body) is not Body or body.friction.frictions:
+            raise InputError("body", type(body).__name__, "a `Body` without friction, inertia or given force")
+        grid = np.asarray(grid, float)
+        if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
+            raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
+        self.body, self.motion, self.grid, self.newton = body, motion, grid, newton
+        self.every = max(1, round(np.sqrt(len(grid) - 1))) if every is None else every
+        if self.every < 1:
+            raise InputError("every", self.every, "a number of steps, at least 1")
+        self.taken = 0
+        self.kept: list[Kept] = []
+        self._last: list[Step] = []
+
+    @property
+    def held(self) -> int:
+        """How many states with their histories are in memory."""
+        return len(self.kept) + len(self._last)
+
+    def run(self, seen: Callable[[Step], None]) -> None:
+        """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
+        body = self.body
+        body.history.rest()
+        body.state = np.zeros(len(body.weights))
+        self._newton = replace(self.newton, inverse=None, largest=0.0)
+        self.kept, self._last = [], []
+        here = Kept(0, body.state, body.state, deepcopy(body.memory))
+        while here.n < len(self.grid) - 1:
+            self.kept.append(here)
+            here = self._segment(here, seen)
+
+    def forwards(self) -> Iterator[Step]:
+        """All steps, with the body at the end of each, its history not yet moved on."""
+        for start in self.kept:
+            for step in self._steps(start):
+                yield self._stand(step)
+
+    def backwards(self) -> Iterator[Step]:
+        """The same from the last one to the first."""
+        for start in reversed(self.kept):
+            for step in reversed(self._steps(start)):
+                yield self._stand(step)
+
+    def _steps(self, start: Kept) -> list[Step]:
+        if not self._last or self._last[0].n != start.n:
+            self._segment(start, lambda step: None)
+        return self._last
+
+    def _segment(self, start: Kept, seen: Callable[[Step], None]) -> Kept:
+        """Steps from one kept to where the next is to be kept."""
+        body, steps = self.body, list[Step]()
+        self._last = []
+        x, before, memory = start.x, start.before, start.memory
+        for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
+            body.memory, body.state = memory, x
+            body.begin(self.grid[n + 1] - self.grid[n])
+            new = self._solved(n, x, before)
+            steps.append(Step(n, memory, new))
+            seen(steps[-1])
+            body.finish()
+            x, before, memory = new, x, deepcopy(body.memory)
+        self._last = steps
+        return Kept(steps[-1].n + 1, x, before, memory)
+
+    def _solved(self, n: int, x: Array, before: Array) -> Array:
+        """The end of a step, from where it would end if all went on as before, or by part of the way first."""
+        self.taken += 1
+        start, end = self.grid[n], self.grid[n + 1]
+        travel = self.motion.travel(start, end)
+        last = self.motion.travel(self.grid[n - 1], start) if n else 0.0
+        ratio = travel / last if last * travel > 0 else 0.0
+        guess = x + ratio * (x - before)
+        reached, reason = self._newton_at(end, guess if self.body.min_det(guess) > self.newton.min_det else x)
+        if reached is None:
+            for parts in 2 ** np.arange(1, PARTS + 1):
+                reached = x
+                for t in start + (end - start) * np.arange(1, parts + 1) / parts:
+                    reached, reason = self._newton_at(t, reached)
+                    if reached is None:
+                        break
+                if reached is not None:
+                    break
+        if reached is None:
+            kind = InvertedElementError if "inverted" in reason else ConvergenceError
+            raise kind(f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}")
+        return reached
+
+    def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str]:
+        self.motion.set(t)
+        x, record = self._newton.solve(self.body, guess)
+        self.body.residual(x)  # the branches flow there
+        return (x if record.converged else None), record.reason
+
+    def _stand(self, step: Step) -> Step:
+        body = self.body
+        body.memory = step.memory
+        body.state = step.x
+        body.begin(self.grid[step.n + 1] - self.grid[step.n])
+        self.motion.set(self.grid[step.n + 1])
+        body.residual(step.x)
+        return step

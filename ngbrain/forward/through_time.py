@@ -1,0 +1,200 @@
+"""How what a run shows changes with what its body is made of: forces over time, displacements at points and times.
+
+Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data are d = B x + Z f of the tissue's nodal forces f
+(`readings`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
+
+    J δθ:   K δx = -(R_h δh + R_θ δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
+    Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw)
+
+from the first step on and from the last one back. The grid of times is given and stays: an adaptive one would move with θ.
+Contact is differentiated where it stands; its energy is smooth enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.body import Body
+from ngbrain.forward.readings import Reading
+from ngbrain.forward.replay import TIGHT, Replay, Step
+from ngbrain.forward.step_forms import Parameter, StepForms
+from ngbrain.forward.tangent import Solve
+from ngbrain.forward.transient import Motion
+from ngbrain.solvers.newton import Newton
+
+Array = np.ndarray
+TOGETHER = 40
+"""Unknowns in θ up to which the columns of J are found together, with one factor of each step."""
+
+
+class RunModel:
+    """From a vector θ to what a run shows at some times.
+
+    body        quasi-static, without friction; its materials are made of `parameters`
+    motion      of its rigid bodies
+    grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
+    parameters  name → GridFunction or Parameter; their values one after the other are θ
+    readings    what is seen, see `readings`
+    times       (s) when; steps end there too. None: at the end of every step
+    newton, every   see `Replay`
+
+    >>> from ngbrain.forward.body import Material
+    >>> from ngbrain.forward.contact import Contact
+    >>> from ngbrain.forward.readings import Force
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> from ngbrain.surgery.protocols import Drive, Protocol
+    >>> drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
+    >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
+    >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
+    >>> body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": tissue}, "bottom", [plate])
+    >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top")])
+    >>> there = model.at(model.theta)
+    >>> there.data.shape, there.gradient(there.data).shape
+    ((3, 1), (2,))
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        motion: Motion,
+        grid: Sequence[float] | Array,
+        parameters: Mapping[str, Parameter],
+        readings: Sequence[Reading],
+        times: Sequence[float] | Array | None = None,
+        newton: Newton = TIGHT,
+        every: int | None = None,
+    ) -> None:
+        grid = np.asarray(grid, float)
+        times = grid[1:] if times is None else np.asarray(times, float)
+        if not np.all((times > 0) & (times <= grid[-1])) or not np.all(np.diff(times) > 0):
+            raise InputError(
+                "times", np.array2string(times, threshold=4), f"increasing, after 0 and up to {grid[-1]:g} s"
+            )
+        apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
+        self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every)
+        self.body, self.parameters, self.times = body, dict(parameters), times
+        self.forms = StepForms(body, self.parameters)
+        B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
+        self.B, self.Z = sp.csr_array(sp.vstack(B)), sp.csr_array(sp.vstack(Z))
+        sizes = [len(_values(p)) for p in self.parameters.values()]
+        ends = np.cumsum([0, *sizes])
+        self.blocks = {name: slice(int(a), int(b)) for name, a, b in zip(parameters, ends, ends[1:], strict=False)}
+        self.size = int(ends[-1])
+        self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
+        """Which row of the data a step gives."""
+
+    @property
+    def theta(self) -> Array:
+        """θ as the parameters are now."""
+        return np.concatenate([_values(p) for p in self.parameters.values()])
+
+    def at(self, theta: Array) -> Replayed:
+        """The run at θ, and its derivatives; the parameters keep the values of the last call."""
+        if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
+            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, ngs.GridFunction):
+                parameter.vec.FV().NumPy()[:] = theta[self.blocks[name]]
+            else:
+                parameter.Set(float(theta[self.blocks[name]][0]))
+        return Replayed(self)
+
+    def split(self, theta: Array) -> dict[str, Array]:
+        """θ, or a change of it, by parameter."""
+        return {name: theta[block] for name, block in self.blocks.items()}
+
+
+class Replayed:
+    """The run at one θ: `data` (times, numbers), and the products of J and Jᵀ. It is of use until the model moves on."""
+
+    def __init__(self, model: RunModel) -> None:
+        self.model = model
+        self.data = np.zeros((len(model.times), model.B.shape[0]))
+
+        def seen(step: Step) -> None:
+            if step.n in model.row:
+                forces = np.zeros(len(step.x))
+                forces[model.body.is_u] = model.body.tissue_forces()
+                self.data[model.row[step.n]] = model.B @ step.x + model.Z @ forces
+
+        model.replay.run(seen)
+
+    def push(self, direction: Array) -> Array:
+        """J δθ, as `data`."""
+        if self.model.size > TOGETHER:
+            return self._pushed(direction[None])[0]
+        return np.tensordot(direction, self.jacobian, 1)
+
+    def pull(self, w: Array) -> Array:
+        """Jᵀ w, by the columns of J where there are few."""
+        return self.gradient(w) if self.model.size > TOGETHER else np.tensordot(self.jacobian, w, 2)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """J, (θ, times, numbers)."""
+        return self._pushed(np.eye(self.model.size))
+
+    def gradient(self, w: Array) -> Array:
+        """Jᵀ w: a solve for each step."""
+        model, forms = self.model, self.model.forms
+        weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
+        for step in model.replay.backwards():
+            solve = self._begin(step)
+            row = w[model.row[step.n]] if step.n in model.row else np.zeros(w.shape[1])
+            motion = model.Z.T @ row
+            b = model.B.T @ row + forms.remembered(weights)
+            if motion.any():
+                b += self._tissue(motion)
+            weights, slopes = forms.back(motion - solve(b), weights)
+            for name, block in model.blocks.items():
+                total[block] += slopes[name]
+        return total
+
+    def _pushed(self, directions: Array) -> Array:
+        """J times each of some directions, with one factor of each step."""
+        model, forms = self.model, self.model.forms
+        data = np.zeros((len(directions), *self.data.shape))
+        histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
+        changes = [model.split(direction) for direction in directions]
+        for step in model.replay.forwards():
+            solve = self._begin(step)
+            seen = model.row.get(step.n)
+            stiff = np.array([self._tissue(z) for z in model.Z.toarray()]) if seen is not None else np.empty(0)
+            for i, theta in enumerate(changes):
+                r = forms.changed(histories[i], theta)
+                x = -solve(r)
+                if seen is not None:
+                    data[i, seen] = model.B @ x + stiff @ x + model.Z @ r
+                histories[i] = forms.moved(x, histories[i], theta)
+        return data
+
+    def _begin(self, step: Step) -> Solve:
+        """Forms and factor of a step at whose end the body stands."""
+        model = self.model
+        grid, memory = model.replay.grid, step.memory
+        pairs = np.stack([memory["stress"], memory["overstress"]], axis=1)
+        model.forms.begin(pairs.reshape(model.forms.size, -1), grid[step.n + 1] - grid[step.n])
+        return model.body.factorise(step.x)
+
+    def _tissue(self, motion: Array) -> Array:
+        """K_f z of a motion z, where the body's tangent was just made: what is not contact's."""
+        body = self.model.body
+        body.contact_form.AssembleLinearization(body.gfu.vec)
+        z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
+        z.FV().NumPy()[:] = motion
+        product.data = body.form.mat * z - body.contact_form.mat * z
+        return product.FV().NumPy().copy()
+
+
+def _values(parameter: Parameter) -> Array:
+    if isinstance(parameter, ngs.GridFunction):
+        return parameter.vec.FV().NumPy().copy()
+    return np.array([parameter.Get()])
