@@ -15,8 +15,9 @@ export OPENBLAS_NUM_THREADS := 1
 demo: $(VENV)/.demo
 	$(BIN)/python -m ngbrain demo $(ARGS)
 
+# A process for each core; a file's tests stay in one but for the last ones, so that fixtures are made once.
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
 slow: $(VENV)/.dev
 	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=0 $(ARGS)

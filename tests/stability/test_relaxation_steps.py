@@ -130,7 +130,7 @@ def test_backward_euler_forgets_slowly(monkeypatch):
     monkeypatch.setattr(history, "step_factors", backward_euler)
     found, exact = held(2.5)
     print(found[1] / exact[1])
-    assert np.all(np.diff(found) < 0) and found[1] > 2.5 * exact[1]
+    assert np.all(np.diff(found) < 1e-9) and found[1] > 2.5 * exact[1]  # round-off in the end
 
 
 def test_the_rules_are_those_of_the_equation():
