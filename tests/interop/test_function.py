@@ -1,14 +1,20 @@
 """One solve for one θ, whoever asks; never a State that is out of date."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
-from inversions import square
+import scipy.sparse as sp
+from differentiable import waves as fresh
 
 from ngbrain.adjoint.check import taylor
+from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError
 from ngbrain.interop.function import DataFunction, ObjectiveFunction, function
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.regularise import ridge
 
 
 def same(a, b):
@@ -24,6 +30,16 @@ def test_one_solve_for_one_theta(waves):
     y = f.value(theta)
     f.push(theta, theta), f.pull(theta, y), f.value(theta.copy())
     assert waves.solves.factorisations == waves.solves.forward == 1 and waves.solves.adjoint == 1
+
+
+def test_two_functions_of_a_model_share_its_solve(waves, inversion):
+    f, g, theta = function(waves), function(waves), waves.theta
+    g.pull(theta, f.value(theta))
+    assert waves.solves.factorisations == 1
+    x = inversion.unknowns.start + 0.1
+    before, objective, data = inversion.model.solves.factorisations, function(inversion), function(inversion.model)
+    data.value(inversion.unknowns.theta(x)), objective.value(x), objective.pull(x, 1.0)
+    assert inversion.model.solves.factorisations == before + 1
 
 
 def test_value_is_a_copy(waves):
@@ -48,7 +64,7 @@ def test_earlier_theta_is_solved_again(waves, around, of_two):
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
     other.value(1.3 * theta)
-    same(f.pull(theta, w), square(3, "Q2", 0.1).at(theta).gradient(w))
+    same(f.pull(theta, w), fresh().at(theta).gradient(w))
 
 
 def test_model_asked_by_others_is_asked_again(waves, around):
@@ -56,7 +72,7 @@ def test_model_asked_by_others_is_asked_again(waves, around):
     theta, w = around(waves, f.value(waves.theta))
     f.value(theta)
     waves.at(1.3 * theta)
-    same(f.pull(theta, w), square(3, "Q2", 0.1).at(theta).gradient(w))
+    same(f.pull(theta, w), fresh().at(theta).gradient(w))
 
 
 def test_failed_solve_leaves_nothing_behind(real):
@@ -69,26 +85,36 @@ def test_failed_solve_leaves_nothing_behind(real):
     same(f.value(theta), y)
 
 
-def test_threads_get_their_own_answers(waves, around):
-    f = function(waves)
-    thetas = [around(waves, f.value(waves.theta))[0] for _ in range(3)]
-    w = np.ones_like(f.value(thetas[0]))
-    truth = [square(3, "Q2", 0.1).at(theta).gradient(w) for theta in thetas]
-    found = {}
+class Moving:
+    """Each State reads θ where the model has it now, and takes its time."""
+
+    def at(self, theta):
+        self.now = np.array(theta)
+        time.sleep(0.002)
+        return self
+
+    @property
+    def data(self):
+        return self.now.copy()
+
+    def gradient(self, w):
+        time.sleep(0.002)
+        return w * self.now
+
+
+def test_threads_get_their_own_answers():
+    f, found = function(Moving()), {}
 
     def ask(number):
-        for _ in range(10):
-            f.value(thetas[number])
-            found.setdefault(number, []).append(f.pull(thetas[number], w))
+        found[number] = [f.pull(np.full(3, float(number)), np.ones(3)) for _ in range(10)]
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    for number, right in enumerate(truth):
-        for one in found[number]:
-            same(one, right)
+    for number in range(3):
+        assert np.all(np.array(found[number]) == number)
 
 
 def test_objective_is_that_of_the_reduced(inversion, rng):
@@ -109,6 +135,17 @@ def test_objective_follows_the_weights(inversion):
     inversion.weights = {name: 3 * weight for name, weight in inversion.weights.items()}
     assert float(f.value(x)) - before == pytest.approx(2 * regular, rel=1e-10) and regular > 0
     assert f.pull(x, 1.0) == pytest.approx(inversion.at(x).gradient(), rel=1e-12)
+
+
+def test_unknown_that_only_a_regulariser_sees(real):
+    """θ stays, J does not."""
+    basis = sp.csr_array(np.eye(8, 9))
+    fields = Fields(np.zeros(8), {"theta": slice(0, 8)}, {"theta": Unknown(np.zeros(9), Scaled(), basis)})
+    f = function(Reduced(real, LeastSquares(np.ones(10), 1.0), fields, {"theta": ridge(np.zeros(9))}, {"theta": 1.0}))
+    x = np.zeros(9)
+    before = float(f.value(x))
+    x[-1] = 2.0
+    assert float(f.value(x)) == pytest.approx(before + 2.0) and real.solved == 1
 
 
 def test_rates(waves, inversion, around, rng):

@@ -54,6 +54,20 @@ def test_first_failure_is_raised(real, risky):
         minimize(Objective(risky).fun, np.full(8, 1.0))
 
 
+def test_failure_is_a_hill_above_what_was_solved(risky, rng):
+    J, start = Objective(risky), risky.unknowns.start
+    solved = [J.fun(start - step) for step in (0.1, 0.0, -0.05)]
+    J.jac(start)
+    x, dx = np.full(8, 1.0), rng.normal(size=8)
+    high, slope = J.fun(x), J.jac(x)
+    assert solved[0] > solved[1] > solved[2] and high > solved[0]
+    assert J.fun(x + 0.1 * dx) == pytest.approx(high + 0.1 * slope @ dx, rel=1e-12)
+    assert slope @ (x - start) > 0
+    level = np.zeros(8)
+    level[:2] = 1.5, -1.5 * slope[0] / slope[1]
+    assert J.fun(start + level) == pytest.approx(solved[0], rel=1e-9)
+
+
 @pytest.mark.parametrize("method", SEARCHES)
 def test_failed_solves_are_stepped_back_from(real, risky, method):
     first, found = Objective(risky).fun(risky.unknowns.start), least(risky, method)

@@ -1,0 +1,143 @@
+"""A model or an objective for the sampling packages that speak UM-Bridge, over HTTP.
+
+Example, in one process::
+
+    import umbridge
+    from ngbrain.interop.umbridge import model
+
+    umbridge.serve_models([model(reduced, inversion.start, "elastography")], 4242)      # to whoever can reach the port
+
+and in another one::
+
+    served = umbridge.HTTPModel("http://127.0.0.1:4242", "elastography")
+    ((value,),) = served([x])
+    gradient = served.gradient(0, 0, [x], [1.0])
+
+Get the package with: pip install "ngbrain[interop]". Source: Seelinger et al. 2023, UM-Bridge, 10.21105/joss.04748.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from ngbrain.adjoint.reduced import Model, Reduced
+from ngbrain.errors import NgbrainError, SolverError, require
+from ngbrain.interop.function import DataFunction, ObjectiveFunction
+
+Array = np.ndarray
+Numbers = list[float]
+Config = dict[str, Any] | None
+BEYOND = 1e30
+"""J where there is no solution: JSON has no infinity."""
+
+
+def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
+    """A `umbridge.Model` from one input vector, θ or x, to one output vector: data of a `Model`, or J of a `Reduced`.
+
+    start  a θ (or x) with a solution: it is solved for, as the size of the output has to be known
+
+    Complex data are their real parts, then their imaginary parts; arrays are raveled. A `Reduced` has `apply_hessian`, by the
+    Gauss-Newton matrix, and where there is no solution its J is `BEYOND` without a slope. Data have no value there: the client
+    raises an exception with the name and the message of the error, as it does for bad input, and the server goes on.
+
+    Raises `MissingExtra` without umbridge.
+    """
+    umbridge = require("umbridge", "interop")
+    f = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)
+    start = np.array(start, float)
+    y = f.value(start)
+
+    class Served(umbridge.Model):  # type: ignore[misc, name-defined]
+        def get_input_sizes(self, config: Config = None) -> list[int]:
+            return [len(start)]
+
+        def get_output_sizes(self, config: Config = None) -> list[int]:
+            return [len(_real(y))]
+
+        def __call__(self, parameters: list[Numbers], config: Config = None) -> list[Numbers]:
+            with _told():
+                return [_real(f.value(np.array(parameters[0])))]
+
+        def gradient(
+            self, out_wrt: int, in_wrt: int, parameters: list[Numbers], sens: Numbers, config: Config = None
+        ) -> Numbers:
+            with _told():
+                return _real(f.pull(np.array(parameters[0]), _like(y, sens)))
+
+        def apply_jacobian(
+            self, out_wrt: int, in_wrt: int, parameters: list[Numbers], vec: Numbers, config: Config = None
+        ) -> Numbers:
+            with _told():
+                return _real(f.push(np.array(parameters[0]), np.array(vec)))
+
+        def supports_evaluate(self) -> bool:
+            return True
+
+        supports_gradient = supports_apply_jacobian = supports_evaluate
+
+    if isinstance(f, DataFunction):
+        return Served(name)
+    objective = f
+
+    class Bent(Served):
+        def apply_hessian(
+            self,
+            out_wrt: int,
+            in_wrt1: int,
+            in_wrt2: int,
+            parameters: list[Numbers],
+            sens: Numbers,
+            vec: Numbers,
+            config: Config = None,
+        ) -> Numbers:
+            with _told():
+                return _real(sens[0] * objective.bend(np.array(parameters[0]), np.array(vec)))
+
+        def supports_apply_hessian(self) -> bool:
+            return True
+
+    return Bent(name)
+
+
+class _Walled(ObjectiveFunction):
+    def value(self, x: Array) -> Array:
+        try:
+            return super().value(x)
+        except SolverError:
+            return np.array(BEYOND)
+
+    def pull(self, x: Array, w: Array | float) -> Array:
+        try:
+            return super().pull(x, w)
+        except SolverError:
+            return np.zeros(len(x))
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """What is raised in here reaches the client as an error of the protocol; otherwise it would get a page that is no JSON."""
+    try:
+        yield
+    except NgbrainError as error:
+        text = json.dumps({"error": {"type": type(error).__name__, "message": str(error)}})
+        web = require("aiohttp.web", "interop")
+        raise web.HTTPInternalServerError(text=text, content_type="application/json") from error
+
+
+def _real(y: Array) -> Numbers:
+    """As real numbers: all real parts, then all imaginary parts."""
+    parts = (y.real, y.imag) if np.iscomplexobj(y) else (y,)
+    return np.concatenate([part.ravel() for part in parts]).tolist()
+
+
+def _like(y: Array, numbers: Numbers) -> Array:
+    """The reverse, of y's shape."""
+    w = np.array(numbers)
+    if np.iscomplexobj(y):
+        w = w[: y.size] + 1j * w[y.size :]
+    return w.reshape(y.shape)

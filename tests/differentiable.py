@@ -1,0 +1,65 @@
+"""Small models for whatever takes any: one of complex waves, one of real data that has not a solution everywhere."""
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import ConvergenceError
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.regularise import ridge
+from ngbrain.materials import Shearing
+from ngbrain.mesh.grid import rectangles
+
+MODULUS, SIDE = 9e3, 0.12
+"""Pa, m: shear waves of 60 mm at 50 Hz in a square of twice that."""
+
+
+def waves():
+    """9 moduli, then 12 boundary values. Its law is not linear in θ, so that its derivatives change with θ in all ways."""
+    line = np.linspace(0, SIDE, 3)
+    mesh = rectangles(line, line)
+    storage = ngs.GridFunction(ngs.H1(mesh, order=1))
+    storage.vec[:] = MODULUS
+    shear = storage**2 / MODULUS * (1 + 0.2j)
+    body = Harmonic(mesh, Shearing(shear), [Wave(50.0, {"top": (1e-3, 0)})], bulk=13 / 6 * shear, form="Q2")
+    return WaveModel(body, {"storage": storage}, np.array([v.point for v in mesh.vertices]))
+
+
+class Exponential:
+    """Real data d_i = Σ e^{5θ_j} A_ij, with a `ConvergenceError` where a θ is above `cap`; counts what it solves."""
+
+    def __init__(self, size=8, cap=0.6):
+        random = np.random.default_rng(3)
+        self.A = random.uniform(0.1, 1.0, size=(size + 2, size))
+        self.cap, self.solved, self.failed = cap, 0, 0
+
+    def at(self, theta):
+        if np.max(theta) > self.cap:
+            self.failed += 1
+            raise ConvergenceError("the load cannot be carried")
+        self.solved += 1
+        return Tangent(self.A @ np.exp(5 * theta), self.A * (5 * np.exp(5 * theta)))
+
+
+class Tangent:
+    def __init__(self, data, J):
+        self.data, self.J = data, J
+
+    def push(self, direction):
+        return self.J @ direction
+
+    def pull(self, w):
+        return self.J.T @ w
+
+    gradient = pull
+
+
+def reduced_of(model, start):
+    """Its data at θ = 0.3 with weak ridges: the minimum is close to where it has no solution."""
+    truth = np.full(model.A.shape[1], 0.3)
+    fields = Fields(truth, {"theta": slice(0, len(truth))}, {"theta": Unknown(start, Scaled())})
+    misfit = LeastSquares(model.at(truth).data, 0.05)
+    return Reduced(model, misfit, fields, {"theta": ridge(truth)}, {"theta": 1.0})
