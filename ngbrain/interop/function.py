@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
-from typing import Protocol
+from typing import Protocol, cast
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -19,6 +19,13 @@ import numpy as np
 from ngbrain.adjoint.reduced import Model, Point, Reduced, State
 
 Array = np.ndarray
+
+
+class Curved(State, Protocol):
+    """A `State` that knows second derivatives, as those of statics do."""
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(w · d)'' δθ."""
 
 
 class Function(Protocol):
@@ -33,8 +40,14 @@ class Function(Protocol):
     def pull(self, x: Array, w: Array) -> Array:
         """The gradient of Re Σ w̄ y: one adjoint solve for each load."""
 
+    def bend(self, x: Array, w: Array, direction: Array) -> Array:
+        """Its second derivative times δx."""
 
-def function(of: Model | Reduced) -> DataFunction | ObjectiveFunction:
+    def bends(self, x: Array) -> bool:
+        """Whether it has `bend`."""
+
+
+def function(of: Model | Reduced) -> Function:
     """The function that a model or an objective is."""
     return ObjectiveFunction(of) if isinstance(of, Reduced) else DataFunction(of)
 
@@ -59,6 +72,16 @@ class DataFunction:
         """Re(Jᵀ w̄)."""
         with self._kept.at(x) as state:
             return state.gradient(w)
+
+    def bend(self, x: Array, w: Array, direction: Array) -> Array:
+        """(Re Σ w̄ d)'' δθ of a State with `second`."""
+        with self._kept.at(x) as state:
+            return cast(Curved, state).second(w, direction)
+
+    def bends(self, x: Array) -> bool:
+        """Whether the State has `second`."""
+        with self._kept.at(x) as state:
+            return hasattr(state, "second")
 
 
 class ObjectiveFunction:
@@ -105,10 +128,14 @@ class ObjectiveFunction:
         with self._at(x) as point:
             return w * point.gradient()
 
-    def bend(self, x: Array, direction: Array) -> Array:
-        """The Gauss-Newton matrix times δx: two solves for each load."""
+    def bend(self, x: Array, w: Array | float, direction: Array) -> Array:
+        """w times the Gauss-Newton matrix times δx: two solves for each load."""
         with self._at(x) as point:
-            return point.product(direction)
+            return w * point.product(direction)
+
+    def bends(self, x: Array) -> bool:
+        """Always."""
+        return True
 
 
 class Kept:
@@ -121,22 +148,23 @@ class Kept:
 
     def __init__(self, model: Model) -> None:
         self.model, self._lock = model, Lock()
-        self._theta: Array | None = None
-        self._left: Array | None = None
+        self._theta = self._left = np.empty(0)
         self._state: State | None = None
 
     @contextmanager
     def at(self, theta: Array) -> Iterator[State]:
         """The State at θ, solved for unless it is the last one."""
         with self._lock:
-            if self._state is None or not np.array_equal(theta, self._theta) or self._moved():
+            known = np.array_equal(theta, self._theta) and np.array_equal(self._now(), self._left)
+            if self._state is None or not known:
                 self._state = None
                 self._state, self._theta = self.model.at(theta), np.array(theta)
-                self._left = getattr(self.model, "theta", None)
+                self._left = np.array(self._now())
             yield self._state
 
-    def _moved(self) -> bool:
-        return not np.array_equal(getattr(self.model, "theta", None), self._left)  # type: ignore[arg-type]
+    def _now(self) -> Array:
+        """θ as the model has it."""
+        return getattr(self.model, "theta", np.empty(0))
 
 
 _KEPT: WeakValueDictionary[int, Kept] = WeakValueDictionary()

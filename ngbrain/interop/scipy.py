@@ -58,7 +58,7 @@ class Objective:
 
     def hessp(self, x: Array, p: Array) -> Array:
         """The Gauss-Newton matrix times p: two solves for each load."""
-        return self._function.bend(x, p)
+        return self._function.bend(x, 1.0, p)
 
     def _solved(self, x: Array) -> float | None:
         """J, or None where there is no solution."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Model, Reduced
 from ngbrain.errors import NgbrainError, SolverError, require
-from ngbrain.interop.function import DataFunction, ObjectiveFunction
+from ngbrain.interop.function import DataFunction, Function, ObjectiveFunction
 
 Array = np.ndarray
 Numbers = list[float]
@@ -41,16 +41,17 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
 
     start  a θ (or x) with a solution: it is solved for, as the size of the output has to be known
 
-    Complex data are their real parts, then their imaginary parts; arrays are raveled. A `Reduced` has `apply_hessian`, by the
-    Gauss-Newton matrix, and where there is no solution its J is `BEYOND` without a slope. Data have no value there: the client
-    raises an exception with the name and the message of the error, as it does for bad input, and the server goes on.
+    Complex data are their real parts, then their imaginary parts; arrays are raveled. `apply_hessian` is there for a
+    `Reduced`, by the Gauss-Newton matrix, and for a `Model` whose State has `second`. Where there is no solution J is `BEYOND`,
+    without a slope; data have no value: the client raises an exception with the name and the message of the error, as it does for
+    bad input, and the server goes on.
 
     Raises `MissingExtra` without umbridge.
     """
     umbridge = require("umbridge", "interop")
-    f = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)
+    f: Function = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)
     start = np.array(start, float)
-    y = f.value(start)
+    y, bends = f.value(start), f.bends(start)
 
     class Served(umbridge.Model):  # type: ignore[misc, name-defined]
         def get_input_sizes(self, config: Config = None) -> list[int]:
@@ -75,16 +76,6 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
             with _told():
                 return _real(f.push(np.array(parameters[0]), np.array(vec)))
 
-        def supports_evaluate(self) -> bool:
-            return True
-
-        supports_gradient = supports_apply_jacobian = supports_evaluate
-
-    if isinstance(f, DataFunction):
-        return Served(name)
-    objective = f
-
-    class Bent(Served):
         def apply_hessian(
             self,
             out_wrt: int,
@@ -96,12 +87,17 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
             config: Config = None,
         ) -> Numbers:
             with _told():
-                return _real(sens[0] * objective.bend(np.array(parameters[0]), np.array(vec)))
+                return _real(f.bend(np.array(parameters[0]), _like(y, sens), np.array(vec)))
 
-        def supports_apply_hessian(self) -> bool:
+        def supports_evaluate(self) -> bool:
             return True
 
-    return Bent(name)
+        supports_gradient = supports_apply_jacobian = supports_evaluate
+
+        def supports_apply_hessian(self) -> bool:
+            return bends
+
+    return Served(name)
 
 
 class _Walled(ObjectiveFunction):

@@ -124,7 +124,7 @@ def test_objective_is_that_of_the_reduced(inversion, rng):
     same(f.value(x), value)
     same(f.pull(x, 2.0), 2 * gradient)
     same(f.push(x, dx), gradient @ dx)
-    same(f.bend(x, dx), product)
+    same(f.bend(x, 2.0, dx), 2 * product)
 
 
 def test_objective_follows_the_weights(inversion):
