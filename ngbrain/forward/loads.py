@@ -19,26 +19,40 @@ Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
 
 BONUS = 2
-"""Orders of quadrature beyond a boundary element's own: follower loads are products of many factors."""
+"""Orders of quadrature on a boundary beyond twice the displacements' order: follower loads are products of many factors."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where loads act: the mesh, how it deforms, the load factor t, trial and test displacement."""
+    """Where loads act: the mesh, how it deforms, the load factor t, trial and test displacement, and their order.
+
+    One rule of quadrature serves forces, tangents and derivatives by parameters, whatever these are made of.
+    """
 
     mesh: ngs.Mesh
     kinematics: Solid
     factor: ngs.Parameter
     u: CoefficientFunction
     v: CoefficientFunction
+    order: int = 2
 
     def on(self, boundary: str) -> ngs.comp.DifferentialSymbol:
         """Reference area."""
-        return ngs.ds(boundary, bonus_intorder=BONUS)
+        shapes = (ngs.SEGM,) if self.mesh.dim == 2 else (ngs.TRIG, ngs.QUAD)
+        return ngs.ds(boundary, intrules=_rules(shapes, 2 * self.order + BONUS))
+
+    def inside(self, region: str) -> ngs.comp.DifferentialSymbol:
+        """Reference volume."""
+        shapes = (ngs.TRIG, ngs.QUAD) if self.mesh.dim == 2 else (ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
+        return ngs.dx(definedon=self.mesh.Materials(region), intrules=_rules(shapes, 2 * self.order))
+
+    def slope(self, u: CoefficientFunction) -> CoefficientFunction:
+        """Gradient of a displacement along a boundary."""
+        return ngs.Grad(u).Trace()
 
     def area(self, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
         """cof F N, in the mesh's dimensions: current outward normal times current over reference area."""
-        F = self.kinematics.gradient(u, ngs.Grad(u).Trace())
+        F = self.kinematics.gradient(u, self.slope(u))
         normal = outward(self.mesh, boundary)
         if self.mesh.dim == 3:
             # The cofactor's normal column holds tangential derivatives only, which is all that a boundary knows.
@@ -69,7 +83,7 @@ class Weight:
     def energy(self, at: Place) -> Terms:
         """Its potential (J)."""
         work = at.factor * at.kinematics.weight() * ngs.InnerProduct(_vector(self.value), at.u)
-        return -work * ngs.dx(definedon=at.mesh.Materials(self.region))
+        return -work * at.inside(self.region)
 
 
 @dataclass(frozen=True)
@@ -146,6 +160,10 @@ def volume(at: Place, gfu: ngs.GridFunction | None, boundary: str) -> float:
     """Volume (m³; in plane strain m²) that a boundary encloses now, or at rest."""
     u = gfu or ngs.GridFunction(ngs.VectorH1(at.mesh, order=1))
     return float(ngs.Integrate(enclosed(at, u, boundary) * at.on(boundary), at.mesh))
+
+
+def _rules(shapes: tuple[ngs.ET, ...], order: int) -> dict[ngs.ET, ngs.IntegrationRule]:
+    return {shape: ngs.IntegrationRule(shape, order) for shape in shapes}
 
 
 def _vector(value: Vector) -> CoefficientFunction:

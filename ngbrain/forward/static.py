@@ -56,7 +56,8 @@ class Static:
     solver      a name of `ngbrain.solvers.linear`, or "auto"
     bonus       orders of quadrature beyond 2k
 
-    Attributes: `fes`, `gfu` (compound where there are pressures), `u`, `p`, `state`, `choice` (what was chosen, and why).
+    Attributes: `fes`, `gfu` (compound where there are pressures), `u`, `p`, `state`, `choice` (what was chosen, and why);
+    `held` and `prescribed`, which displacement unknowns are held and where (m).
     Raises `InputError` for a pattern that matches nothing, a refused form, an inverted element.
 
     >>> from ngbrain.materials import NeoHooke
@@ -106,7 +107,7 @@ class Static:
         self._det = ngs.Det(self.kinematics.gradient(self.u, ngs.Grad(self.u))).Compile()
         self._points = mesh.MapToAllElements(self.rules, ngs.VOL)
         self.is_u = np.arange(self.fes.ndof) < spaces[0].ndof
-        self._prescribed, self._held = self.supports.coefficients(spaces[0])
+        self.prescribed, self.held = self.supports.coefficients(spaces[0])
         free = np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
         size = RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self.weights = free / np.where(self.is_u, size, self.modulus) ** 2 / self.fes.ndof
@@ -261,7 +262,7 @@ class Static:
         """Set the load factor; x with what is prescribed at t."""
         self.factor.Set(t)
         x = x.copy()
-        x[: len(self._held)][self._held] = t * self._prescribed[self._held]
+        x[: len(self.held)][self.held] = t * self.prescribed[self.held]
         return x
 
     def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
@@ -331,7 +332,7 @@ class Static:
         return linear.choose(self.form.kind, coupled, self.ratio, dim=self.mesh.dim, order=self.form.order)
 
     def _place(self, u: CoefficientFunction, v: CoefficientFunction) -> Place:
-        return Place(self.mesh, self.kinematics, self.factor, u, v)
+        return Place(self.mesh, self.kinematics, self.factor, u, v, self.form.order)
 
     def _make_forms(self) -> None:
         """Forms of the whole, of the body alone and of the loads alone, and what makes a solver of the whole's matrix."""
