@@ -1,0 +1,186 @@
+"""What a body is made of, as blocks of one vector θ: fields, numbers, displacements that are prescribed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from typing import Protocol, TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.factors import sparse
+from ngbrain.forward.implicit_work import Terms, by, vector
+from ngbrain.forward.patterns import boundaries
+from ngbrain.forward.static import Static
+
+Array = np.ndarray
+
+
+def places(sizes: Sequence[int]) -> list[slice]:
+    """Where parts of these sizes are, one after the other.
+
+    >>> places([2, 1])
+    [slice(0, 2, None), slice(2, 3, None)]
+    """
+    return [slice(end - size, end) for size, end in zip(sizes, accumulate(sizes), strict=True)]
+
+
+class Block(Protocol):
+    """One of them, part of energies and observations.
+
+    `along(parts)` are the parts' derivatives along the direction last set by `turn`.
+    """
+
+    size: int
+
+    @property
+    def value(self) -> Array:
+        """What it is now (size,)."""
+
+    def put(self, value: Array) -> None:
+        """Set it."""
+
+    def turn(self, direction: Array) -> None:
+        """Set the direction of `along`."""
+
+    def along(self, parts: Terms) -> Terms:
+        """Derivatives of integrals along a direction."""
+
+    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+        """What gives the derivatives of a sum of integrals by each unknown (size,), as often as it is asked."""
+
+    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+        """The same of integrals with test functions of a space (ndof, size)."""
+
+
+class Field:
+    """Unknowns of a real GridFunction of any space."""
+
+    def __init__(self, gfu: ngs.GridFunction) -> None:
+        self.gfu, self.size = gfu, gfu.space.ndof
+        self._direction = ngs.GridFunction(gfu.space)
+
+    @property
+    def value(self) -> Array:
+        """Its unknowns, a copy."""
+        return np.array(self.gfu.vec.FV().NumPy())
+
+    def put(self, value: Array) -> None:
+        """Set them."""
+        self.gfu.vec.FV().NumPy()[:] = value
+
+    def turn(self, direction: Array) -> None:
+        """Set the direction of `along`."""
+        self._direction.vec.FV().NumPy()[:] = direction
+
+    def along(self, parts: Terms) -> Terms:
+        """Derivatives along a change of the field."""
+        return by(parts, self.gfu, self._direction)
+
+    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+        """One linear form."""
+        return vector(self.gfu.space, by(parts, self.gfu, self.gfu.space.TestFunction()))
+
+    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+        """One bilinear form."""
+        found = by(parts, self.gfu, self.gfu.space.TrialFunction())
+        if not found:
+            return sp.csr_array((space.ndof, self.size))
+        form = ngs.BilinearForm(trialspace=self.gfu.space, testspace=space)
+        for part in found:
+            form += part.integral
+        form.Assemble()
+        return sparse(form.mat)
+
+
+class Scalar:
+    """A `Parameter`."""
+
+    size = 1
+
+    def __init__(self, parameter: ngs.Parameter) -> None:
+        self.parameter, self._direction = parameter, ngs.Parameter(0.0)
+
+    @property
+    def value(self) -> Array:
+        """The number, as an array of one."""
+        return np.array([self.parameter.Get()])
+
+    def put(self, value: Array) -> None:
+        """Set it."""
+        self.parameter.Set(float(value[0]))
+
+    def turn(self, direction: Array) -> None:
+        """Set the direction of `along`."""
+        self._direction.Set(float(direction[0]))
+
+    def along(self, parts: Terms) -> Terms:
+        """Derivatives by the number, times its change."""
+        return [part.times(self._direction) for part in by(parts, self.parameter)]
+
+    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+        """One number by integration."""
+        integrals = [part.integral for part in by(parts, self.parameter)]
+        return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)])
+
+    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+        """One column."""
+        return sp.csr_array(vector(space, by(parts, self.parameter))()[:, None])
+
+
+class Held:
+    """Displacements (m) that are prescribed on a boundary of one body, at t = 1: all of its unknowns there that are held.
+
+    Raises `InputError` where nothing is held.
+    """
+
+    def __init__(self, body: Static, boundary: str) -> None:
+        boundaries(body.mesh, boundary)
+        there = np.fromiter(body.u.space.GetDofs(body.mesh.Boundaries(boundary)), bool, len(body.held))
+        self.body, self.places = body, np.flatnonzero(there & body.held)
+        self.size = len(self.places)
+        if not self.size:
+            raise InputError("boundary", repr(boundary), "one with a component that is held")
+
+    @property
+    def value(self) -> Array:
+        """Where they are held (m)."""
+        return np.array(self.body.prescribed[self.places])
+
+    def put(self, value: Array) -> None:
+        """Hold them elsewhere."""
+        self.body.prescribed[self.places] = value
+
+    def turn(self, direction: Array) -> None:
+        """They are in no energy."""
+
+    def along(self, parts: Terms) -> Terms:
+        """Nothing."""
+        return []
+
+    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+        """Nothing."""
+        return lambda: np.zeros(self.size)
+
+    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+        """Nothing."""
+        return sp.csr_array((space.ndof, self.size))
+
+
+Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | Held
+
+
+def block(name: str, of: Parameter) -> Block:
+    """The block that a GridFunction, a `Parameter` or another block is; `InputError` for anything else."""
+    if isinstance(of, ngs.GridFunction):
+        if of.space.is_complex:
+            raise InputError(f"parameters.{name}", "complex", "a real field")
+        return Field(of)
+    if isinstance(of, ngs.Parameter):
+        return Scalar(of)
+    if not isinstance(of, Held):
+        raise InputError(f"parameters.{name}", type(of).__name__, "a GridFunction, a Parameter or Held(body, boundary)")
+    return of

@@ -1,0 +1,165 @@
+"""One body in equilibrium for any θ: how it gets there, and the forms that its derivatives are made of.
+
+With a state u, data d = B(u, θ), weights w of the data and an adjoint λ, all derivatives are those of one functional,
+
+    L(u, θ; w, λ) = w · B(u, θ) - R(u; θ)[λ] ,    ∂L/∂u = 0 is what λ has to solve, ∂L/∂θ the gradient of w · d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import ConvergenceError, InvertedElementError
+from ngbrain.forward.implicit_blocks import Block, places
+from ngbrain.forward.implicit_work import Motion, Terms, Work, vector
+from ngbrain.forward.observations import Observation
+from ngbrain.forward.static import Static
+from ngbrain.solvers import continuation
+from ngbrain.solvers.linear import Solve
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import Work as Done
+
+Array = np.ndarray
+RTOL, XTOL = 1e-10, 1e-9
+"""Of Newton's method: derivatives are of equilibria, and as exact as these."""
+SHORTEST = 1 / 16
+"""Part of a way from one θ to the next below which it is not cut further."""
+FACTORISATIONS = 5
+"""That a step along such a way may take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A body under its loads, and what is seen of it."""
+
+    body: Static
+    observations: Sequence[Observation]
+
+
+class Equilibrium:
+    """A case's body as θ changes.
+
+    blocks   name → what the body may be made of
+    newton   settings of Newton's method
+    steps    load steps from rest
+    """
+
+    def __init__(self, case: Case, blocks: Mapping[str, Block], newton: Newton | None, steps: int) -> None:
+        self.body, self.blocks, self.steps = case.body, blocks, steps
+        self.newton = newton or self.body.newton(rtol=RTOL, xtol=XTOL)
+        self.seen = [observation.on(self.body) for observation in case.observations]
+        self.slices = places([seen.size for seen in self.seen])
+        self.size = sum(seen.size for seen in self.seen)
+        self.linear = all(seen.matrix is not None for seen in self.seen)
+        """Whether all data are B u."""
+        self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
+        self.inverse: Solve | None = None
+        """The last factor, which Newton's method begins with."""
+        self.work = Done()
+        self._work, self._test = Work(self.body), self.body.fes.TestFunction()
+
+    # How it gets there.
+
+    def reach(self, put: Callable[[float], None], last: Array | None) -> Array:
+        """Equilibrium at `put(1)`, from the one at `put(0)`: along the way between if need be, and last from rest.
+
+        Raises `InvertedElementError` or `ConvergenceError`.
+        """
+        reached = None if last is None else self._along(put, last)
+        if reached is None:
+            put(1.0)
+            newton = replace(self.newton, inverse=None, largest=0.0)
+            reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
+            self.work += record.work
+            self.inverse = newton.inverse
+            if not record.converged:
+                kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
+                raise kind(f"no equilibrium: {record.reason}; try parameters nearer to the last that had one")
+        return reached
+
+    def _along(self, put: Callable[[float], None], x: Array) -> Array | None:
+        at, step = 0.0, 1.0
+        while step >= SHORTEST:
+            goal = min(1.0, at + step)
+            put(goal)
+            newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
+            found, record = newton.solve(self.body, self.body.load(x, 1.0))
+            self.work += record.work
+            self.inverse = newton.inverse
+            if not record.converged:
+                step /= 2
+                continue
+            x, at = found, goal
+            if at >= 1:
+                return x
+        return None
+
+    # What is seen, and its derivatives. All at the body's state.
+
+    def values(self) -> Array:
+        """Data (size,)."""
+        return np.concatenate([seen.values() for seen in self.seen])
+
+    def weigh(self, w: Array) -> None:
+        """Set the weights of L."""
+        for seen, where in zip(self.seen, self.slices, strict=True):
+            seen.weigh(w[where])
+
+    def functional(self, *along: Motion) -> Terms:
+        """L, and its derivative along each motion; of what is no matrix."""
+        parts = [term for seen in self.seen for term in seen.functional(*along)]
+        return parts + [term.times(-1) for term in self._work(self.adjoint, *along)]
+
+    @cached_property
+    def by_state(self) -> Callable[[], Array]:
+        """∂L/∂u (ndof,)."""
+        return vector(self.body.fes, self.functional(self._test))
+
+    @cached_property
+    def by_theta(self) -> Callable[[], Array]:
+        """∂L/∂θ, all blocks one after the other."""
+        return self._slopes(self.functional())
+
+    @cached_property
+    def stretched(self) -> Callable[[], Array]:
+        """K times `change` (ndof,)."""
+        return vector(self.body.fes, self._work(self._test, self.change))
+
+    @cached_property
+    def turned_by_state(self) -> Callable[[], Array]:
+        """How ∂L/∂u changes with u along `change` and θ along the blocks' directions."""
+        parts = self.functional(self._test)
+        return vector(self.body.fes, self.functional(self._test, self.change) + self._along_blocks(parts))
+
+    @cached_property
+    def turned_by_theta(self) -> Callable[[], Array]:
+        """So ∂L/∂θ."""
+        return self._slopes(self.functional(self.change) + self._along_blocks(self.functional()))
+
+    def sensitivity(self) -> sp.csr_array:
+        """∂R/∂θ (ndof, blocks)."""
+        parts = self._work(self._test)
+        return sp.csr_array(sp.hstack([block.columns(self.body.fes, parts) for block in self.blocks.values()]))
+
+    def _along_blocks(self, parts: Terms) -> Terms:
+        return [term for block in self.blocks.values() for term in block.along(parts)]
+
+    def _slopes(self, parts: Terms) -> Callable[[], Array]:
+        slopes = [block.slope(parts, self.body.mesh) for block in self.blocks.values()]
+        return lambda: np.concatenate([slope() for slope in slopes])
+
+    # Observations that are matrices are left out of L.
+
+    def spread(self, w: Array) -> Array:
+        """Bᵀ w of the matrices (ndof,)."""
+        b = np.zeros(self.body.fes.ndof)
+        for seen, where in zip(self.seen, self.slices, strict=True):
+            if seen.matrix is not None:
+                b += seen.matrix.T @ w[where]
+        return b

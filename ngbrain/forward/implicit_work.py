@@ -1,0 +1,206 @@
+"""Virtual work of a body as a functional of its state, differentiated as often as one likes, by symbols alone.
+
+    R(u)[v] = d/ds E(u + s v) at s = 0 ,    R'(u)[v, a] = d/dr R(u + r a)[v] at r = 0 , …
+
+Fields are moved by numbers s, r, …, and the energy is differentiated by these: what a law makes of a deformation stays as it
+is, and the derivative of a part that is used many times is made once. By a field instead, the third derivative of Ogden's
+energy takes 144 000 operations at each point, by numbers 2 400.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure
+from ngbrain.forward.static import Static
+from ngbrain.materials.base import Deformation
+
+Array = np.ndarray
+Motion: TypeAlias = Any
+"""A GridFunction of a body's `fes`, or its test functions."""
+Integrand: TypeAlias = "Callable[[Seen], ngs.comp.SumOfIntegrals]"
+
+
+@dataclass(frozen=True)
+class Term:
+    """An integral: its integrand and what it is over."""
+
+    coef: CoefficientFunction
+    over: ngs.comp.DifferentialSymbol
+
+    def by(self, variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> Term:
+        """Its derivative by a number or a field, along a direction."""
+        slope = self.coef.Diff(variable) if direction is None else self.coef.Diff(variable, direction)
+        return Term(slope, self.over)
+
+    def times(self, factor: CoefficientFunction | float) -> Term:
+        """A multiple."""
+        return Term(factor * self.coef, self.over)
+
+    @property
+    def vanishes(self) -> bool:
+        """Whether differentiation has found that there is nothing."""
+        # Compiled: otherwise a part that is used many times is printed as often.
+        return str(self.coef.Compile()).strip().endswith("Step 0: ZeroCF")
+
+    @property
+    def integral(self) -> ngs.comp.SumOfIntegrals:
+        """For forms, compiled: shared parts are evaluated once."""
+        return self.coef.Compile() * self.over
+
+
+Terms: TypeAlias = list[Term]
+
+
+def terms(integrals: ngs.comp.SumOfIntegrals) -> Terms:
+    """The parts of a sum of integrals."""
+    return [Term(integrals[i].coef, integrals[i].symbol) for i in range(len(integrals))]
+
+
+def by(parts: Iterable[Term], variable: CoefficientFunction, direction: CoefficientFunction | None = None) -> Terms:
+    """Derivatives of all parts, those that vanish left out."""
+    return [slope for part in parts if not (slope := part.by(variable, direction)).vanishes]
+
+
+@dataclass(frozen=True)
+class Seen(Place):
+    """A body's state where a functional looks at it, moved by numbers or not.
+
+    u, grad     displacement and its gradient; F is 3×3
+    p, cavities  pressures, where there are any
+    along       gradient along boundaries, `area` and `slope` give it out
+    rules       quadrature in the body
+    """
+
+    grad: CoefficientFunction = None
+    along: CoefficientFunction = None
+    rest: Sequence[CoefficientFunction] = ()
+    mixed: bool = False
+    rules: Any = None
+
+    @property
+    def F(self) -> CoefficientFunction:  # noqa: N802
+        """Deformation gradient, 3×3."""
+        return self.kinematics.gradient(self.u, self.grad)
+
+    @property
+    def p(self) -> CoefficientFunction | None:
+        """Pressure (Pa) of mixed forms."""
+        return self.rest[0] if self.mixed else None
+
+    @property
+    def cavities(self) -> Sequence[CoefficientFunction]:
+        """Pressures (Pa) of the loads that prescribe a volume."""
+        return self.rest[int(self.mixed) :]
+
+    def inside(self, region: str) -> ngs.comp.DifferentialSymbol:
+        """Reference volume, at the points where energies are integrated."""
+        return ngs.dx(definedon=self.mesh.Materials(region), intrules=self.rules)
+
+    def slope(self, u: CoefficientFunction) -> CoefficientFunction:
+        """Gradient of a displacement along a boundary."""
+        return self.along if u is self.u else super().slope(u)
+
+
+class Work:
+    """Virtual work of a `Static` with all its loads, or with some of them.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.material import Material
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> body = Static(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, form="P1")
+    >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
+    >>> work = Work(body)
+    >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(v, v)), 6)  # (4/3 μ + K) V
+    6.333333
+    """
+
+    def __init__(self, body: Static, loads: Sequence[Load] | None = None) -> None:
+        self.body = body
+        self._acting = {id(load) for load in (body.loads if loads is None else loads)}
+
+    def __call__(self, virtual: Motion, *along: Motion) -> Terms:
+        """R(u)[virtual] and, for each motion more, its derivative along it."""
+        at, numbers = self._moved((virtual, *along))
+        body = self.body
+        energies = [
+            Term(at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p), at.inside(pattern))
+            for pattern, m in body.materials.items()
+        ]
+        followers: Terms = []
+        cavities = iter(at.cavities)
+        for load in body.loads:
+            pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
+            if id(load) not in self._acting:
+                continue
+            if isinstance(load, Pressure):
+                followers += terms(load.work(at))
+            else:
+                energies += terms(load.energy(at, *pressure))
+        return _derived(by(energies, numbers[0]) + followers, numbers[1:])
+
+    def of(self, integrand: Integrand, *along: Motion) -> Terms:
+        """A functional of the state, ∫ q, and for each motion its derivative along it."""
+        at, numbers = self._moved(along)
+        return _derived(terms(integrand(at)), numbers)
+
+    def _moved(self, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
+        """The state moved by numbers, all zero; and these. `v` is the first motion."""
+        body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
+        states = self.parts(body.gfu)
+        moves = [self.parts(motion) for motion in motions]
+
+        def moved(of: Callable[[Sequence[Any]], CoefficientFunction]) -> CoefficientFunction:
+            total = of(states)
+            for number, move in zip(numbers, moves, strict=True):
+                total = total + number * of(move)
+            return total
+
+        at = Seen(
+            body.mesh,
+            body.kinematics,
+            body.factor,
+            u=moved(lambda f: f[0]),
+            v=moves[0][0] if moves else None,
+            order=body.form.order,
+            grad=moved(lambda f: ngs.Grad(f[0])),
+            along=moved(lambda f: ngs.Grad(f[0]).Trace()),
+            rest=[moved(lambda f, i=i: f[i]) for i in range(1, len(states))],  # type: ignore[misc]
+            mixed=body.p is not None,
+            rules=body.rules,
+        )
+        return at, numbers
+
+    def parts(self, motion: Motion) -> Sequence[Any]:
+        """Displacement, pressure and cavities' pressures of a function of the body's space."""
+        if self.body.u is self.body.gfu:
+            return [motion]
+        return motion.components if isinstance(motion, ngs.GridFunction) else motion
+
+
+def _derived(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
+    for number in numbers:
+        parts = by(parts, number)
+    return parts
+
+
+def vector(space: ngs.FESpace, parts: Terms) -> Callable[[], Array]:
+    """What assembles the linear form of terms with test functions of a space, as often as it is asked: (ndof,)."""
+    form = ngs.LinearForm(space)
+    for part in parts:
+        form += part.integral
+
+    def assembled() -> Array:
+        if not parts:
+            return np.zeros(space.ndof)
+        form.Assemble()
+        return np.array(form.vec.FV().NumPy())
+
+    return assembled
