@@ -1,0 +1,133 @@
+"""Small bodies in equilibrium, of any law whose parameters are fields or numbers, as models."""
+
+import ngsolve as ngs
+import numpy as np
+from statics import square
+
+from ngbrain.forward.implicit import Case, Held, StaticModel
+from ngbrain.forward.loads import Traction
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements, Force, Functional
+from ngbrain.forward.static import Static
+from ngbrain.materials import (
+    Compressible,
+    Demiray,
+    Fung,
+    Gent,
+    Guccione,
+    HolzapfelGasserOgden,
+    LinearElastic,
+    MooneyRivlin,
+    NeoHooke,
+    Ogden,
+    Polynomial,
+    SaintVenant,
+    Scaled,
+    Shearing,
+    Sum,
+    TransverselyIsotropic,
+    UnsplitNeoHooke,
+    Yeoh,
+)
+
+SIDE = 0.1
+
+
+class Mine:
+    """A user's law: what soft tissue of the liver may be."""
+
+    def __init__(self, stiffness, hardening):
+        self.stiffness, self.hardening = stiffness, hardening
+
+    def energy(self, C):
+        shape = ngs.Trace(C) - 3
+        return self.stiffness * (shape + self.hardening * shape**2 + ngs.sqrt(1 + shape) - 1)
+
+
+def along(angle):
+    """A fibre at an angle to x in the plane, rising a little."""
+    return ngs.CF((ngs.cos(angle), ngs.sin(angle), 0.2))
+
+
+def _strained(along, across, between, shear):
+    """Fung's matrix; in plane strain nothing tells of the entries out of the plane."""
+    rows = np.diag([0.0, 0.0, 20.0, 10.0, 10.0, 0.0]).astype(object)
+    rows[0, 0], rows[1, 1], rows[5, 5], rows[0, 1], rows[1, 0] = along, across, shear, between, between
+    return rows
+
+
+LAWS = {
+    NeoHooke: lambda p: NeoHooke(p("mu", 1e3)),
+    UnsplitNeoHooke: lambda p: UnsplitNeoHooke(p("mu", 1e3)),
+    MooneyRivlin: lambda p: MooneyRivlin(p("c10", 300.0), p("c01", 200.0)),
+    Polynomial: lambda p: Polynomial({(1, 0): p("c10", 300.0), (0, 1): p("c01", 200.0), (1, 1): p("c11", 150.0)}),
+    Yeoh: lambda p: Yeoh(p("c1", 500.0), p("c2", 200.0), p("c3", 100.0)),
+    Gent: lambda p: Gent(p("mu", 1e3), p("jm", 2.0)),
+    Demiray: lambda p: Demiray(p("mu", 1e3), p("b", 3.0)),
+    Ogden: lambda p: Ogden([p("mu1", 700.0), p("mu2", 300.0)], [p("alpha1", -6.0), p("alpha2", 3.0)]),
+    HolzapfelGasserOgden: lambda p: HolzapfelGasserOgden(
+        p("mu", 700.0), p("k1", 900.0), p("k2", 4.0), p("kappa", 0.05), along(p("angle", 0.4))
+    ),
+    Fung: lambda p: Fung(
+        p("c", 100.0), _strained(p("along", 20.0), p("across", 15.0), p("between", 4.0), p("shear", 10.0))
+    ),
+    Guccione: lambda p: Guccione(p("c", 200.0), p("bf", 16.0), p("bt", 8.0), p("bfs", 10.0), along(p("angle", 0.4))),
+    LinearElastic: lambda p: LinearElastic(p("mu", 1e3), p("lam", 500.0)),
+    SaintVenant: lambda p: SaintVenant(p("mu", 1e3), p("lam", 500.0)),
+    Shearing: lambda p: Shearing(p("mu", 1e3)),
+    TransverselyIsotropic: lambda p: TransverselyIsotropic(
+        p("mu", 1e3), p("zeta", 0.8), p("phi", 0.5), along(p("angle", 0.4))
+    ),
+    Compressible: lambda p: NeoHooke(1e3) + Compressible(p("volume", 2e3)),
+    Scaled: lambda p: Scaled(Ogden(1.0, -3.0), p("factor", 1e3)),
+    Sum: lambda p: NeoHooke(p("mu", 500.0)) + Demiray(p("mu2", 500.0), 2.0),
+    Mine: lambda p: Mine(p("stiffness", 500.0), p("hardening", 0.5)),
+}
+
+
+def field(mesh, value, space=None):
+    """Around a value, by a fifth more or less."""
+    made = ngs.GridFunction(space or ngs.H1(mesh, order=1))
+    made.Set(value * (1 + 0.2 * ngs.sin(60 * ngs.x) * ngs.cos(50 * ngs.y + 1)))
+    return made
+
+
+def seen(dim=2):
+    """Displacements at two points, the force on the top, and an integral that is none of the energy's."""
+    points = SIDE * np.array([[0.31, 0.52, 0.4], [0.7, 0.83, 0.6]])[:, :dim]
+    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*"))
+    return [Displacements(points), Force("top"), swelling]
+
+
+def model(law=NeoHooke, kind="field", form="P2", mesh=None, loads=(), more=(), drop=0.012, **options):
+    """A square (or another mesh) pressed and sheared, of a law all of whose parameters are of a kind; `more` blocks by name."""
+    mesh, parameters = mesh or square(2, size=SIDE), {}
+
+    def parameter(name, value):
+        parameters[name] = ngs.Parameter(value) if kind == "number" else field(mesh, value)
+        return parameters[name]
+
+    down = (0.006, *[0.002] * (mesh.dim - 2), -drop)
+    bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
+    material = Material(LAWS[law](parameter), bulk)
+    body = Static(mesh, {".*": material}, {"bottom": 0, "top": down}, loads, form=form, **options)
+    for name, of in more:
+        parameters[name] = of(body) if callable(of) else of
+    return StaticModel([Case(body, seen(mesh.dim))], parameters, body.newton(rtol=1e-12, xtol=1e-12))
+
+
+def directions(of, rng):
+    """One for each block, of the block's size."""
+    theta = of.theta
+    for name, block in of.blocks.items():
+        direction = np.zeros(of.size)
+        direction[block] = rng.uniform(-1, 1, block.stop - block.start) * max(np.abs(theta[block]).max(), 1e-3)
+        yield name, direction
+
+
+def weights(there, rng):
+    """Of the data, each about as large as it."""
+    return rng.normal(size=len(there.data)) / (np.abs(there.data) + 1e-3 * np.abs(there.data).max())
+
+
+__all__ = ["LAWS", "SIDE", "Held", "Mine", "Traction", "directions", "field", "model", "seen", "weights"]
