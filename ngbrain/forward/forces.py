@@ -10,6 +10,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.materials.base import Deformation
+from ngbrain.materials.points import evaluated
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green, volume_free
 
 Density = Callable[[Deformation, CoefficientFunction], CoefficientFunction]
@@ -21,8 +22,8 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
 
     Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
     entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C leaves
-    it unsymmetric). Of C̄ = s(C) C only the scalar ∂W/∂C̄ : C̄ is derived, with its first factor held. C̄, C, J and F are
-    each held while W is derived by another.
+    it unsymmetric). Of C̄ = s(C) C only s is derived: of s ∂W/∂C̄ : C, a derivative by C would carry 81 entries all through
+    the law. C̄, C, J and F are each held while W is derived by another.
     """
 
     def F() -> CoefficientFunction:  # a new one each time: a variable is one wherever it is used
@@ -32,7 +33,8 @@ def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -
     moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p.MakeVariable()
     whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
     energy = density(Deformation(shape, whole, J, gradient), pressure)
-    by_C = (volume_free(C) * ngs.InnerProduct(energy.Diff(shape), C)).Diff(C) + energy.Diff(whole)
+    S, scale = energy.Diff(shape), volume_free(C)
+    by_C = scale * S + ngs.InnerProduct(S, C) * scale.Diff(C) + energy.Diff(whole)
     P = F() * (by_C + by_C.trans) + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
     return ngs.CF((P.Reshape((9,)), energy.Diff(pressure))).Compile()
 
@@ -75,7 +77,7 @@ class Forces:
 
     def __call__(self) -> np.ndarray:
         """At the current state, one number for each unknown."""
-        self._values[:, self._moving] = self._derived(self._points[self._moving]).T
+        self._values[:, self._moving] = evaluated(self._derived, self._points[self._moving]).T
         self._stress.vec.FV().NumPy()[:] = self._values.ravel()
         self._form.Assemble()
         return self._form.vec.FV().NumPy().copy()

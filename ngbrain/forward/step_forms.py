@@ -1,20 +1,22 @@
 """How one time step of a relaxing body changes with the history it starts from, with its parameters and with its end.
 
-A step finds x with R(x; h, θ) = 0 and ends with the history h⁺ = U(x, h; θ), all of it at quadrature points. With a motion λ and
-weights Λ, densities at these points, everything that an adjoint needs is a derivative of one integrand,
+A step from a history h has inner variables m = P(h; θ) (what its Maxwell branches are made of), finds x with R(x; h, m, θ) = 0 and
+ends with the history h⁺ = U(x, h, m; θ), all but x at quadrature points. With a motion λ and weights Λ and M, densities at these
+points, everything that an adjoint needs is a derivative of two integrands,
 
-    ℓ = W'(x; h, θ)[λ] + Λ · U(x, h; θ) ,
+    ℓ = W'(x; h, m, θ)[λ] + Λ · U(x, h, m; θ)        and        M · P(h; θ) ,    M = ∂ℓ/∂m ,
 
-by h, θ and x; what a linearisation needs are the directional derivatives of W' and U. W and U are the material's own, with
+by h, θ and x; what a linearisation needs are the directional derivatives of W', U and P. W, U and P are the material's own, with
 e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import ngsolve as ngs
 import numpy as np
@@ -22,209 +24,250 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
+from ngbrain.forward.flow_forms import Begun, Ended, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
-from ngbrain.materials.base import Deformation, Value
+from ngbrain.materials.base import Deformation
 from ngbrain.tensors import deformation_gradient, of_six, six
 
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
-SERIES = 0.05
-"""Δt/τ below which β is its series: beyond it 1 - e^-x keeps its digits, also in the derivative."""
-
-
-def factors(dt: Value, tau: Value) -> tuple[CoefficientFunction, CoefficientFunction]:
-    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) as `materials.viscous.step_factors` has them, to be differentiated.
-
-    >>> e, beta = factors(ngs.Parameter(1e-9), ngs.Parameter(2.0))
-    >>> beta.dim
-    1
-    """
-    x = dt / tau * ngs.CF(1.0)
-    series: CoefficientFunction = ngs.CF(1.0)
-    for n in range(10, 1, -1):  # Σ (-x)ⁿ/(n + 1)!
-        series = 1 - x / n * series
-    e = ngs.exp(-x)
-    return e, ngs.IfPos(x - SERIES, (1 - e) / x, series)
+Expressions: TypeAlias = list[CoefficientFunction]
+Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
 
 
 class Block:
-    """Variables at quadrature points that go together: values, their change, and their weights Λ; each (size, points)."""
+    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points)."""
 
     def __init__(self, space: ngs.FESpace, size: int) -> None:
         self.value, self.change, self.weight = (ngs.GridFunction(ngs.VectorValued(space, size)) for _ in range(3))
         self.size = size
-        self.variable = entries(self.value).MakeVariable()
+        self.variable = _entries(self.value).MakeVariable()
 
 
-def entries(field: ngs.GridFunction) -> CoefficientFunction:
-    """The components of a field with a space of its own for each."""
-    return ngs.CF(tuple(field[i] for i in range(field.dim)))
+@dataclass(frozen=True)
+class Part:
+    """A function of the variables; if `made` is given, parameters are in nothing but that variable, which `law` is equal to.
+
+    What has parameters in few places, and much else, is derived by them through these places alone.
+    """
+
+    value: CoefficientFunction
+    made: CoefficientFunction | None = None
+    law: CoefficientFunction | None = None
+
+    def through(self, by: Derivative) -> CoefficientFunction:
+        """Its derivative by a parameter, of what derives any function by it."""
+        return by(self.value) if self.law is None else _times(self.value.Diff(self.made), by(self.law))
+
+
+NOTHING = {size: Part(ngs.CF((0.0,) * size)) for size in (6, 9, 10)}
 
 
 class StepForms:
     """Derivatives of a step of `body` by its history and by `parameters` (name → GridFunction or Parameter).
 
-    The history is one array (size, points): for each hereditary branch S̄_k, then H_k. Call `begin` for a step, put the body to its
-    end, and ask; all sums over points carry their quadrature weights. Raises `InputError` for a parameter that is neither.
+    A history is one array (size, points): S̄_k and H_k of each hereditary branch, then, where there are Maxwell branches, C̄ and each
+    G. Call `begin` for a step at whose end the body stands, and ask; all sums over points carry their quadrature weights. Raises
+    `InputError` for a parameter of another kind.
     """
 
     def __init__(self, body: Body, parameters: Mapping[str, Parameter]) -> None:
         self.body, self.parameters = body, dict(parameters)
-        history = body.history
-        self.points, space = history.points, history.space
-        self.dt = ngs.Parameter(1.0)
-        self.blocks = [Block(space, 6) for _ in range(2 * history.n_branches)]
+        history, space = body.history, body.history.space
+        self.points, self.dt = history.points, ngs.Parameter(1.0)
+        flows = range(len(history.flows.flows))
+        self._pairs = [(Block(space, 6), Block(space, 6)) for _ in range(history.n_branches)]
+        self._strain = [Block(space, 6)] if flows else []
+        self._G, self._half = ([Block(space, size) for _ in flows] for size in (9, 10))
+        self._settled = [Block(space, 5) for _ in flows]
+        self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
-        one = ngs.GridFunction(ngs.L2(body.mesh, order=0))
-        one.Set(1.0)
-        self._one, self._directions = one, {name: _direction(name, p) for name, p in self.parameters.items()}
+        self._one = ngs.GridFunction(ngs.L2(body.mesh, order=0))
+        self._one.Set(1.0)
+        self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
         rules = history.rules
-        self.quadrature = (
-            ngs.LinearForm(space.TestFunction() * ngs.dx(intrules=rules)).Assemble().vec.FV().NumPy().copy()
-        )
+        weights = ngs.LinearForm(space.TestFunction() * ngs.dx(intrules=rules)).Assemble()
+        self.quadrature = _values(weights).copy()
         self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
-        materials = body.materials
+        materials, of = body.materials, body.mesh.MaterialCF
         self._changed = Forces(body.gfu, {p: self._changing(m) for p, m in materials.items()}, space)
         self._remembered = Forces(body.gfu, {p: self._weighted(m) for p, m in materials.items()}, space)
-        self._back = body.mesh.MaterialCF({p: self._backward(m) for p, m in materials.items()})
-        self._forth = body.mesh.MaterialCF({p: self._forward(m) for p, m in materials.items()})
+        self._back = of({p: self._backward(m) for p, m in materials.items()})
+        self._forth = of({p: self._forward(m) for p, m in materials.items()})
+        self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
+        self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
         self._slopes = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
 
     # What is asked of a step.
 
-    def begin(self, history: Array, dt: float) -> None:
-        """A step of `dt` seconds from a history."""
+    def begin(self, memory: Mapping[str, Any], dt: float) -> None:
+        """A step of `dt` seconds from a `History.memory`, at whose end the body stands."""
         self.dt.Set(dt)
-        self._put("value", history)
+        history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
+        if self._strain:
+            history += [memory["strain"], *(G.reshape(-1, 9).T for G in memory["inner"])]
+        _put(self.blocks, "value", np.vstack(history) if history else np.zeros((0, 0)))
+        for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
+            _put([half], "value", flow.begun)
+            _put([settled], "value", flow.settled)
 
     def changed(self, history: Array, theta: Mapping[str, Array]) -> Array:
-        """∂R/∂h δh + ∂R/∂θ δθ, one number for each unknown of the body."""
-        self._put("change", history)
-        self._aim(theta)
+        """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
+        self._aim(history, theta)
         return self._changed()
 
-    def moved(self, x: Array, history: Array, theta: Mapping[str, Array]) -> Array:
-        """δh⁺ = ∂U/∂x δx + ∂U/∂h δh + ∂U/∂θ δθ."""
-        self._put("change", history)
-        self._aim(theta)
+    def moved(self, x: Array) -> Array:
+        """δh⁺ with δx, and with δh and δθ of the last `changed`."""
         _values(self._moving)[:] = x
-        return self.points(self._forth) if self.size else history
+        return self.points(self._forth)[1:]
 
     def remembered(self, weights: Array) -> Array:
         """(∂U/∂x)ᵀΛ, one number for each unknown of the body."""
-        self._put("weight", weights)
+        _put(self.blocks, "weight", weights)
         return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
 
     def back(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
-        """∂ℓ/∂h as a density at the points, and ∂ℓ/∂θ for each parameter's unknowns."""
-        self._put("weight", weights)
+        """Derivatives of ℓ by h, a density at the points, and by each parameter's unknowns."""
+        _put(self.blocks, "weight", weights)
         _values(self._motion)[:] = motion
-        found = self.points(self._back)
-        slopes = {}
-        for name, slope in zip(self.parameters, found[self.size :], strict=True):
-            if name in self._slopes:
-                field, form = self._slopes[name]
-                _values(field)[:] = slope
-                form.Assemble()
-                slopes[name] = form.vec.FV().NumPy().copy()
-            else:
-                slopes[name] = np.array([self.quadrature @ slope])
-        return found[: self.size], slopes
+        inner = sum(block.size for block in self._half)
+        by_history, by_inner, by_theta = np.split(self.points(self._back), [self.size, self.size + inner])
+        if inner:
+            _put(self._half, "weight", by_inner)
+            before = self.points(self._before)
+            by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
+        return by_history, {name: self._gathered(name, s) for name, s in zip(self.parameters, by_theta, strict=True)}
 
-    # How they are made.
+    def _gathered(self, name: str, density: Array) -> Array:
+        """From a derivative by a parameter's value at the points to that by its unknowns."""
+        if name not in self._slopes:
+            return np.array([self.quadrature @ density])
+        field, form = self._slopes[name]
+        _values(field)[:] = density
+        form.Assemble()
+        return _values(form).copy()
 
-    def _factors(self, material: Material) -> list[tuple[CoefficientFunction, CoefficientFunction]]:
-        return [factors(self.dt, branch.tau) for branch in material.viscous.hereditary]
+    # Materials in a step.
 
-    def _density(self, material: Material, at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
-        """W of a step, as `Body` has it."""
+    def _energies(self, material: Material, at: Deformation, p: CoefficientFunction) -> list[Part]:
+        """W, as `Body` has it."""
         law = material.viscous
-        both = self._factors(material)
-        energy = law.density(at, [beta for _, beta in both]) + material.of_volume(at.J, p)
-        for (e, beta), stress, over in zip(both, self.blocks[0::2], self.blocks[1::2], strict=False):
-            pull = of_six(e * over.variable - beta * stress.variable)
-            energy += 0.5 * ngs.InnerProduct(pull, at.shape)
-        return energy
+        factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
+        energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
+        for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
+            energy += 0.5 * ngs.InnerProduct(of_six(e * over.variable - beta * stress.variable), at.shape)
+        return [Part(energy), *(Part(ended.energy, *ended.made) for ended in self._ended(material, at.shape))]
 
-    def _updates(self, material: Material, shape: CoefficientFunction) -> list[CoefficientFunction]:
+    def _ended(self, material: Material, shape: CoefficientFunction) -> list[Ended]:
+        parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
+        return [Ended(branch, shape, half.variable, settled.variable) for branch, half, settled in parts]
+
+    def _updates(self, material: Material, shape: CoefficientFunction) -> list[Part]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
-        found, branches = [], material.viscous.hereditary
-        for k, (stress, over) in enumerate(zip(self.blocks[0::2], self.blocks[1::2], strict=True)):
-            if k < len(branches):
-                e, beta = factors(self.dt, branches[k].tau)
-                new = six(branches[k].stress(shape))
-                found += [new, e * over.variable + beta * (new - stress.variable)]
-            else:
-                found += [ngs.CF((0.0,) * 6), ngs.CF((0.0,) * 6)]
+        found = list[Part]()
+        for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
+            e, beta = step_factors(self.dt, branch.tau)
+            new = six(branch.stress(shape))
+            found += [Part(new), Part(e * over.variable + beta * (new - stress.variable))]
+        found += [NOTHING[6]] * (2 * len(self._pairs) - len(found))
+        if self._strain:
+            flowed = [Part(ended.G, *ended.made) for ended in self._ended(material, shape)]
+            found += [Part(six(shape)), *flowed, *[NOTHING[9]] * (len(self._G) - len(flowed))]
         return found
 
-    def _along(self, function: CoefficientFunction) -> CoefficientFunction:
-        """Change of a function with history and parameters."""
-        parts = [function.Diff(block.variable, entries(block.change)) for block in self.blocks]
-        parts += [function.Diff(p, self._directions[name]) for name, p in self.parameters.items()]
-        return reduce(add, parts)
+    def _inner(self, material: Material) -> list[Part]:
+        """P, block by block."""
+        found = list[Part]()
+        for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
+            three = ngs.CF(tuple(G.variable[i] for i in range(9)), dims=(3, 3))
+            begun = Begun(branch, self.dt, of_six(self._strain[0].variable), three, settled.variable)
+            found.append(Part(begun.value, *begun.made))
+        return found + [NOTHING[10]] * (len(self._half) - len(found))
+
+    # Derivatives: by all of a block and then along its change, for one along a change has no memory of what its parts share.
+
+    def _by_theta(self, part: Part) -> Expressions:
+        return [part.through(_toward(parameter, self._one)) for parameter in self.parameters.values()]
+
+    def _along(self, part: Part) -> CoefficientFunction:
+        """Change of a function with history, inner variables and parameters."""
+        found = [_times(part.value.Diff(b.variable), _entries(b.change)) for b in (*self.blocks, *self._half)]
+        found += [part.through(_toward(p, self._directions[name])) for name, p in self.parameters.items()]
+        return reduce(add, found)
 
     def _changing(self, material: Material) -> Density:
-        return lambda at, p: self._along(self._density(material, at, p))
+        return lambda at, p: reduce(add, map(self._along, self._energies(material, at, p)))
 
     def _weighted(self, material: Material) -> Density:
-        def density(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
-            return self._sum(self._updates(material, at.shape)) + 0 * p
+        return lambda at, p: reduce(
+            add, (w.value for w in _weighed(self.blocks, self._updates(material, at.shape))), 0 * p
+        )
 
-        return density
-
-    def _sum(self, updates: list[CoefficientFunction]) -> CoefficientFunction:
-        """Λ · U."""
-        parts = [ngs.InnerProduct(entries(b.weight), u) for b, u in zip(self.blocks, updates, strict=True)]
-        return reduce(add, parts, ngs.CF(0.0))
+    def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
+        """Derivatives of the sum of some parts by blocks and by θ."""
+        zero = [ngs.CF((0.0,) * block.size) for block in blocks]
+        found = [[*(part.value.Diff(b.variable) for b in blocks), *self._by_theta(part)] for part in parts]
+        return ngs.CF(tuple(reduce(add, of) for of in zip(*found, strict=True)) if found else tuple(zero)).Compile()
 
     def _backward(self, material: Material) -> CoefficientFunction:
-        """∂ℓ/∂h and ∂ℓ/∂θ."""
+        """∂ℓ by h, m and θ."""
         F = deformation_gradient(self.body.u).MakeVariable()
-        p, at = (1.0 * self.body.p).MakeVariable(), Deformation.of(F)
-        W = self._density(material, at, p)
+        moving = Deformation.of(F)
         u, q, _ = self._motion.components
-        work = W.Diff(F, ngs.Grad(u)) + W.Diff(p, q) + self._sum(self._updates(material, at.shape))
-        parts = [work.Diff(block.variable) for block in self.blocks]
-        for parameter in self.parameters.values():
-            field = isinstance(parameter, ngs.GridFunction)
-            parts.append(work.Diff(parameter, self._one) if field else work.Diff(parameter))
-        return ngs.CF(tuple(parts)).Compile()
+        changes = (part.Diff(F, ngs.Grad(u)) for part in (moving.shape, moving.C, moving.J, moving.F))
+        # Of expressions of their own: a variable is one wherever it is used.
+        free = (getattr(Deformation.of(deformation_gradient(self.body.u)), name) for name in ("shape", "C", "J", "F"))
+        ways = [
+            *zip((part.MakeVariable() for part in free), changes, strict=True),
+            ((1.0 * self.body.p).MakeVariable(), q),
+        ]
+        *held, p = (variable for variable, _ in ways)
+        energies = self._energies(material, Deformation(*held), p)
+        works = [
+            replace(W, value=reduce(add, (ngs.InnerProduct(W.value.Diff(variable), way) for variable, way in ways)))
+            for W in energies
+        ]
+        return self._derived(
+            works + _weighed(self.blocks, self._updates(material, held[0])), [*self.blocks, *self._half]
+        )
 
     def _forward(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
-        if not self.blocks:
-            return ngs.CF(0.0)
         F = deformation_gradient(self.body.u).MakeVariable()
         shape = Deformation.of(F).shape
         moving = shape.Diff(F, ngs.Grad(self._moving.components[0])).Reshape((9,))
         held = shape.MakeVariable()
         updates = self._updates(material, held)
-        # By all of C̄ and then along its change: a derivative along a change has no memory of what parts of it share.
-        parts = [u.Diff(held).Reshape((u.dim, 9)) * moving + self._along(u) for u in updates]
-        return ngs.CF(tuple(parts)).Compile()
+        return ngs.CF((0.0, *(_times(u.value.Diff(held), moving) + self._along(u) for u in updates))).Compile()
+
+    def _inner_backward(self, material: Material) -> CoefficientFunction:
+        """∂(M · P) by h and θ."""
+        return self._derived(_weighed(self._half, self._inner(material)), self.blocks)
+
+    def _inner_forward(self, material: Material) -> CoefficientFunction:
+        """δm."""
+        return ngs.CF((0.0, *map(self._along, self._inner(material)))).Compile()
 
     def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
-        """From a density at points to a number for each unknown of a field."""
-        field = ngs.GridFunction(self.body.history.space)
-        form = ngs.LinearForm(parameter.space)
+        field, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
         form += field * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
         return field, form
 
-    def _put(self, what: str, values: Array) -> None:
-        end = 0
-        for block in self.blocks:
-            _values(getattr(block, what))[:] = values[end : end + block.size].ravel()
-            end += block.size
-
-    def _aim(self, theta: Mapping[str, Array]) -> None:
+    def _aim(self, history: Array, theta: Mapping[str, Array]) -> None:
+        _put(self.blocks, "change", history)
         for name, direction in self._directions.items():
             if isinstance(direction, ngs.GridFunction):
                 _values(direction)[:] = theta[name]
             else:
                 direction.Set(float(theta[name][0]))
+        if self._half:
+            _put(self._half, "change", self.points(self._begun)[1:])
+
+
+def _toward(parameter: Parameter, direction: CoefficientFunction) -> Derivative:
+    return lambda function: function.Diff(parameter, direction)
 
 
 def _direction(name: str, parameter: Parameter) -> Parameter:
@@ -239,5 +282,29 @@ def _direction(name: str, parameter: Parameter) -> Parameter:
     return ngs.Parameter(0.0)
 
 
-def _values(field: ngs.GridFunction) -> Array:
-    return field.vec.FV().NumPy()
+def _put(blocks: Iterable[Block], what: str, values: Array) -> None:
+    end = 0
+    for block in blocks:
+        _values(getattr(block, what))[:] = values[end : end + block.size].ravel()
+        end += block.size
+
+
+def _weighed(blocks: Iterable[Block], functions: Iterable[Part]) -> list[Part]:
+    both = zip(blocks, functions, strict=True)
+    return [replace(f, value=ngs.InnerProduct(_entries(b.weight), f.value)) for b, f in both]
+
+
+def _times(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
+    """A derivative by all entries, along a change of them."""
+    if by.dim == change.dim:
+        return ngs.InnerProduct(by.Reshape((change.dim,)), change)
+    return by.Reshape((by.dim // change.dim, change.dim)) * change
+
+
+def _entries(field: ngs.GridFunction) -> CoefficientFunction:
+    """The components of a field with a space of its own for each."""
+    return ngs.CF(tuple(field[i] for i in range(field.dim)))
+
+
+def _values(of: ngs.GridFunction | ngs.LinearForm) -> Array:
+    return of.vec.FV().NumPy()

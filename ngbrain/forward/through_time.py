@@ -173,15 +173,13 @@ class Replayed:
                 x = -solve(r)
                 if seen is not None:
                     data[i, seen] = model.B @ x + stiff @ x + model.Z @ r
-                histories[i] = forms.moved(x, histories[i], theta)
+                histories[i] = forms.moved(x)
         return data
 
     def _begin(self, step: Step) -> Solve:
         """Forms and factor of a step at whose end the body stands."""
         model = self.model
-        grid, memory = model.replay.grid, step.memory
-        pairs = np.stack([memory["stress"], memory["overstress"]], axis=1)
-        model.forms.begin(pairs.reshape(model.forms.size, -1), grid[step.n + 1] - grid[step.n])
+        model.forms.begin(step.memory, model.replay.grid[step.n + 1] - model.replay.grid[step.n])
         return model.body.factorise(step.x)
 
     def _tissue(self, motion: Array) -> Array:

@@ -138,13 +138,13 @@ class Flow:
         self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
         self._pull = _congruence(self._step)
         self.energy, self.stress = np.zeros(n), np.zeros((6, n))
-        self._elastic = np.zeros((2, n))
+        self._elastic, self._start, self._share = np.zeros((2, n)), np.zeros((2, n)), np.ones(n)
         self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
         vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ tensors(shapes) @ self.G)
-        e = PLANE @ logs
+        self._start = e = PLANE @ logs
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
         strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
@@ -152,12 +152,12 @@ class Flow:
         safe = np.where(self.eta > 0, self.eta, 1.0)
         theta, factor = half_step_factors(dt * modulus / safe)
         self.kappa = self.eta / dt * factor
-        flowed = -theta * dt / (4 * safe) * slope
+        flowed, self._share = -theta * dt / (4 * safe) * slope, np.ones_like(theta)
         for _ in range(HALVINGS):  # still downhill at its end, a path of flow has not gone uphill: it dissipates
             uphill = np.sum(self._at(e + flowed)[1:3] * slope, axis=0) < 0
             if not np.any(uphill):
                 break
-            flowed = np.where(uphill, flowed / 2, flowed)
+            flowed, self._share = np.where(uphill, flowed / 2, flowed), np.where(uphill, self._share / 2, self._share)
         self._elastic = e + flowed
         self._step = self.G @ _compose(vectors, PLANE.T @ flowed)
         self._pull = _congruence(self._step)
@@ -188,6 +188,16 @@ class Flow:
         x = PLANE @ logs
         e, _ = self._minimum(x)
         self.G = self._step @ _compose(vectors, PLANE.T @ (e - x))
+
+    @property
+    def settled(self) -> np.ndarray:
+        """What the present step found: e of the last `relax`, e at its start, and the share of the first half's flow (5, n)."""
+        return np.vstack([self._elastic, self._start, self._share])
+
+    @property
+    def begun(self) -> np.ndarray:
+        """G after the first half of the present step, by rows, and κ (10, n)."""
+        return np.vstack([self._step.reshape(-1, 9).T, self.kappa])
 
     def halved(self, half: float, before: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
         """`stress` at the end of two steps of `half` seconds between these shapes; the step that was begun stays as it is."""

@@ -1,0 +1,130 @@
+"""A Maxwell branch in a time step, as expressions to be differentiated: `materials.flow.Flow` says what they are.
+
+The step's own minimum is differentiated through its equation ∂W(e) = 2κ (x - e). From the converged e₀ one Newton step leads to
+the minimum of any neighbouring equation,
+
+    r = ∂W(e₀) - 2κ (x - e₀) ,   M = ∂²W(e₀) + 2κ ,   e = e₀ - M⁻¹ r ,   energy = W(e₀) + κ |x - e₀|² - ½ r · M⁻¹ r ,
+
+and as r is 0 where it is taken, these have the minimum's e with its derivatives, and its energy with two of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import reduce
+from operator import add
+
+import ngsolve as ngs
+from ngsolve import CoefficientFunction
+
+from ngbrain.materials import Maxwell
+from ngbrain.materials.base import Value
+from ngbrain.materials.flow import PLANE, SMALL
+from ngbrain.materials.points import initial_modulus
+from ngbrain.tensors import principal_values
+
+SERIES = 0.1
+"""Δt/τ below which factors are their series: beyond it differences keep their digits, also in the derivative."""
+
+
+def step_factors(dt: Value, tau: Value) -> tuple[CoefficientFunction, CoefficientFunction]:
+    """e = exp(-Δt/τ) and β = (1 - e)/(Δt/τ) as `materials.viscous.step_factors` has them, to be differentiated.
+
+    >>> e, beta = step_factors(ngs.Parameter(1e-9), ngs.Parameter(2.0))
+    >>> beta.dim
+    1
+    """
+    x = dt / tau * ngs.CF(1.0)
+    e = ngs.exp(-x)
+    return e, ngs.IfPos(x - SERIES, (1 - e) / x, _series(x, 2))
+
+
+def half_step_factors(y: CoefficientFunction) -> tuple[CoefficientFunction, CoefficientFunction]:
+    """θ and κ Δt/η of a step, as `materials.flow.half_step_factors` has them, to be differentiated."""
+    e, beta = step_factors(y, 1.0)
+    theta = ngs.IfPos(y - SERIES, 2 * (beta - e) / (y * beta), e * _series(-y, 3) / beta)
+    return theta, 2 * beta / ngs.IfPos(y - SERIES, 2 * (1 - beta) / y, _series(y, 3))
+
+
+def _series(x: CoefficientFunction, n: int) -> CoefficientFunction:
+    """1 - x/n + x²/n(n+1) - …"""
+    found: CoefficientFunction = ngs.CF(1.0)
+    for k in range(n + 9, n - 1, -1):
+        found = 1 - x / k * found
+    return found
+
+
+class Spectrum:
+    """Logarithmic strains of a symmetric tensor A: their coordinates x in `PLANE`, and functions of A with its axes."""
+
+    def __init__(self, A: CoefficientFunction) -> None:
+        A = A.MakeVariable()
+        values = principal_values(A)
+        logs = [ngs.log(value) / 2 for value in values]
+        self.x = [_sum(float(c) * log for c, log in zip(row, logs, strict=True)) for row in PLANE]
+        self._axes = [value.Diff(A) for value in values]
+
+    def stretched(self, strain: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """Σ exp(strain_i) n_i ⊗ n_i, of coordinates of traceless strains."""
+        logs = (_sum(float(c) * s for c, s in zip(column, strain, strict=True)) for column in PLANE.T)
+        return _sum(ngs.exp(log) * axis for log, axis in zip(logs, self._axes, strict=True))
+
+
+class Begun:
+    """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`.
+
+    shape, G  C̄ and G at the start
+    settled   what `Flow.settled` has: the strains in a law of which parameters are differentiated, and a share
+    """
+
+    def __init__(
+        self,
+        branch: Maxwell,
+        dt: Value,
+        shape: CoefficientFunction,
+        G: CoefficientFunction,
+        settled: CoefficientFunction,
+    ) -> None:
+        start = Spectrum(G.trans * shape * G)
+        made = _start(branch, ngs.CF(tuple(start.x))).MakeVariable()
+        slope, rest, eta = [made[0], made[1]], made[2], made[3]
+        found = settled[2], settled[3]
+        pairs = (slope, slope), (start.x, slope), (found, found)
+        squared, along, size = (_sum(a * b for a, b in zip(*pair, strict=True)) for pair in pairs)
+        theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
+        flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
+        self.value = ngs.CF((G * start.stretched(flowed), eta / dt * factor))
+        self.made = made, _start(branch, ngs.CF(found))
+
+
+def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
+    law = branch.slopes(strain)
+    return ngs.CF((law[1], law[2], initial_modulus(branch.law), branch.eta))
+
+
+class Ended:
+    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries).
+
+    half     ten entries of `Begun`
+    settled  see there
+    """
+
+    def __init__(
+        self, branch: Maxwell, shape: CoefficientFunction, half: CoefficientFunction, settled: CoefficientFunction
+    ) -> None:
+        G = ngs.CF(tuple(half[i] for i in range(9)), dims=(3, 3))
+        kappa, end = half[9], Spectrum(G.trans * shape * G)
+        law = branch.slopes(ngs.CF((settled[0], settled[1])))
+        made = law.MakeVariable()
+        W, first, second, a, b, c = (made[i] for i in range(6))
+        off = [end.x[i] - settled[i] for i in range(2)]
+        r, k = (first - 2 * kappa * off[0], second - 2 * kappa * off[1]), 2 * kappa
+        det = (a + k) * (c + k) - b * b
+        back = ((c + k) * r[0] - b * r[1]) / det, ((a + k) * r[1] - b * r[0]) / det
+        self.energy = W + kappa * (off[0] ** 2 + off[1] ** 2) - (r[0] * back[0] + r[1] * back[1]) / 2
+        self.G = (G * end.stretched([-off[i] - back[i] for i in range(2)])).Reshape((9,))
+        self.made = made, law
+
+
+def _sum(parts: Iterable[CoefficientFunction]) -> CoefficientFunction:
+    return reduce(add, parts)
