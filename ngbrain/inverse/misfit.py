@@ -1,4 +1,4 @@
-"""How far predicted waves are off the measured ones, in units of their noise."""
+"""How far predicted data are off the measured ones, in units of their noise."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import numpy as np
 from ngbrain.errors import InputError, nearest
 
 Array = np.ndarray
+REAL_MEDIAN = 0.454936423
+"""Of the square of a normal deviate; of a complex one, 2 ln 2."""
 
 
 class LeastSquares:
     """Φ = ½ Σ |(d - m)/σ|² over what is measured.
 
-    measured   m (loads, n, dim), complex, m; NaN where a component is not measured
-    sigma      standard deviation of the real and of the imaginary part (m), of any shape that fits m's
+    measured   m (loads, n, dim), complex, m, or real data of any shape; NaN where a component is not measured
+    sigma      standard deviation of the data, of complex ones that of the real and of the imaginary part, of any shape that
+               fits m's
 
     With the right σ, 2Φ of the truth is close to `count`, the number of real data.
     """
@@ -27,7 +30,7 @@ class LeastSquares:
         if not np.all(self.sigma[self.known] > 0):
             raise InputError("sigma", float(np.min(self.sigma)), "a positive standard deviation in m")
         self.measured = np.where(self.known, measured, 0)
-        self.count = 2 * int(self.known.sum())
+        self.count = int(self.known.sum()) * (2 if np.iscomplexobj(measured) else 1)
 
     def residual(self, data: Array) -> Array:
         """(d - m)/σ, 0 where nothing is measured."""
@@ -74,8 +77,9 @@ class Huber(LeastSquares):
         return float(np.sum(np.where(size <= k, 0.5 * size**2, k * size - 0.5 * k**2)))
 
     def squares(self, data: Array) -> float:
-        """What the sum of squares would be without outliers: by the median of |(d - m)/σ|², 2 ln 2 where noise is Gaussian."""
-        return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / (2 * np.log(2))
+        """What the sum of squares would be without outliers: by the median of |(d - m)/σ|² beside that of Gaussian noise."""
+        usual = 2 * np.log(2) if np.iscomplexobj(self.measured) else REAL_MEDIAN
+        return self.count * float(np.median(np.abs(self.residual(data)[self.known]) ** 2)) / usual
 
     def slope(self, data: Array) -> Array:
         """w with dΦ = Re Σ w̄ · δd (1/m)."""
