@@ -1,0 +1,38 @@
+"""Inversions of phantoms whose truth is drawn from what the inversion assumes of it."""
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.inverse.drawn import drawn
+from ngbrain.inverse.gauss_newton import GaussNewton
+from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.regularise import matern
+from ngbrain.inverse.weights import Given
+
+
+def prior(space, x):
+    """Bumps of 3 cm."""
+    return matern(space, x, 0.03)
+
+
+def begun(weight=5.0, noise=0.02, nodes=7, seed=0):
+    """A viscoelastic phantom's inversion, not yet begun; ln moduli deviate by about .44/√weight."""
+    return drawn(Phantom.named("CV-G", nodes), prior, weight, seed).measured(noise, seed).inversion(prior, weight)
+
+
+def settled(weight=5.0, noise=0.02, nodes=7, seed=0):
+    """The same, and where it ends."""
+    inversion = begun(weight, noise, nodes, seed)
+    return inversion, descended(inversion.reduced)
+
+
+def descended(reduced):
+    """The minimum of J, at the weights as they are."""
+    return reduced.at(GaussNewton(reduced, Given()).descend(reduced.unknowns.start).x)
+
+
+def boundary_as_measured(inversion):
+    """The problem without unknown displacements of the boundary: they are what was measured, noise included."""
+    reduced = inversion.reduced
+    unknowns = {name: each for name, each in reduced.unknowns.unknowns.items() if name != "boundary"}
+    fields = Fields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
+    return Reduced(reduced.model, reduced.misfit, fields, reduced.regularisers, reduced.weights)
