@@ -23,8 +23,8 @@ from ngbrain.solvers.newton import Newton
 Array = np.ndarray
 TIGHT = Newton(rtol=1e-10, xtol=1e-10, max_iter=80)
 """Derivatives are those of the converged step: what is left of the residual is an error of theirs."""
-PARTS = 3
-"""How often the way of the rigid bodies in a step is halved where Newton's method does not reach its end at once."""
+SHORTEST = 1e-2
+"""Part of a step's way that the rigid bodies go at once, at least, where Newton's method does not reach its end so."""
 
 
 @dataclass(frozen=True)
@@ -137,20 +137,19 @@ class Replay:
         last = self.motion.travel(self.grid[n - 1], start) if n else 0.0
         ratio = travel / last if last * travel > 0 else 0.0
         guess = x + ratio * (x - before)
-        reached, reason = self._newton_at(end, guess if self.body.min_det(guess) > self.newton.min_det else x)
-        if reached is None:
-            for parts in 2 ** np.arange(1, PARTS + 1):
-                reached = x
-                for t in start + (end - start) * np.arange(1, parts + 1) / parts:
-                    reached, reason = self._newton_at(t, reached)
-                    if reached is None:
-                        break
-                if reached is not None:
-                    break
-        if reached is None:
-            kind = InvertedElementError if "inverted" in reason else ConvergenceError
-            raise kind(f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}")
-        return reached
+        guess = guess if self.body.min_det(guess) > self.newton.min_det else x
+        done, part = 0.0, 1.0
+        while done < 1:
+            reached, reason = self._newton_at(start + (end - start) * (done + part), guess)
+            if reached is not None:
+                done, x, guess = done + part, reached, reached
+                part = min(2 * part, 1 - done)
+            elif part > SHORTEST:
+                part, guess = part / 4, x
+            else:
+                kind = InvertedElementError if "inverted" in reason else ConvergenceError
+                raise kind(f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}")
+        return x
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str]:
         self.motion.set(t)

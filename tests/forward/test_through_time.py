@@ -1,0 +1,269 @@
+"""Derivatives of a run by what its body is made of: Taylor rates, J against Jᵀ, memory, and bugs that are caught."""
+
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from replayed import GRID, KINDS, PLAIN, directions, model, plate, relaxing, weights
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward import flow_forms, step_forms, through_time
+from ngbrain.forward.body import Body
+from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.readings import Displacements, Force
+from ngbrain.forward.replay import Replay, times_of
+from ngbrain.forward.step_forms import StepForms
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.through_time import Replayed, RunModel
+from ngbrain.forward.transient import Transient
+from ngbrain.materials.flow import Flow
+from ngbrain.solvers.newton import Newton
+from ngbrain.surgery.protocols import Drive
+
+FIRST = 1e-2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rates_of_every_parameter(kind, rng):
+    of = model(kind)
+    theta, there = of.theta, of.at(of.theta)
+    w = weights(there.data, rng)
+    slope = there.gradient(w)
+    for name, direction in directions(of, rng):
+        rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=FIRST)
+        assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_products_are_transposes(kind, rng):
+    of = model(kind)
+    there = of.at(of.theta)
+    w = weights(there.data, rng)
+    slope = there.gradient(w)
+    assert there.pull(w) == pytest.approx(slope, rel=1e-8, abs=1e-9 * np.abs(slope).max())
+    for name, direction in directions(of, rng):
+        change = there.push(direction)
+        size = np.linalg.norm(w * change)
+        assert size > 0 and abs(np.sum(w * change) - slope @ direction) < 1e-9 * size, name
+
+
+def test_fields_of_many_unknowns_are_pushed_one_by_one(monkeypatch, rng):
+    of = model("layers")
+    there = of.at(of.theta)
+    direction = rng.normal(size=of.size) * of.theta
+    together = there.push(direction)
+    monkeypatch.setattr(through_time, "TOGETHER", 3)
+    assert there.push(direction) == pytest.approx(together, rel=1e-9, abs=1e-12 * np.abs(together).max())
+    w = weights(there.data, rng)
+    assert np.array_equal(there.pull(w), there.gradient(w))
+
+
+def test_data_are_those_of_the_stepping_that_was_recorded():
+    def made():
+        mesh, materials, parameters, protocol, _ = relaxing()
+        drive = Drive(protocol)
+        return Body(mesh, materials, "bottom", [plate(drive)]), drive, parameters
+
+    body, drive, _ = made()
+    transient = Transient(body, drive, StepControl(1.0, dt_max=10), 1e-3)
+    (_, Z), rows = Force("top").on(body), []
+    z = Z.toarray()[0, body.is_u]
+    step = transient.step
+    transient.step = lambda: (step(), rows.append(z @ body.tissue_forces()))[0]
+    grid = times_of(transient)
+    body, drive, parameters = made()
+    of = RunModel(body, drive, grid, parameters, [Force("top")])
+    assert of.at(of.theta).data[:, 0] == pytest.approx(np.array(rows), rel=1e-5, abs=1e-9)
+    assert len(rows) == len(grid) - 1 > 8
+
+
+def test_a_force_is_what_the_plate_exerts_and_the_support_takes():
+    of = model()
+    there = of.at(of.theta)
+    top, bottom = there.data[:, 0], there.data[:, 1]
+    assert np.all(top < 0) and bottom == pytest.approx(-top, rel=1e-6)
+    with_more_times = model(times=[3.0, 20.0, 40.0])
+    assert with_more_times.replay.grid.tolist() == [*GRID[:3], 3.0, *GRID[3:5], 20.0, 40.0]
+    assert with_more_times.at(of.theta).data.shape == (3, 8)
+
+
+def test_points_are_where_they_go():
+    of = model(grid=GRID[:3])
+    there = of.at(of.theta)
+    u = [of.body.u(of.body.mesh(*point)) for point in ((0.013, 0.01, 0.015), (0.005, 0.01, 0.01))]
+    assert there.data[-1, 2:] == pytest.approx(np.ravel(u), rel=1e-12)
+
+
+# Memory.
+
+
+def test_few_states_are_held_and_the_gradient_is_the_same(rng):
+    grid = np.linspace(0, 4, 17)
+    found = []
+    for every in (1, 4, 16):
+        of = model(grid=grid, every=every)
+        there = of.at(of.theta)
+        assert of.replay.taken == 16
+        held = [of.replay.held]
+        w = np.ones_like(there.data)
+        steps = of.replay.backwards
+        of.replay.backwards = lambda steps=steps, of=of, held=held: (
+            (held.append(of.replay.held), step)[1] for step in steps()
+        )
+        found.append((there.gradient(w), max(held), of.replay.taken))
+    (all_of_them, many, once), (slope, few, more), (one, long, least) = found
+    assert (many, few, long) == (17, 8, 17)  # 16 starts and a step, 4 and 4, 1 and 16
+    assert (once, more, least) == (31, 28, 16)
+    assert slope == pytest.approx(all_of_them, rel=1e-7) and one == pytest.approx(all_of_them, rel=1e-7)
+
+
+def test_by_default_memory_grows_like_the_root():
+    held = []
+    for n in (4, 16, 36):
+        of = model("elastic", grid=np.linspace(0, 4, n + 1))
+        there = of.at(of.theta)
+        there.gradient(np.ones_like(there.data))
+        held.append(of.replay.held)
+    assert held == [4, 8, 12]
+
+
+# What goes wrong.
+
+
+def test_a_step_that_fails_is_an_error_that_searches_can_step_back_from():
+    of = model(newton=Newton(rtol=1e-10, xtol=1e-10, max_iter=2))
+    with pytest.raises(ConvergenceError, match="recorded run"):
+        of.at(of.theta)
+    of = model()
+    theta = of.theta
+    with pytest.raises(ConvergenceError):
+        of.at(np.array([-1000.0, 0.5, 3.0]))
+    assert np.isfinite(of.at(theta).data).all()
+
+
+def test_part_of_the_way_is_gone_first_where_the_whole_is_too_far(monkeypatch):
+    far = (0.0, 4.0, 40.0)
+    wanted = model(grid=far).at(model(grid=far).theta).data
+    solve, asked = Newton.solve, []
+
+    def shy(self, system, x):
+        asked.append(0)
+        found, record = solve(self, system, x)
+        record.converged = record.converged and len(asked) > 1
+        return found, record
+
+    monkeypatch.setattr(Newton, "solve", shy)
+    of = model(grid=far)
+    assert of.at(of.theta).data == pytest.approx(wanted, rel=1e-6, abs=1e-9) and len(asked) > 4
+
+
+def test_bad_input():
+    mesh, materials, parameters, protocol, _ = relaxing()
+    drive = Drive(protocol)
+    body = Body(mesh, materials, "bottom", [plate(drive)])
+    with pytest.raises(InputError, match="grid"):
+        RunModel(body, drive, [0.5, 1.0], parameters, [Force("top")], times=[1.0])
+    with pytest.raises(InputError, match="times"):
+        RunModel(body, drive, GRID, parameters, [Force("top")], times=[50.0])
+    with pytest.raises(InputError, match="every"):
+        RunModel(body, drive, GRID, parameters, [Force("top")], every=-1)
+    with pytest.raises(InputError, match=r"parameters\.mu"):
+        RunModel(body, drive, GRID, {"mu": 3.0}, [Force("top")])
+    with pytest.raises(InputError, match="direction"):
+        RunModel(body, drive, GRID, parameters, [Force("top", (0.0, 0.0, 0.0))])
+    with pytest.raises(InputError, match="boundary"):
+        RunModel(body, drive, GRID, parameters, [Force("lid")])
+    with pytest.raises(InputError, match="outside"):
+        RunModel(body, drive, GRID, parameters, [Displacements([[1.0, 0.0, 0.0]])])
+    of = RunModel(body, drive, GRID, parameters, [Force("top")])
+    with pytest.raises(InputError, match="theta"):
+        of.at(np.ones(2))
+    with pytest.raises(InputError, match="without friction, inertia"):
+        Replay(
+            DynamicBody(mesh, materials, "bottom", density={".*": 1000.0}, scheme=GeneralizedAlpha(0.8)),
+            drive,
+            np.array(GRID),
+        )
+
+
+# Each bug is one that was met; rates of a right gradient are above 1.9.
+
+
+def without_shares(patch):
+    """β and e held as τ changes."""
+    factors = flow_forms.step_factors
+    patch.setattr(step_forms, "step_factors", lambda dt, tau: factors(dt, ngs.Parameter(tau.Get())))
+
+
+def forgetful(patch):
+    """No weights of the history handed from step to step."""
+    back = StepForms.back
+    patch.setattr(StepForms, "back", lambda self, *of: (0 * back(self, *of)[0], back(self, *of)[1]))
+
+
+def forwards(patch):
+    patch.setattr(Replay, "backwards", Replay.forwards)
+
+
+def force_of_nothing(patch):
+    """A force's own change with the state forgotten."""
+    patch.setattr(Replayed, "_tissue", lambda self, motion: 0 * motion)
+
+
+def stale_factor(patch):
+    begin = Replayed._begin
+    patch.setattr(Replayed, "_begin", lambda self, step: begin(self, replace(step, x=0.7 * step.x)))
+
+
+def unsettled(patch):
+    """A step's own minimum differentiated where it is not."""
+    settled = Flow.settled.fget
+    patch.setattr(Flow, "settled", property(lambda self: settled(self) * np.array([[0.5], [0.5], [1], [1], [1]])))
+
+
+def rest_forgotten(patch):
+    """The modulus at rest, by which a first step flows, held."""
+    patch.setattr(flow_forms, "initial_modulus", lambda law: 600.0)
+
+
+def inner_forgotten(patch):
+    """What Maxwell branches do in the first half of a step held."""
+    patch.setattr(StepForms, "_inner", lambda self, m: [step_forms.NOTHING[10]] * len(self._half))
+
+
+BUGS = {
+    without_shares: ("relaxing", "tau"),
+    forgetful: ("relaxing", "g"),
+    forwards: ("relaxing", "tau"),
+    force_of_nothing: ("relaxing", "mu"),
+    stale_factor: ("relaxing", "mu"),
+    unsettled: ("flowing", "spring"),
+    rest_forgotten: ("flowing", "spring"),
+    inner_forgotten: ("flowing", "eta"),
+}
+
+
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.__name__)
+def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
+    kind, name = BUGS[bug]
+    bug(monkeypatch)
+    of = model(kind)
+    theta = of.theta
+    direction = dict(directions(of, np.random.default_rng(1)))[name]
+    w = weights(of.at(theta).data, rng)
+    slope = of.at(theta).gradient(w)
+    rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=4e-4)
+    assert np.all(rates < 1.3), rates
+
+
+@pytest.mark.parametrize("kind", PLAIN)
+def test_without_bugs_the_same_has_its_rate(kind, rng):
+    of = model(kind)
+    theta = of.theta
+    w = weights(of.at(theta).data, rng)
+    slope = of.at(theta).gradient(w)
+    for _, direction in directions(of, np.random.default_rng(1)):
+        rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=2e-2)
+        assert np.all((rates > 1.9) & (rates < 2.1)), rates

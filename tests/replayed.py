@@ -1,0 +1,113 @@
+"""Small relaxing blocks that a plate presses, as models of what their parameters do to forces and displacements over time."""
+
+import ngsolve as ngs
+import numpy as np
+from netgen.occ import Box, Glue, OCCGeometry, Z
+
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.readings import Displacements, Force
+from ngbrain.forward.through_time import RunModel
+from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
+
+SIDE = 0.02
+GRID = (0.0, 1.0, 2.5, 4.0, 9.0, 40.0)
+HOLD = Protocol("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))
+LIFT = Protocol("lift", (0.0, 2.5, 4.0, 40.0), (0.0, 2e-3, -1e-3, -1e-3))
+SEEN = (Force("top"), Force("bottom", (1.0, 0.0, 1.0)), Displacements([[0.013, 0.01, 0.015], [0.005, 0.01, 0.01]]))
+
+
+def two_layers():
+    low, high = Box((0, 0, 0), (SIDE, SIDE, SIDE / 2)), Box((0, 0, SIDE / 2), (SIDE, SIDE, SIDE))
+    low.mat("low"), high.mat("high")
+    low.faces.Min(Z).name, high.faces.Max(Z).name = "bottom", "top"
+    return ngs.Mesh(OCCGeometry(Glue([low, high])).GenerateMesh(maxh=SIDE))
+
+
+def field(mesh, value, space=None):
+    """A field that varies by a fifth."""
+    made = ngs.GridFunction(space or ngs.H1(mesh, order=1))
+    made.Set(value * (1 + 0.2 * ngs.sin(90 * ngs.x) * ngs.cos(70 * ngs.z)))
+    return made
+
+
+def plate(drive, share=0.0):
+    return Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5, share)
+
+
+def numbers(**values):
+    return {name: ngs.Parameter(value) for name, value in values.items()}
+
+
+def prony():
+    mesh = block((SIDE,) * 3, SIDE)
+    p = {"mu": field(mesh, 1000.0), "alpha": field(mesh, -12.0), **numbers(g=0.4, tau=3.0, slow=50.0, bulk=1.5e6)}
+    law = Prony(Ogden(p["mu"], p["alpha"]), [p["g"], 0.2], [p["tau"], p["slow"]])
+    return mesh, {"tissue": Material(law, p["bulk"])}, p, HOLD, 0.0
+
+
+def layers():
+    mesh = two_layers()
+    p = {"tau": field(mesh, 3.0, ngs.L2(mesh, order=0)), **numbers(rest=300.0, first=700.0, second=400.0, stiff=900.0)}
+    soft = Viscous(
+        NeoHooke(p["rest"]), (Branch(NeoHooke(p["first"]), p["tau"]), Branch(Ogden(p["second"], -9.0), 60.0))
+    )
+    stiff = Viscous(NeoHooke(500.0), (Branch(NeoHooke(p["stiff"]), 10.0),))
+    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, 0.9
+
+
+def maxwell():
+    mesh = two_layers()
+    p = {"eta": field(mesh, 2100.0), **numbers(spring=700.0, alpha=-15.0, other=1e5, rest=300.0, tau=2.0)}
+    both = Maxwell(Ogden(p["spring"], p["alpha"]), p["eta"]), Maxwell(NeoHooke(500.0), p["other"])
+    soft = Viscous(Ogden(p["rest"], -12.0), (*both, Branch(NeoHooke(400.0), p["tau"])))
+    stiff = Viscous(NeoHooke(500.0), (Maxwell(NeoHooke(900.0), p["eta"]),))
+    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, 0.0
+
+
+def lifted():
+    return *prony()[:3], LIFT, 0.0
+
+
+def elastic():
+    p = numbers(mu=1000.0)
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(NeoHooke(p["mu"]), 1e6)}, p, HOLD, 0.0
+
+
+def relaxing():
+    p = numbers(mu=1000.0, g=0.5, tau=3.0)
+    law = Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]])
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, 0.0
+
+
+def flowing():
+    p = numbers(rest=400.0, spring=600.0, eta=1800.0)
+    law = Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, 0.0
+
+
+KINDS = {"Prony": prony, "layers": layers, "Maxwell": maxwell, "lifted": lifted, "elastic": elastic}
+PLAIN = {"relaxing": relaxing, "flowing": flowing}
+
+
+def model(kind="relaxing", grid=GRID, **options):
+    mesh, materials, parameters, protocol, share = (KINDS | PLAIN)[kind]()
+    drive = Drive(protocol)
+    body = Body(mesh, materials, "bottom", [plate(drive, share)])
+    return RunModel(body, drive, grid, parameters, SEEN, **options)
+
+
+def directions(of, rng):
+    """One for each parameter, of its size."""
+    theta = of.theta
+    for name, block_ in of.blocks.items():
+        direction = np.zeros(of.size)
+        direction[block_] = rng.normal(size=block_.stop - block_.start) * np.abs(theta[block_]).max()
+        yield name, direction
+
+
+def weights(data, rng):
+    """Of the data, so that forces and displacements count alike."""
+    return rng.normal(size=data.shape) / np.abs(data).max(axis=0)
