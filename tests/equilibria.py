@@ -4,8 +4,8 @@ import ngsolve as ngs
 import numpy as np
 from statics import square
 
-from ngbrain.forward.implicit import Case, Held, StaticModel
-from ngbrain.forward.loads import Traction
+from ngbrain.adjoint.check import taylor
+from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force, Functional
 from ngbrain.forward.static import Static
@@ -93,27 +93,29 @@ def field(mesh, value, space=None):
 
 
 def seen(dim=2):
-    """Displacements at two points, the force on the top, and an integral that is none of the energy's."""
+    """Displacements at two points, the force on the bottom, and an integral that is none of the energy's."""
     points = SIDE * np.array([[0.31, 0.52, 0.4], [0.7, 0.83, 0.6]])[:, :dim]
     swelling = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*"))
-    return [Displacements(points), Force("top"), swelling]
+    return [Displacements(points), Force("bottom"), swelling]
 
 
-def model(law=NeoHooke, kind="field", form="P2", mesh=None, loads=(), more=(), drop=0.012, **options):
-    """A square (or another mesh) pressed and sheared, of a law all of whose parameters are of a kind; `more` blocks by name."""
+def model(law=NeoHooke, kind="field", form="P2", mesh=None):
+    """A square (or another mesh) pressed and sheared, of a law all of whose parameters are of a kind."""
     mesh, parameters = mesh or square(2, size=SIDE), {}
 
     def parameter(name, value):
         parameters[name] = ngs.Parameter(value) if kind == "number" else field(mesh, value)
         return parameters[name]
 
-    down = (0.006, *[0.002] * (mesh.dim - 2), -drop)
     bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
-    material = Material(LAWS[law](parameter), bulk)
-    body = Static(mesh, {".*": material}, {"bottom": 0, "top": down}, loads, form=form, **options)
-    for name, of in more:
-        parameters[name] = of(body) if callable(of) else of
-    return StaticModel([Case(body, seen(mesh.dim))], parameters, body.newton(rtol=1e-12, xtol=1e-12))
+    down = {"bottom": 0, "top": (0.006, *[0.002] * (mesh.dim - 2), -0.012)}
+    body = Static(mesh, {".*": Material(LAWS[law](parameter), bulk)}, down, form=form)
+    return StaticModel([Case(body, seen(mesh.dim))], parameters, tight(body))
+
+
+def tight(body):
+    """Newton's method to round-off."""
+    return body.newton(rtol=1e-12, xtol=1e-12)
 
 
 def directions(of, rng):
@@ -126,8 +128,27 @@ def directions(of, rng):
 
 
 def weights(there, rng):
-    """Of the data, each about as large as it."""
-    return rng.normal(size=len(there.data)) / (np.abs(there.data) + 1e-3 * np.abs(there.data).max())
+    """At random, so that all data count."""
+    return rng.normal(size=len(there.data)) / unit(there)
 
 
-__all__ = ["LAWS", "SIDE", "Held", "Mine", "Traction", "directions", "field", "model", "seen", "weights"]
+def unit(there):
+    """Of the data, each about as large as its observation."""
+    parts = [part for case in there.model.split(there.data) for part in case]
+    return np.concatenate([np.abs(part) + 0.1 * np.abs(part).max() for part in parts])
+
+
+def verify(of, rng, first=1e-2):
+    """J has rates of 2 along each block, Jᵀ by matrices is its transpose and the same as by forms."""
+    theta = of.theta
+    there = of.at(theta)
+    w = weights(there, rng)
+    pulled, driven = there.pull(w), there.gradient(w)
+    scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
+    assert np.abs((pulled - driven) / scale).max() < 1e-10
+    sizes = unit(there)
+    for name, direction in directions(of, rng):
+        change = there.push(direction)
+        assert abs(w @ change - pulled @ direction) < 1e-10 * np.linalg.norm(w) * np.linalg.norm(change), name
+        rates = taylor(lambda t: of.at(t).data / sizes, lambda _: change / sizes, theta, direction, 2, first)  # noqa: B023
+        assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)

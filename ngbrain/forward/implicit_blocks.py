@@ -82,7 +82,10 @@ class Field:
 
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
-        return vector(self.gfu.space, by(parts, self.gfu, self.gfu.space.TestFunction()))
+        found = by(parts, self.gfu, self.gfu.space.TestFunction())
+        if found and self.gfu.space.mesh != mesh:
+            raise InputError("parameters", "a field of another mesh", "one of the body's mesh")
+        return vector(self.gfu.space, found)
 
     def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
         """One bilinear form."""

@@ -1,0 +1,296 @@
+"""Derivatives of equilibria by loads, contact, prescribed displacements; several bodies; what is refused; bugs that are caught."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from equilibria import SIDE, directions, field, model, seen, tight, verify, weights
+from statics import square
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError, SolverError
+from ngbrain.forward.elements import Form
+from ngbrain.forward.implicit import Case, Equilibria, Held, StaticModel
+from ngbrain.forward.implicit_equilibrium import Equilibrium
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, Spring, Traction, Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.static import Static
+from ngbrain.materials import NeoHooke, Ogden
+
+MESH, SOFT = square(2, size=SIDE), NeoHooke(1e3)
+PRESSED = {"bottom": 0, "top": (0.006, -0.012)}
+CORNER = {"left": (0, None), "bottom": (None, 0)}
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A rigid plate above, at a height, that is not gone through: a user's load, of an energy and nothing else."""
+
+    height: Any
+    stiffness: Any
+
+    def energy(self, at):
+        depth = at.kinematics.position(at.u)[1] - self.height
+        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.on("top")
+
+
+def scene(loads, parameters, supports=None, form="P2/P1", of=SOFT, observations=None, **options):
+    body = Static(MESH, {".*": Material(of, 5e4)}, supports or {"bottom": 0}, loads, form=form, **options)
+    held = {name: Held(body, name) for name in parameters if name in PRESSED}
+    return StaticModel([Case(body, observations or seen())], parameters | held, tight(body))
+
+
+def number(value):
+    return ngs.Parameter(value)
+
+
+def traction():
+    pull, push = number(60.0), number(-40.0)
+    return scene([Traction("right", ngs.CF((pull, push)))], {"pull": pull, "push": push})
+
+
+def weight():
+    heavy = field(MESH, 900.0)
+    return scene([Weight(ngs.CF((0, -heavy)))], {"heavy": heavy}, PRESSED)
+
+
+def spring():
+    stiff = field(MESH, 1e5)
+    return scene([Spring("right", stiff)], {"stiff": stiff}, PRESSED)
+
+
+def follower(form):
+    hard, mu = field(MESH, 80.0), number(1e3)
+    return scene([Pressure("top", hard)], {"hard": hard, "mu": mu}, form=form, of=NeoHooke(mu))
+
+
+def turning():
+    hard = number(400.0)
+    return scene([Pressure("right|top", hard)], {"hard": hard}, kinematics=Axisymmetric(), supports=CORNER)
+
+
+def cavity():
+    inner = number(400.0)
+    return scene([CavityPressure("right|top", inner)], {"inner": inner}, CORNER)
+
+
+def filled():
+    more, alpha = number(2e-3), number(-6.0)
+    return scene([CavityVolume("right|top", more)], {"more": more, "alpha": alpha}, CORNER, of=Ogden(1e3, alpha))
+
+
+def touched():
+    height, hard = number(0.09), number(1e7)
+    return scene([Plate(height, hard), Traction("top", (30.0, 60.0))], {"height": height, "hard": hard})
+
+
+def driven():
+    return scene([], {"top": None, "bottom": None}, PRESSED)
+
+
+def driven_and_pressed():
+    hard = number(60.0)
+    return scene([Pressure("right", hard)], {"hard": hard, "top": None}, PRESSED, Form(2, 0, False))
+
+
+SCENES = {
+    "traction": traction,
+    "weight": weight,
+    "spring": spring,
+    "follower, displacements": lambda: follower("P2"),
+    "follower, mixed": lambda: follower("P2/P1"),
+    "follower, condensed": lambda: follower("P4/L2(2)"),
+    "of revolution": turning,
+    "cavity": cavity,
+    "filled": filled,
+    "contact": touched,
+    "prescribed": driven,
+    "prescribed and pressed": driven_and_pressed,
+}
+
+
+@pytest.mark.parametrize("make", SCENES.values(), ids=SCENES)
+def test_rates_and_transposes(make, rng):
+    verify(make(), rng)
+
+
+@pytest.mark.parametrize("make", SCENES.values(), ids=SCENES)
+def test_second_derivatives(make, rng):
+    of = make()
+    theta = of.theta
+    there = of.at(theta)
+    w = weights(there, rng)
+    size = np.concatenate([np.full(b.stop - b.start, np.abs(theta[b]).max() or 1e-2) for b in of.blocks.values()])
+    a, b = 0.3 * size * rng.uniform(-1, 1, (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def two():
+    """Two loads of one tissue."""
+    mu, pull = field(MESH, 1e3), number(70.0)
+    tissue = {".*": Material(NeoHooke(mu), 5e4)}
+    pressed = Static(MESH, tissue, PRESSED, form="P2/P1")
+    pulled = Static(MESH, tissue, {"left": 0}, [Traction("right", ngs.CF((pull, 0)))], form="P2/P1")
+    cases = [Case(pressed, seen()), Case(pulled, [Force("left"), Displacements([[0.09, 0.04]])])]
+    return StaticModel(cases, {"mu": mu, "pull": pull, "top": Held(pressed, "top")}, tight(pressed))
+
+
+def test_two_bodies_share_their_parameters(rng):
+    of = two()
+    verify(of, rng)
+    first, second = of.split(of.at(of.theta).data)
+    assert [len(part) for part in first + second] == [4, 2, 1, 2, 2]
+    assert second[0] == pytest.approx([-7.0, 0.0], abs=1e-7)
+
+
+def test_observations_are_what_they_say():
+    of = model(NeoHooke, form="P2/P1")
+    body = of.equilibria[0].body
+    ((u, force, swelling),) = of.split(of.at(of.theta).data)
+    points = SIDE * np.array([[0.31, 0.52], [0.7, 0.83]])
+    assert u.reshape(2, 2) == pytest.approx(np.array([body.u(body.mesh(*point)) for point in points]))
+    assert force == pytest.approx(body.force("bottom")) and force[1] > 0
+    J = ngs.Det(body.kinematics.gradient(body.u, ngs.Grad(body.u)))
+    wanted = ngs.Integrate((J - 1) ** 2 * ngs.InnerProduct(body.u, body.u), body.mesh, order=4)
+    assert swelling == pytest.approx([wanted], rel=1e-3)
+    twist = Force("top", [ngs.CF((-ngs.y, ngs.x))])
+    mine = StaticModel([Case(body, [twist])], {"none": number(0.0)})
+    assert mine.at(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
+
+
+# What is refused.
+
+
+def test_bad_input():
+    mesh = square(2, size=SIDE)
+    mu = field(mesh, 1e3)
+    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, PRESSED, form="P2")
+    case = Case(body, [Force("top")])
+    with pytest.raises(InputError, match=r"parameters\.mu is complex; wanted: a real field"):
+        StaticModel([case], {"mu": ngs.GridFunction(ngs.H1(mesh, complex=True))})
+    with pytest.raises(InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter or Held"):
+        StaticModel([case], {"mu": 3.0})
+    with pytest.raises(InputError, match="boundary is 'top'; wanted: one with a component that is held"):
+        Held(Static(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, form="P2"), "top")
+    with pytest.raises(InputError, match="boundary"):
+        Held(body, "nowhere")
+    with pytest.raises(InputError, match=r"theta is of shape \(3,\); wanted: 9 numbers"):
+        StaticModel([case], {"mu": mu}).at(np.ones(3))
+    with pytest.raises(InputError, match="1 of 1 outside"):
+        StaticModel([Case(body, [Displacements([[1.0, 1.0]])])], {"mu": mu})
+    depth = number(0.01)
+    moved = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, -depth)}, form="P2")
+    with pytest.raises(
+        InputError, match=r"parameters.depth is part of the support of 'top'; wanted: Held\(body, 'top'\)"
+    ):
+        StaticModel([Case(moved, [Force("top")])], {"depth": depth})
+
+
+def test_a_step_too_far_is_a_solver_error_and_the_model_lives_on(rng):
+    of = driven()
+    theta = of.theta
+    before = of.at(theta)
+    w = weights(before, rng)
+    wanted, through = before.gradient(w), theta.copy()
+    through[of.blocks["top"]] *= 10  # the top below the bottom
+    for far in (np.full(of.size, np.nan), np.full(of.size, np.inf), through):
+        with pytest.raises(SolverError):
+            of.at(far)
+    assert before.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
+    assert of.at(theta).data == pytest.approx(before.data, rel=1e-9)
+
+
+def test_far_parameters_are_reached_by_steps_between(monkeypatch):
+    of, tried = driven(), []
+    along = Equilibrium._along
+    monkeypatch.setattr(Equilibrium, "_along", lambda self, put, x: along(self, lambda s: (tried.append(s), put(s)), x))
+    theta = of.theta
+    of.at(theta)
+    far = of.at(4.5 * theta)
+    assert len(tried) > 2 and tried[-1] == 1
+    assert far.data == pytest.approx(driven().at(4.5 * theta).data, rel=1e-8, abs=1e-10)
+
+
+# Each bug is one that can be met; rates of a right derivative are above 1.9.
+
+
+def stale_factor(patch):
+    solved = Equilibria._solved
+
+    def wrong(self, w):
+        self.model.at(1.05 * self.theta)
+        self._inverses[0] = self.model._now._inverse(0)
+        return solved(self, w)
+
+    patch.setattr(Equilibria, "_solved", wrong)
+
+
+def prescribed_forgotten(patch):
+    patch.setattr(Equilibria, "_add_held", lambda self, k, total, left: None)
+
+
+def coarser_gradient(patch):
+    by_theta = Equilibrium.by_theta.func
+
+    def wrong(self):
+        right, order = self.body.rules, 2 * self.body.form.order - 2
+        self.body.rules = {shape: ngs.IntegrationRule(shape, order) for shape in right}
+        found = by_theta(self)
+        self.body.rules = right
+        return found
+
+    patch.setattr(Equilibrium, "by_theta", property(wrong))
+
+
+def reversed_sign(patch):
+    solved = Equilibria._solved
+    patch.setattr(Equilibria, "_solved", lambda self, w: [-adjoint for adjoint in solved(self, w)])
+
+
+def observation_forgotten(patch):
+    """∂B/∂θ: the tissue that a force is measured through."""
+    functional = Equilibrium.functional
+
+    def wrong(self, *along):
+        parts = functional(self, *along)
+        return parts[sum(len(seen.functional(*along)) for seen in self.seen) :] if not along else parts
+
+    patch.setattr(Equilibrium, "functional", wrong)
+
+
+def not_transposed(patch):
+    patch.setattr("ngbrain.forward.implicit_solve.Inverses.transposed", lambda self, r: self.solve(r))
+
+
+BUGS = {
+    stale_factor: (lambda: model(NeoHooke, form="P3"), "mu"),
+    prescribed_forgotten: (driven, "top"),
+    coarser_gradient: (lambda: model(NeoHooke, form="P3"), "mu"),
+    reversed_sign: (lambda: model(NeoHooke), "mu"),
+    observation_forgotten: (lambda: model(NeoHooke), "mu"),
+    not_transposed: (lambda: follower("P2"), "mu"),
+}
+
+
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.__name__)
+def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
+    make, block = BUGS[bug]
+
+    def rates():
+        of = make()
+        theta = of.theta
+        there = of.at(theta)
+        random = np.random.default_rng(1)
+        w, direction = weights(there, random), dict(directions(of, random))[block]
+        return taylor(lambda t: float(w @ of.at(t).data), there.gradient(w), theta, direction, steps=7)
+
+    assert rates()[-1] > 1.9
+    bug(monkeypatch)
+    assert rates()[-1] < 1.2
