@@ -11,21 +11,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
-from typing import Protocol, cast
+from typing import Protocol
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from ngbrain.adjoint.reduced import Model, Point, Reduced, State
+from ngbrain.errors import InputError
 
 Array = np.ndarray
-
-
-class Curved(State, Protocol):
-    """A `State` that knows second derivatives, as those of statics do."""
-
-    def second(self, w: Array, direction: Array) -> Array:
-        """(w · d)'' δθ."""
 
 
 class Function(Protocol):
@@ -40,11 +34,8 @@ class Function(Protocol):
     def pull(self, x: Array, w: Array) -> Array:
         """The gradient of Re Σ w̄ y: one adjoint solve for each load."""
 
-    def bend(self, x: Array, w: Array, direction: Array) -> Array:
-        """Its second derivative times δx."""
-
-    def bends(self, x: Array) -> bool:
-        """Whether it has `bend`."""
+    def second(self, x: Array, w: Array, direction: Array) -> Array:
+        """(Re Σ w̄ y)'' δx; `InputError` where nobody knows it."""
 
 
 def function(of: Model | Reduced) -> Function:
@@ -73,15 +64,14 @@ class DataFunction:
         with self._kept.at(x) as state:
             return state.gradient(w)
 
-    def bend(self, x: Array, w: Array, direction: Array) -> Array:
-        """(Re Σ w̄ d)'' δθ of a State with `second`."""
+    def second(self, x: Array, w: Array, direction: Array) -> Array:
+        """(Re Σ w̄ d)'' δθ."""
         with self._kept.at(x) as state:
-            return cast(Curved, state).second(w, direction)
-
-    def bends(self, x: Array) -> bool:
-        """Whether the State has `second`."""
-        with self._kept.at(x) as state:
-            return hasattr(state, "second")
+            if not hasattr(state, "second"):
+                raise InputError(
+                    "model", type(self._kept.model).__name__, "one with second derivatives: `State.second`"
+                )
+            return state.second(w, direction)
 
 
 class ObjectiveFunction:
@@ -128,14 +118,16 @@ class ObjectiveFunction:
         with self._at(x) as point:
             return w * point.gradient()
 
-    def bend(self, x: Array, w: Array | float, direction: Array) -> Array:
-        """w times the Gauss-Newton matrix times δx: two solves for each load."""
-        with self._at(x) as point:
-            return w * point.product(direction)
+    def second(self, x: Array, w: Array, direction: Array) -> Array:
+        """Not known: `InputError`."""
+        raise InputError(
+            "of", "a Reduced", "a Model: second derivatives of J are known as Gauss and Newton have them only"
+        )
 
-    def bends(self, x: Array) -> bool:
-        """Always."""
-        return True
+    def product(self, x: Array, direction: Array) -> Array:
+        """The Gauss-Newton matrix times δx: two solves for each load."""
+        with self._at(x) as point:
+            return point.product(direction)
 
 
 class Kept:

@@ -41,6 +41,8 @@ class Objective:
         self._recent: deque[float] = deque(maxlen=RECENT)
         self._slope: tuple[Array, Array] | None = None
         self._failed: Array | None = None
+        self.failures = 0
+        """Solves that failed, each a rejected step."""
 
     def fun(self, x: Array) -> float:
         """J(x)."""
@@ -58,7 +60,7 @@ class Objective:
 
     def hessp(self, x: Array, p: Array) -> Array:
         """The Gauss-Newton matrix times p: two solves for each load."""
-        return self._function.bend(x, 1.0, p)
+        return self._function.product(x, p)
 
     def _solved(self, x: Array) -> float | None:
         """J, or None where there is no solution."""
@@ -69,7 +71,7 @@ class Objective:
         except SolverError:
             if not self._recent:
                 raise
-            self._failed = np.array(x)
+            self._failed, self.failures = np.array(x), self.failures + 1
             return None
         if not self._recent or value != self._recent[-1]:
             self._recent.append(value)

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.adjoint.reduced import Model, Reduced
-from ngbrain.errors import NgbrainError, SolverError, require
+from ngbrain.errors import InputError, NgbrainError, SolverError, require
 from ngbrain.interop.function import DataFunction, Function, ObjectiveFunction
 
 Array = np.ndarray
@@ -51,7 +51,12 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     umbridge = require("umbridge", "interop")
     f: Function = _Walled(of) if isinstance(of, Reduced) else DataFunction(of)
     start = np.array(start, float)
-    y, bends = f.value(start), f.bends(start)
+    y = f.value(start)
+    try:
+        f.second(start, y, start)
+        curved = True
+    except InputError:
+        curved = False
 
     class Served(umbridge.Model):  # type: ignore[misc, name-defined]
         def get_input_sizes(self, config: Config = None) -> list[int]:
@@ -87,7 +92,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
             config: Config = None,
         ) -> Numbers:
             with _told():
-                return _real(f.bend(np.array(parameters[0]), _like(y, sens), np.array(vec)))
+                return _real(f.second(np.array(parameters[0]), _like(y, sens), np.array(vec)))
 
         def supports_evaluate(self) -> bool:
             return True
@@ -95,12 +100,14 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
         supports_gradient = supports_apply_jacobian = supports_evaluate
 
         def supports_apply_hessian(self) -> bool:
-            return bends
+            return curved
 
     return Served(name)
 
 
 class _Walled(ObjectiveFunction):
+    """J that is high where there is no solution, with the Gauss-Newton matrix for its second derivative."""
+
     def value(self, x: Array) -> Array:
         try:
             return super().value(x)
@@ -112,6 +119,9 @@ class _Walled(ObjectiveFunction):
             return super().pull(x, w)
         except SolverError:
             return np.zeros(len(x))
+
+    def second(self, x: Array, w: Array, direction: Array) -> Array:
+        return w * self.product(x, direction)
 
 
 @contextmanager

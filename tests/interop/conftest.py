@@ -47,7 +47,7 @@ def risky(real):
 
 @pytest.fixture
 def waves():
-    """Complex data of 9 moduli and 12 boundary values."""
+    """Complex data at 25 points, of 9 moduli and 40 boundary values."""
     return differentiable.waves()
 
 

@@ -10,7 +10,7 @@ from differentiable import waves as fresh
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import ConvergenceError
+from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.interop.function import DataFunction, ObjectiveFunction, function
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
@@ -124,7 +124,16 @@ def test_objective_is_that_of_the_reduced(inversion, rng):
     same(f.value(x), value)
     same(f.pull(x, 2.0), 2 * gradient)
     same(f.push(x, dx), gradient @ dx)
-    same(f.bend(x, 2.0, dx), 2 * product)
+    same(f.product(x, dx), product)
+
+
+def test_second_derivatives(real, waves, inversion, rng):
+    f, x, w, dx = function(real), 0.1 * rng.normal(size=8), rng.normal(size=10), rng.normal(size=8)
+    rates = taylor(lambda x: f.pull(x, w), lambda d: f.second(x, w, d), x, dx)
+    assert np.all(np.abs(rates - 2) < 0.1)
+    for of, at in ((waves, waves.theta), (inversion, inversion.unknowns.start)):
+        with pytest.raises(InputError, match="second derivatives"):
+            function(of).second(at, np.ones(1), at)
 
 
 def test_objective_follows_the_weights(inversion):

@@ -44,7 +44,7 @@ def test_value_and_gradient_are_the_states(jax, waves, around, compiled):
 
 def test_rates(jax, scaled, rng):
     x, dx = 0.1 * rng.normal(size=9), rng.normal(size=9)
-    target = rng.normal(size=(1, 9, 2)) + 1j
+    target = rng.normal(size=(1, 25, 2)) + 1j
 
     @jax.jit
     def loss(x):
