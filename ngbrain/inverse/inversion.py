@@ -36,6 +36,15 @@ class Row:
     converged: bool
 
 
+@dataclass(frozen=True, eq=False)
+class End:
+    """Where an inversion ended: its problem, at unknowns x."""
+
+    experiment: Experiment
+    problem: Reduced
+    x: Array
+
+
 @dataclass
 class Inversion:
     """What `invert` found.
@@ -48,6 +57,7 @@ class Inversion:
     resolution  a hint at the finest detail of each map, m (see `quality`)
     checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
     notes       what a reader has to know, in words
+    end         where error bars start from (`uncertainty`); None of zones
     """
 
     data: WaveData
@@ -66,6 +76,7 @@ class Inversion:
     model: dict[str, Any]
     checks: dict[str, float | bool]
     notes: list[str] = field(default_factory=list)
+    end: End | None = field(default=None, repr=False)
 
     @property
     def answers(self) -> dict[str, dict[str, float]]:
@@ -206,6 +217,7 @@ def concluded(
         },
         checks={name: value for name, value in checks.items() if value is not None},
         notes=notes,
+        end=End(experiment, problem, best.x),
     )
 
 

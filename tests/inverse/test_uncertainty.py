@@ -1,0 +1,133 @@
+"""Error bars of what `invert` finds: at the data's points, as functions, of means; of labels, of phases, of other elements."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import waves
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.uncertainty import uncertainty
+
+NOISE = 0.02
+
+
+def bars(data, **options):
+    return uncertainty(invert(data, uniform=False, regulariser="smooth", **options))
+
+
+@pytest.fixture(scope="module")
+def nodal():
+    """In the elements of the data, a point left out."""
+    data = Phantom.named("CV-G", 11).measured(NOISE, seed=1).data()
+    return bars(replace(data, mask=np.arange(121) != 20, truth={}))
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    """In elements of our own, whose fields are of second order."""
+    return bars(waves(rheology="viscoelastic", n=10).with_noise(NOISE, seed=1))
+
+
+def test_bands_of_nodal_maps(nodal):
+    there = nodal.experiment.inside
+    for name, truth in Phantom.named("CV-G", 11).measured().truth.items():
+        band = nodal.band(name)
+        assert np.flatnonzero(np.isnan(band.low)).tolist() == [20]
+        assert band.value[there] == pytest.approx(nodal.found.maps[name][there], rel=1e-9)
+        low, high, truth = band.low[there], band.high[there], truth[there]
+        assert np.all((low > 0) & (low < band.value[there]) & (band.value[there] < high))
+        if name == "storage":
+            assert np.mean((low < truth) & (truth < high)) > 0.85
+        half = nodal.band(name, 0.5)
+        assert np.all((low < half.low[there]) & (half.high[there] < high))
+
+
+def test_functions_of_nodal_maps(nodal):
+    band, functions, there = nodal.band("loss"), nodal.functions("loss"), nodal.experiment.inside
+    mesh = nodal.experiment.elements.mesh
+    assert functions["deviation"].space is nodal.experiment.space
+    for name, function in functions.items():
+        at = [function(mesh(*point)) for point in nodal.data.points[there]]
+        assert at == pytest.approx(getattr(band, name)[there], rel=1e-9)
+
+
+def test_functions_of_higher_order(cubic):
+    assert cubic.experiment.space.globalorder == 2 and not cubic.experiment.elements.nodal
+    band = cubic.band("storage")
+    assert band.value == pytest.approx(cubic.found.maps["storage"], rel=1e-9)
+    mesh = cubic.experiment.elements.mesh
+    corners = np.array([vertex.point for vertex in mesh.vertices])
+    there = np.min(np.linalg.norm(cubic.data.points[:, None] - corners, axis=2), axis=1) < 1e-9
+    assert there.sum() == len(corners)
+    for name, function in cubic.functions("storage").items():
+        at = np.array([function(mesh(*point)) for point in cubic.data.points])
+        assert at[there] == pytest.approx(getattr(band, name)[there], rel=1e-6)
+        off = np.sqrt(np.mean((at / getattr(band, name) - 1) ** 2))
+        assert off < (0.3 if name == "deviation" else 0.02)  # which is no polynomial between nodes
+
+
+def test_draws_have_the_bands(cubic):
+    draws, band = cubic.draws(2000, seed=4)["loss"], cubic.band("loss", 0.68)
+    within = np.mean((draws > band.low) & (draws < band.high), axis=0)
+    assert np.abs(within - 0.68).max() < 5 * np.sqrt(0.68 * 0.32 / 2000)
+    assert draws.std(axis=0) == pytest.approx(band.deviation, rel=0.12)
+
+
+def test_a_mean_is_known_better_than_points(cubic):
+    band, mean = cubic.band("storage"), cubic.mean("storage")
+    assert mean.value == pytest.approx(cubic.found.maps["storage"].mean())
+    assert mean.deviation < 0.5 * np.median(band.deviation)
+    one = np.arange(len(band.value)) == 30
+    assert cubic.mean("storage", one).deviation == pytest.approx(band.deviation[one][0], rel=0.1)
+
+
+def test_labels_have_fields_and_means_of_their_own():
+    data = Phantom.named("CE-G", 9).measured(NOISE, seed=1).data()
+    truth = np.real(data.truth_views["youngs"])
+    data = replace(data, labels=1 + (truth > truth.mean()))
+    found = bars(data, labelled=True)
+    assert set(found.posterior.held) == {"youngs 1", "youngs 2"} and set(found.functions("youngs 2")) >= {"low", "high"}
+    assert found.band("youngs").value == pytest.approx(found.found.maps["youngs"], rel=1e-9)
+    means = found.by_label["youngs"]
+    for label, mean in means.items():
+        assert mean.low < mean.value < mean.high and mean.value == pytest.approx(
+            np.mean(found.found.maps["youngs"][data.labels == label])
+        )
+
+
+def test_fields_taken_for_uniform_are_named(nodal):
+    """Of the loss the data determine two numbers: its bands say how well a uniform loss is known, and miss the spot."""
+    truth = Phantom.named("CV-G", 11).measured().truth["loss"]
+    assert nodal.posterior.determined["loss"] < 5 < nodal.posterior.determined["storage"]
+    assert nodal.band("loss").high[60] < truth[60]
+    uniform = [note for note in nodal.notes if "nearly uniform" in note]
+    assert len(uniform) == 1 and uniform[0].startswith("loss")
+
+
+def test_storage_and_loss_of_magnitude_and_phase():
+    data = Phantom.named("CV-G", 9).measured(NOISE, seed=1).data()
+    found = bars(data, unknowns="polar")
+    assert set(found.draws(10)) == {"storage", "loss"}
+    phase = found.band("phase")
+    assert np.all((phase.low > 0) & (phase.high < np.pi / 2))
+    other = bars(data)
+    for name in ("storage", "loss"):
+        assert found.mean(name).value == pytest.approx(other.mean(name).value, rel=0.1)
+    with pytest.raises(InputError, match="map is 'storage'"):
+        found.band("storage")
+
+
+def test_bad_input(nodal):
+    with pytest.raises(InputError, match="map is 'stoarge'; wanted: did you mean 'storage'"):
+        nodal.band("stoarge")
+    with pytest.raises(InputError, match="map is 'stoarge'"):
+        nodal.mean("stoarge")
+    with pytest.raises(InputError, match="field is 'stoarge'"):
+        nodal.functions("stoarge")
+    with pytest.raises(InputError, match="where"):
+        nodal.mean("storage", np.zeros(121, bool))
+    with pytest.raises(InputError, match="zones"):
+        uncertainty(replace(nodal.found, end=None))
