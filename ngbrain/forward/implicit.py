@@ -75,7 +75,7 @@ class StaticModel:
         self.slices = places([each.size for each in self.equilibria])
         self.solves = Solves()
         self._now: Equilibria | None = None
-        self._last: tuple[Array, list[Array]] | None = None
+        self._last: Equilibria | None = None
 
     @property
     def theta(self) -> Array:
@@ -89,22 +89,29 @@ class StaticModel:
             raise InputError("theta", f"of shape {theta.shape}", f"{self.size} numbers")
         if not np.all(np.isfinite(theta)):
             raise ConvergenceError("parameters that are not finite have no equilibrium: a step too far")
+        last, states = self._last, []
+        if last is not None and last is self._now:
+            last.hand_over()
         self._now = None
-        before, states = self._last or (theta, None), []
 
         def put(s: float) -> None:
-            self.put(theta if s == 1 else before[0] + s * (theta - before[0]))
+            self.put(theta if s == 1 or last is None else last.theta + s * (theta - last.theta))
 
         for k, each in enumerate(self.equilibria):
             done = each.work.factorisations
             try:
-                states.append(each.reach(put, before[1][k] if before[1] else None))
+                states.append(each.reach(put, None if last is None else last.states[k]))
             finally:
                 self.solves.factorisations += each.work.factorisations - done
         self.solves.forward += len(states)
-        self._last = theta, states
-        self._now = Equilibria(self, theta, states)
+        self._now = self._last = Equilibria(self, theta, states)
         return self._now
+
+    def forget(self) -> None:
+        """Look for the next equilibrium from rest."""
+        self._last = None
+        for each in self.equilibria:
+            each.inverse = None
 
     def put(self, theta: Array) -> None:
         """Give θ to the bodies."""
@@ -200,6 +207,11 @@ class Equilibria:
         """∂B/∂u and ∂B/∂θ of each body."""
         return [self._rows(k) for k in self._cases()]
 
+    def hand_over(self) -> None:
+        """Give factors to Newton's method, which begins with them at the next θ."""
+        for k, inverses in self._inverses.items():
+            self.model.equilibria[k].inverse = inverses.factor or self.model.equilibria[k].inverse
+
     def assemble(self) -> None:
         """Make what the inverses use anew, at the bodies' states."""
         for inverses in self._inverses.values():
@@ -211,10 +223,7 @@ class Equilibria:
 
     def _inverse(self, k: int) -> Inverses:
         if k not in self._inverses:
-            each = self.model.equilibria[k]
-            self._inverses[k] = Inverses(each.body)
-            each.inverse = self._inverses[k].plain
-            self.model.solves.factorisations += 1
+            self._inverses[k] = Inverses(self.model.equilibria[k].body, self.model.solves)
         return self._inverses[k]
 
     def _along(self, k: int, direction: Array) -> Array:

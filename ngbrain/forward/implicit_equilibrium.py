@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InvertedElementError
 from ngbrain.forward.implicit_blocks import Block, places
-from ngbrain.forward.implicit_work import Motion, Terms, Work, vector
+from ngbrain.forward.implicit_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.observations import Observation
 from ngbrain.forward.static import Static
 from ngbrain.solvers import continuation
@@ -62,7 +62,8 @@ class Equilibrium:
         self.inverse: Solve | None = None
         """The last factor, which Newton's method begins with."""
         self.work = Done()
-        self._work, self._test = Work(self.body), self.body.fes.TestFunction()
+        self._work, self._now = Work(self.body), self.body.gfu
+        self._trial, self._test = self.body.fes.TnT()
 
     # How it gets there.
 
@@ -111,40 +112,42 @@ class Equilibrium:
         for seen, where in zip(self.seen, self.slices, strict=True):
             seen.weigh(w[where])
 
-    def functional(self, *along: Motion) -> Terms:
-        """L, and its derivative along each motion; of what is no matrix."""
-        parts = [term for seen in self.seen for term in seen.functional(*along)]
-        return parts + [term.times(-1) for term in self._work(self.adjoint, *along)]
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """L at a state, and its derivative along each motion; of what is no matrix."""
+        parts = [term for seen in self.seen for term in seen.functional(state, *along)]
+        return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
     @cached_property
     def by_state(self) -> Callable[[], Array]:
         """∂L/∂u (ndof,)."""
-        return vector(self.body.fes, self.functional(self._test))
+        return slope(self.body, self.functional(self._trial))
 
     @cached_property
     def by_theta(self) -> Callable[[], Array]:
         """∂L/∂θ, all blocks one after the other."""
-        return self._slopes(self.functional())
+        return self._slopes(self.functional(self._now))
 
     @cached_property
     def stretched(self) -> Callable[[], Array]:
         """K times `change` (ndof,)."""
-        return vector(self.body.fes, self._work(self._test, self.change))
+        return vector(self.body.fes, self._work(self._now, self._test, self.change))
 
     @cached_property
     def turned_by_state(self) -> Callable[[], Array]:
         """How ∂L/∂u changes with u along `change` and θ along the blocks' directions."""
-        parts = self.functional(self._test)
-        return vector(self.body.fes, self.functional(self._test, self.change) + self._along_blocks(parts))
+        return slope(self.body, self._turned(self._trial))
 
     @cached_property
     def turned_by_theta(self) -> Callable[[], Array]:
         """So ∂L/∂θ."""
-        return self._slopes(self.functional(self.change) + self._along_blocks(self.functional()))
+        return self._slopes(self._turned(self._now))
+
+    def _turned(self, state: Motion) -> Terms:
+        return self.functional(state, self.change) + self._along_blocks(self.functional(state))
 
     def sensitivity(self) -> sp.csr_array:
         """∂R/∂θ (ndof, blocks)."""
-        parts = self._work(self._test)
+        parts = self._work(self._now, self._test)
         return sp.csr_array(sp.hstack([block.columns(self.body.fes, parts) for block in self.blocks.values()]))
 
     def _along_blocks(self, parts: Terms) -> Terms:

@@ -23,7 +23,7 @@ from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
 Motion: TypeAlias = Any
-"""A GridFunction of a body's `fes`, or its test functions."""
+"""A GridFunction of a body's `fes`, or its trial or test functions."""
 Integrand: TypeAlias = "Callable[[Seen], ngs.comp.SumOfIntegrals]"
 
 
@@ -118,7 +118,7 @@ class Work:
     >>> body = Static(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, form="P1")
     >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
     >>> work = Work(body)
-    >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(v, v)), 6)  # (4/3 μ + K) V
+    >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(body.gfu, v, v)), 6)  # (4/3 μ + K) V
     6.333333
     """
 
@@ -126,9 +126,9 @@ class Work:
         self.body = body
         self._acting = {id(load) for load in (body.loads if loads is None else loads)}
 
-    def __call__(self, virtual: Motion, *along: Motion) -> Terms:
-        """R(u)[virtual] and, for each motion more, its derivative along it."""
-        at, numbers = self._moved((virtual, *along))
+    def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
+        """R(state)[virtual] and, for each motion more, its derivative along it."""
+        at, numbers = self._moved(state, (virtual, *along))
         body = self.body
         energies = [
             Term(at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p), at.inside(pattern))
@@ -146,15 +146,15 @@ class Work:
                 energies += terms(load.energy(at, *pressure))
         return _derived(by(energies, numbers[0]) + followers, numbers[1:])
 
-    def of(self, integrand: Integrand, *along: Motion) -> Terms:
-        """A functional of the state, ∫ q, and for each motion its derivative along it."""
-        at, numbers = self._moved(along)
+    def of(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
+        """A functional of a state, ∫ q, and for each motion its derivative along it."""
+        at, numbers = self._moved(state, along)
         return _derived(terms(integrand(at)), numbers)
 
-    def _moved(self, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
-        """The state moved by numbers, all zero; and these. `v` is the first motion."""
+    def _moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
+        """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
-        states = self.parts(body.gfu)
+        states = self.parts(state)
         moves = [self.parts(motion) for motion in motions]
 
         def moved(of: Callable[[Sequence[Any]], CoefficientFunction]) -> CoefficientFunction:
@@ -204,3 +204,17 @@ def vector(space: ngs.FESpace, parts: Terms) -> Callable[[], Array]:
         return np.array(form.vec.FV().NumPy())
 
     return assembled
+
+
+def slope(body: Static, parts: Terms) -> Callable[[], Array]:
+    """The same for the derivative, at a body's state, of terms with its trial functions by these: (ndof,)."""
+    form = ngs.BilinearForm(body.fes)
+    for part in parts:
+        form += ngs.Variation(part.integral)
+    found = body.gfu.vec.CreateVector()
+
+    def applied() -> Array:
+        form.Apply(body.gfu.vec, found)
+        return np.array(found.FV().NumPy())
+
+    return applied

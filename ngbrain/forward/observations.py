@@ -36,8 +36,8 @@ class Seeing(Protocol):
     def weigh(self, w: Array) -> None:
         """Set the weights of `functional`."""
 
-    def functional(self, *along: Motion) -> Terms:
-        """w · values, and for each motion its derivative along it; empty where there is a matrix."""
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """w · values at a state, and for each motion its derivative along it; empty where there is a matrix."""
 
 
 class Observation(Protocol):
@@ -107,7 +107,7 @@ class _Linear:
     def weigh(self, w: Array) -> None:
         """Nothing to set."""
 
-    def functional(self, *along: Motion) -> Terms:
+    def functional(self, state: Motion, *along: Motion) -> Terms:
         return []
 
 
@@ -135,8 +135,8 @@ class _Reaction:
     def weigh(self, w: Array) -> None:
         self._weighed.vec.FV().NumPy()[: self._motions.shape[1]] = w @ self._motions
 
-    def functional(self, *along: Motion) -> Terms:
-        return self._work(self._weighed, *along)
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        return self._work(state, self._weighed, *along)
 
 
 class _Integrals:
@@ -146,7 +146,7 @@ class _Integrals:
         self._body, self._integrands, self._work = body, integrands, Work(body)
         self.size = len(integrands)
         self._weights = [ngs.Parameter(0.0) for _ in integrands]
-        self._now = [[term.integral for term in self._work.of(q)] for q in integrands]
+        self._now = [[term.integral for term in self._work.of(q, body.gfu)] for q in integrands]
 
     def values(self) -> Array:
         return np.array([sum(ngs.Integrate(part, self._body.mesh) for part in parts) for parts in self._now])
@@ -155,6 +155,6 @@ class _Integrals:
         for weight, value in zip(self._weights, w, strict=True):
             weight.Set(float(value))
 
-    def functional(self, *along: Motion) -> Terms:
+    def functional(self, state: Motion, *along: Motion) -> Terms:
         weighed = zip(self._weights, self._integrands, strict=True)
-        return [part.times(weight) for weight, q in weighed for part in self._work.of(q, *along)]
+        return [part.times(weight) for weight, q in weighed for part in self._work.of(q, state, *along)]

@@ -225,8 +225,8 @@ def stale_factor(patch):
     solved = Equilibria._solved
 
     def wrong(self, w):
-        self.model.at(1.05 * self.theta)
-        self._inverses[0] = self.model._now._inverse(0)
+        self._inverses[0] = self.model.at(1.05 * self.theta)._inverse(0)
+        self._inverses[0].solve(self.states[0])
         return solved(self, w)
 
     patch.setattr(Equilibria, "_solved", wrong)
@@ -258,9 +258,9 @@ def observation_forgotten(patch):
     """∂B/∂θ: the tissue that a force is measured through."""
     functional = Equilibrium.functional
 
-    def wrong(self, *along):
-        parts = functional(self, *along)
-        return parts[sum(len(seen.functional(*along)) for seen in self.seen) :] if not along else parts
+    def wrong(self, state, *along):
+        parts = functional(self, state, *along)
+        return parts[sum(len(seen.functional(state)) for seen in self.seen) :] if state is self.body.gfu else parts
 
     patch.setattr(Equilibrium, "functional", wrong)
 
