@@ -1,0 +1,140 @@
+"""What a gradient costs over the equilibrium that it is of, by order: a cube, one shear modulus for each tetrahedron.
+
+A cube of 10 cm bonded to plates, K/μ = 9.7 (ν = .45): Neo-Hooke pressed by 15 % and sheared by 10 %, or linear elastic; 8³ points
+measured. P1 has 24 576 tetrahedra, others as many displacements (14 739; P3 12 288) or more. `ratio` is the CPU time of the
+gradient over that of the equilibrium from rest, each the least of several runs, one thread; `symbols_s`, spent once for all
+gradients, is beside it. Two ways to solve for the adjoint: with the last factor of Newton's method as preconditioner of GMRES,
+or with a factor made for it. `error`: the gradient along a random direction against a central difference.
+
+    python benchmarks/gradient_cost_statics.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/gradient_cost_statics.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure
+from ngsolve.meshes import MakeStructured3DMesh
+
+from ngbrain.forward import implicit_solve
+from ngbrain.forward.implicit import Case, Equilibria, StaticModel
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements
+from ngbrain.forward.static import Static
+from ngbrain.materials import LinearElastic, NeoHooke
+
+Record = dict
+SIDE, MU, BULK, STEP = 0.1, 1e3, 9.67e3, 1e-3
+LAWS = {
+    "large strain": (NeoHooke, (0.1 * SIDE, 0, -0.15 * SIDE)),
+    "linear": (LinearElastic, (1e-4 * SIDE, 0, -1e-3 * SIDE)),
+}
+FORMS = (("P1", 16), ("P2", 8), ("P3", 5), ("P4", 4), ("P2/P1", 8), ("P2", 12))
+"""Form and cells along a side."""
+OLD, NEW = "ngbrain:adjoint", "ngbrain:adjoint, new factor"
+
+
+def model(case: str, form: str, n: int) -> StaticModel:
+    """Moduli that vary by a fifth."""
+    mesh = MakeStructured3DMesh(hexes=False, nx=n, ny=n, nz=n, mapping=lambda x, y, z: (SIDE * x, SIDE * y, SIDE * z))
+    mu = ngs.GridFunction(ngs.L2(mesh, order=0))
+    mu.vec.FV().NumPy()[:] = MU * (1 + 0.2 * np.random.default_rng(0).random(mesh.ne))
+    law, moved = LAWS[case]
+    body = Static(mesh, {".*": Material(law(mu), BULK)}, {"bottom": 0, "top": moved}, form=form)
+    line = (np.arange(8) + 0.5) / 8 * SIDE
+    points = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
+    return StaticModel([Case(body, [Displacements(points)])], {"mu": mu})
+
+
+def least(run: Callable[[], object], times: int) -> tuple[float, object]:
+    """CPU time (s) of the fastest of so many runs, and what the last one gave."""
+    spent = []
+    for _ in range(times):
+        begun = time.process_time()
+        found = run()
+        spent.append(time.process_time() - begun)
+    return min(spent), found
+
+
+def off(of: StaticModel, theta: np.ndarray, wanted: np.ndarray, slope: np.ndarray) -> float:
+    """Of the gradient of ½ |d - wanted|² from a central difference along a random direction."""
+    direction = theta * np.random.default_rng(2).normal(size=of.size)
+    up, down = (0.5 * np.sum((of.at(theta + s * STEP * direction).data - wanted) ** 2) for s in (1, -1))
+    return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
+
+
+def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
+    """Both ways."""
+    of = model(case, form, n)
+    theta, each = of.theta, of.equilibria[0]
+
+    def equilibrium() -> Equilibria:
+        of.forget()
+        return of.at(theta)
+
+    forward, there = least(equilibrium, times)
+    factors, wanted = each.work.factorisations // times, 1.1 * there.data
+    symbols, _ = least(lambda: each.by_theta, 1)
+    few = implicit_solve.FEW
+    for method, allowed in ((OLD, few), (NEW, 0)):
+        implicit_solve.FEW = allowed
+        gradient, slope = least(lambda: Equilibria(of, theta, there.states).gradient(there.data - wanted), times)
+        implicit_solve.FEW = few
+        yield {
+            "method": method,
+            "case": case,
+            "form": form,
+            "order": each.body.form.order,
+            "tetrahedra": each.body.mesh.ne,
+            "ndof": each.body.fes.ndof,
+            "forward_s": forward,
+            "factorisations": factors,
+            "cpu_s": gradient,
+            "symbols_s": symbols,
+            "ratio": gradient / forward,
+            "error": off(of, theta, wanted, slope),
+            "converged": True,
+        }
+        equilibrium()
+
+
+def measure(quick: bool) -> list[Record]:
+    """All forms and both cases."""
+    records: list[Record] = []
+    for case in LAWS:
+        for form, n in FORMS[: 4 if quick else None]:
+            for record in measured(case, form, n // 2 if quick else n, 1 if quick else 3):
+                records.append(record)
+    return records
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Bars by form."""
+    plt, made, axes = figure(9, 4, len(LAWS))
+    for axis, case in zip(axes, LAWS, strict=True):
+        mine = [r for r in records if r["case"] == case]
+        labels = list(dict.fromkeys(f"{r['form']}\n{r['ndof']}" for r in mine))
+        for k, (method, colour) in enumerate(((OLD, "#0072B2"), (NEW, "#D55E00"))):
+            heights = [r["ratio"] for r in mine if r["method"] == method]
+            axis.bar(np.arange(len(heights)) + 0.4 * k - 0.2, heights, 0.38, color=colour, label=method[8:])
+        axis.axhline(0.2, color="#333333", lw=0.8, ls="--")
+        axis.set(title=case, xticks=range(len(labels)), xticklabels=labels)
+        axis.legend(fontsize=8, frameon=False)
+    axes[0].set_ylabel("gradient over equilibrium, CPU time")
+    made.savefig(png, dpi=150)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """One record in words."""
+    spent = f"equilibrium {r['forward_s']:.2f} s, gradient {r['cpu_s']:.3f} s, {r['ratio']:.3f} of it"
+    return f"{r['case']:13} {r['form']:6}{r['tetrahedra']:7} tets{r['ndof']:8} {r['method']:28} {spent}; off {r['error']:.1e}"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
