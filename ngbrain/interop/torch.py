@@ -29,8 +29,8 @@ def function(of: Model | Reduced) -> Callable[[Any], Any]:
     `backward` at the last θ asked for takes one adjoint solve for each load; at an earlier one, such as those of a sum over many
     θ, the model is solved again. As in PyTorch, the gradient of a complex tensor is ∂/∂Re + i ∂/∂Im.
 
-    Raises `MissingExtra` without torch; the function, `InputError` for a tensor that is not float64 or second derivatives of a
-    model without them, and what the model raises: `SolverError` where there is no solution.
+    Raises `MissingExtra` without torch; the function, `InputError` for a tensor that is not float64 on the processor and for
+    second derivatives of a model without them, and what the model raises: `SolverError` where there is no solution.
     """
     torch, f = require("torch", "interop"), functions.function(of)
 
@@ -71,6 +71,8 @@ def function(of: Model | Reduced) -> Callable[[Any], Any]:
     def solved(x: Any) -> Any:
         if x.dtype != torch.float64:
             raise InputError("x.dtype", x.dtype, "torch.float64: x.double()")
+        if x.device.type != "cpu":
+            raise InputError("x.device", x.device, "the processor, where the solver is: x.cpu()")
         return Solved.apply(x)
 
     return solved

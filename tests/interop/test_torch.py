@@ -129,6 +129,19 @@ def test_float32_is_refused(torch, waves):
         function(waves)(torch.ones(waves.size))
 
 
+def test_other_devices_are_refused(torch, real):
+    with pytest.raises(InputError, match=r"x\.device is meta; wanted: .* x\.cpu\(\)"):
+        function(real)(torch.ones(8, dtype=torch.float64, device="meta"))
+
+
+def test_functional_gradient(torch, waves, around):
+    theta, _ = around(waves, waves.at(waves.theta).data)
+    state = waves.at(theta)
+    gradient = state.gradient(2 * state.data)
+    f = function(waves)
+    same(torch.func.grad(lambda x: f(x).abs().square().sum())(torch.tensor(theta)).numpy(), gradient)
+
+
 def test_second_derivatives_of_a_model_that_has_them(torch, real, rng):
     x = torch.tensor(0.1 * rng.normal(size=8), requires_grad=True)
     assert torch.autograd.gradgradcheck(function(real), (x,))
