@@ -31,8 +31,9 @@ from ngbrain.inverse.weights import Level, Policy
 Array = np.ndarray
 GAIN = 1e-4
 MEMORY, ROUNDS = 20, 16
-BEYOND = 1e30
-"""Value where a model has no solution: a line search turns back."""
+BACK = 3.0
+"""Where a model has no solution, how much steeper it goes up than it went down before: that of a parabola whose least is a
+quarter of the step away. A huge value instead, and scipy's L-BFGS interpolates a step of no length and gives up."""
 ARMIJO, WOLFE = 1e-4, 0.9
 NOTHING = 1e-280
 """A squared slope that is zero but for underflow."""
@@ -113,6 +114,7 @@ class _Way:
         self._at, self._point = np.zeros(len(x)), reduced.at(x)
         self.metric = Metric.of(self._point)
         self._slope: Array | None = None
+        self._solved: tuple[Array, float, Array]
 
     def point(self, xi: Array) -> Point:
         """At ξ; the model is asked anew if it was elsewhere meanwhile."""
@@ -127,10 +129,18 @@ class _Way:
             point = self.point(xi)
         except SolverError:
             self._at = np.full_like(xi, np.nan)
-            return BEYOND, np.zeros_like(xi)
+            return self._turned_back(xi)
         if self._slope is None:
             self._slope = self.metric.slope(point.gradient())
+        self._solved = np.array(xi), point.value, self._slope
         return point.value, self._slope
+
+    def _turned_back(self, xi: Array) -> tuple[float, Array]:
+        """Where there is no solution: uphill from the last point that had one."""
+        last, value, slope = self._solved
+        step = xi - last
+        rise = abs(float(slope @ step))
+        return value + rise, BACK * rise / float(step @ step) * step
 
     def product(self, xi: Array, direction: Array) -> Array:
         """The Gauss-Newton matrix by ξ times a direction."""
