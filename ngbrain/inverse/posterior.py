@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -37,7 +38,7 @@ BATCH = 256
 EXACT, DRAWS = 20_000, 1000
 """Rows up to which variances are exact; of more they are those of so many draws, within 2.2 % (one standard error)."""
 SINGULAR = 1e-13
-"""Of the largest pivot, below which unknowns count as not determined."""
+"""Pivot of a matrix with ones on its diagonal, below which an unknown counts as not determined."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ class Posterior:
         parts = vectors * (self._regular @ vectors)
         return {name: float(parts[self._of(name)].sum(axis=0) @ self.kept) for name in self.held}
 
-    @property
+    @cached_property
     def left(self) -> dict[str, float]:
         """Block → share of the assumed variance that is left, its mean over the block: 1 where data say nothing.
 
@@ -140,11 +141,10 @@ class Posterior:
     @property
     def notes(self) -> list[str]:
         """What the data tell and what they do not, in words."""
-        number, determined = len(self.informed), self.determined
-        told = ", ".join(f"{value:.1f} of {name}" for name, value in determined.items())
-        notes = (
-            [f"data inform {number} directions more than was assumed; numbers determined: {told}"] if determined else []
-        )
+        number, notes = int(np.sum(self.eigenvalues > 1)), []
+        if self.held:
+            told = ", ".join(f"{value:.1f} of {name}" for name, value in self.determined.items())
+            notes.append(f"data inform {number} directions more than was assumed; numbers determined: {told}")
         for name, share in self.left.items():
             if share > 0.5:
                 notes.append(
@@ -226,14 +226,16 @@ class Posterior:
             one[number] = 1
             columns[:, j] = point.product(one)
         own = columns[self._loose]
+        scale = np.sqrt(np.maximum(np.diag(own), 0))
         try:
-            self._factor = np.linalg.cholesky((own + own.T) / 2)
-            pivots = np.diag(self._factor) ** 2
-            if len(pivots) and pivots.min() < SINGULAR * pivots.max():
+            with np.errstate(invalid="ignore"):  # of one that nothing depends on
+                root = np.linalg.cholesky((own + own.T) / (2 * np.outer(scale, scale)))
+            if not np.all(np.diag(root) ** 2 > SINGULAR):
                 raise np.linalg.LinAlgError
         except np.linalg.LinAlgError:
             names = ", ".join(name for name in self.blocks if name not in self.held)
             raise InputError("regularisers", f"none for {names}", "one: the data do not determine it") from None
+        self._factor = scale[:, None] * root
         self._response = scipy.linalg.cho_solve((self._factor, True), columns[self._held].T)
 
     def _variance(self, rows: sp.csr_array) -> Array:

@@ -137,18 +137,35 @@ def test_many_rows_are_drawn(monkeypatch):
     assert np.abs(found / np.diag(C) - 1).max() > 1e-6
 
 
-def test_a_regulariser_that_leaves_something_free():
+def chain(n):
+    """Squared differences of neighbours: a constant costs nothing, as far as round-off lets one see."""
+    steps = np.diff(np.eye(n), axis=0) * np.sqrt(np.linspace(0.1, 0.7, n - 1))[:, None]
+    return steps.T @ steps
+
+
+@pytest.mark.parametrize("matrix", [np.diag([0.0] + [1.0] * 14), chain(15)], ids=["free", "constant"])
+def test_a_regulariser_that_leaves_something_free(matrix):
     reduced, _ = linear("ab")
-    reduced.regularisers["b"] = Quadratic(sp.csr_array(np.diag([0.0] + [1.0] * 14)), 0.0)
+    reduced.regularisers["b"] = Quadratic(sp.csr_array(matrix), 0.0)
     with pytest.raises(InputError, match="regularisers is singular"):
         at_start(reduced)
 
 
-def test_nothing_tells_of_a_block_without_a_regulariser():
+@pytest.mark.parametrize(("factor", "rest"), [(0.0, 0.0), (1.0, 0.0), (1.0, 1e-8)], ids=["none", "same", "nearly"])
+def test_nothing_tells_of_a_block_without_a_regulariser(factor, rest):
     reduced, _ = linear()
-    reduced.model.matrix[:, -1] = reduced.model.matrix[:, -2]
+    A = reduced.model.matrix
+    A[:, -1] = factor * A[:, -2] + rest * A[:, -3]
     with pytest.raises(InputError, match="none for c"):
         at_start(reduced)
+
+
+def test_blocks_without_a_regulariser_may_be_of_any_scale():
+    reduced, _ = linear()
+    before = at_start(reduced).deviation("c")
+    reduced.model.matrix[:, -1] *= 1e-9
+    after = at_start(reduced).deviation("c")
+    assert after[:-1] == pytest.approx(before[:-1], rel=1e-8) and after[-1] == pytest.approx(1e9 * before[-1], rel=1e-8)
 
 
 def test_bad_input():
