@@ -6,8 +6,8 @@ Example::
     jax.config.update("jax_enable_x64", True)                # before the first array
     from ngbrain.interop.jax import function
 
-    waves = function(model, model.theta)                     # a WaveModel, or any `Model`
-    loss = jax.jit(jax.value_and_grad(lambda x: jax.numpy.sum(abs(waves(2000 * jax.numpy.exp(x)) - measured) ** 2)))
+    seen = function(model, model.theta)                      # here a `StaticModel` of one nodal field
+    loss = jax.jit(jax.value_and_grad(lambda x: (((seen(1e3 * jax.numpy.exp(x)) - measured) / sigma) ** 2).sum()))
 
 Get the package with: pip install "ngbrain[interop]". Derivatives: reverse mode, of first order.
 """

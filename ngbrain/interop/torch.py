@@ -4,9 +4,9 @@ Example, a network whose output is a field of moduli::
 
     from ngbrain.interop.torch import function
 
-    waves = function(model)                                  # a WaveModel, or any `Model`
-    storage = 2000 * torch.exp(network(nodes).double())      # float64
-    loss = ((waves(storage) - measured).abs() / sigma).square().sum()
+    seen = function(model)                                   # here a `StaticModel` of one nodal field
+    mu = 1e3 * torch.exp(network(nodes).squeeze(1).double()) # float64
+    loss = ((seen(mu) - measured) / sigma).square().sum()
     loss.backward()                                          # one adjoint solve for each load
 
 Get the package with: pip install "ngbrain[interop]". Derivatives: reverse and forward mode; of second order, reverse over
