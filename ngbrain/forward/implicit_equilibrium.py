@@ -72,16 +72,19 @@ class Equilibrium:
 
         Raises `InvertedElementError` or `ConvergenceError`.
         """
-        reached = None if last is None else self._along(put, last)
-        if reached is None:
-            put(1.0)
-            newton = replace(self.newton, inverse=None, largest=0.0)
-            reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
-            self.work += record.work
-            self.inverse = newton.inverse
-            if not record.converged:
-                kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
-                raise kind(f"no equilibrium: {record.reason}; try parameters nearer to the last that had one")
+        with np.errstate(over="ignore", invalid="ignore"):  # a law that overflows is an energy that is not finite
+            reached = None if last is None else self._along(put, last)
+            return self._from_rest(put) if reached is None else reached
+
+    def _from_rest(self, put: Callable[[float], None]) -> Array:
+        put(1.0)
+        newton = replace(self.newton, inverse=None, largest=0.0)
+        reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
+        self.work += record.work
+        self.inverse = newton.inverse
+        if not record.converged:
+            kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
+            raise kind(f"no equilibrium: {record.reason}; try parameters nearer to the last that had one")
         return reached
 
     def _along(self, put: Callable[[float], None], x: Array) -> Array | None:

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Point
+from ngbrain.errors import InputError
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
@@ -42,10 +43,14 @@ class Metric:
         reduced, free = point.reduced, np.zeros(len(point.x))
         loose = {name: block for name, block in reduced.unknowns.blocks.items() if name not in reduced.regularisers}
         probe = np.random.default_rng(0).choice([-1.0, 1.0], size=len(point.x))
-        for block in loose.values():
+        for name, block in loose.items():
             alone = np.zeros_like(probe)
             alone[block] = probe[block]
             free[block] = float(alone @ point.product(alone)) / (block.stop - block.start)
+            if not free[block.start] > 0:
+                raise InputError(
+                    "unknowns", f"{name}, of which data tell nothing", "those that they tell of, or a regulariser"
+                )
         return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)))
 
     def solve(self, b: Array) -> Array:

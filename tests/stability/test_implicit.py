@@ -1,0 +1,226 @@
+"""Inversions of equilibria, where they go wrong. Naive: whatever comes out of a solver. Ours: a state or an error."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from equilibria import SIDE, field
+from ngsolve.solvers import Newton as NgsolveNewton
+from statics import cube, square
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import ConvergenceError, InputError, SolverError
+from ngbrain.forward import implicit_solve
+from ngbrain.forward.implicit import Case, Equilibria, StaticModel
+from ngbrain.forward.loads import Traction, Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.static import Static
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Scaled, Unknown
+from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
+from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.weights import Given
+from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke
+
+MESH = square(3, size=SIDE)
+SEEN = Displacements([[0.02, 0.05], [0.05, 0.09], [0.08, 0.07]])
+OPTIMISERS = [levenberg_marquardt, l_bfgs, newton_cg, bfgs]
+
+
+class Counted:
+    """A model, and which of its solves failed."""
+
+    def __init__(self, model):
+        self.model, self.failed = model, []
+
+    def at(self, theta):
+        try:
+            return self.model.at(theta)
+        except SolverError:
+            self.failed.append(float(theta[0]))
+            raise
+
+
+def problem(model, data, start, transform=None):
+    """One number looked for; hardly drawn to the start."""
+    (name,) = model.blocks
+    fields = Fields(model.theta, model.blocks, {name: Unknown(start, *([transform] if transform else []))})
+    counted = Counted(model)
+    parts = [np.full(len(part), 0.01 * np.abs(part).max()) for part in model.split(data)[0]]
+    misfit = LeastSquares(data, np.concatenate(parts))
+    return Reduced(counted, misfit, fields, {name: ridge(fields.start)}, {name: 1e-3}), counted
+
+
+def plain_newton(body):
+    """NGSolve's, from where the body is: whether it says that it converged."""
+    failed, _ = NgsolveNewton(body._form, body.gfu, maxit=40, printing=False, inverse="umfpack")
+    return failed == 0
+
+
+# Tissue under its weight, stiffness unknown: a step too far in it folds the tissue over.
+
+
+def heavy():
+    mu = ngs.Parameter(1e3)
+    supports = {"bottom": 0, "left|right": (0, None)}
+    body = Static(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [Weight((0, -3e4))], form="P2")
+    return StaticModel([Case(body, [SEEN])], {"mu": mu}), body, mu
+
+
+def test_naive_newton_converges_to_folded_tissue():
+    model, body, mu = heavy()
+    model.at([5e3])
+    mu.Set(92.0)
+    assert plain_newton(body) and body.min_det(body.state) < -1
+    model.at([92.0])
+    assert body.min_det(body.state) > 0.1
+
+
+@pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
+def test_ours_turns_back(optimiser):
+    model, _, _ = heavy()
+    truth = model.at([1e3]).data
+    reduced, counted = problem(model, truth, 8e3)
+    found = optimiser(reduced, reduced.unknowns.start, Given())
+    print(optimiser.__name__, found.x, counted.failed)
+    assert np.exp(found.x) == pytest.approx([1e3], rel=1e-3)
+    assert counted.failed or optimiser not in (l_bfgs, bfgs)
+
+
+# A law that grows exponentially, its exponent unknown: a step too far overflows.
+
+
+def exponential():
+    b = ngs.Parameter(5.0)
+    body = Static(
+        MESH, {".*": Material(Demiray(500.0, b), 2e4)}, {"bottom": 0}, [Traction("top", (0, 400.0))], form="P2/P1"
+    )
+    return StaticModel([Case(body, [SEEN])], {"b": b}), body, b
+
+
+def test_naive_newton_breaks_down_where_the_energy_overflows():
+    model, body, b = exponential()
+    model.at([1.0])
+    b.Set(3e4)
+    with np.errstate(all="ignore"):
+        try:
+            converged = plain_newton(body)
+        except Exception:  # the factorisation of NaN
+            converged = False
+    assert not converged
+    with pytest.raises(ConvergenceError):
+        model.at([3e4])
+    assert np.all(np.isfinite(model.at([5.0]).data))
+
+
+@pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
+def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
+    model, _, _ = exponential()
+    truth = model.at([5.0]).data
+    reduced, counted = problem(model, truth, 0.01)
+    found = optimiser(reduced, reduced.unknowns.start, Given())
+    print(optimiser.__name__, np.exp(found.x), counted.failed)
+    assert np.exp(found.x) == pytest.approx([5.0], rel=1e-4)
+    assert max(counted.failed) > 1e4
+
+
+# Fibres that are pressed bear nothing: data of pressed tissue know nothing of them.
+
+
+def pressed():
+    mu, k1 = ngs.Parameter(1e3), ngs.Parameter(2e3)
+    supports = {"bottom": (None, 0), "left": (0, None), "top": (None, -0.015)}
+    law = HolzapfelGasserOgden(mu, k1, 5.0, 0.0, (0, 1, 0))
+    body = Static(MESH, {".*": Material(law, 2e4)}, supports, form="P2/P1")
+    return StaticModel([Case(body, [SEEN, Force("top")])], {"mu": mu, "k1": k1})
+
+
+def test_what_has_no_influence_is_told_and_not_moved():
+    model = pressed()
+    there = model.at(model.theta)
+    assert there.influence() == {"mu": 1.0, "k1": 0.0}
+    fields = Fields(model.theta, model.blocks, {"mu": Unknown(2e3), "k1": Unknown(1e3)})
+    misfit = LeastSquares(there.data, 0.01 * np.abs(there.data).max())
+    naive = Reduced(model, misfit, fields, {}, {})
+    for optimiser in OPTIMISERS:
+        with pytest.raises(
+            InputError, match="k1, of which data tell nothing; wanted: those that they tell of, or a regular"
+        ):
+            optimiser(naive, fields.start, Given())
+    drawn = {name: ridge(fields.start[block]) for name, block in fields.blocks.items()}
+    ours = Reduced(model, misfit, fields, drawn, {"mu": 1e-3, "k1": 1e-3})
+    found = fields.values(levenberg_marquardt(ours, fields.start, Given()).x)
+    assert found["k1"] == pytest.approx([1e3], rel=1e-12) and found["mu"] == pytest.approx([1e3], rel=1e-3)
+
+
+# The direction of fibres, from fibres that bear nothing, and from others.
+
+
+def turned():
+    angle = ngs.Parameter(np.radians(70))
+    fibre = ngs.CF((ngs.cos(angle), ngs.sin(angle), 0))
+    law = HolzapfelGasserOgden(500.0, 2e3, 5.0, 0.0, fibre)
+    body = Static(MESH, {".*": Material(law, 2e4)}, {"bottom": 0, "top": (0, 0.012)}, form="P2/P1")
+    return StaticModel([Case(body, [SEEN, Force("top")])], {"angle": angle})
+
+
+def from_degrees(model, truth, degrees):
+    """Where it ends (°), and its value."""
+    reduced, _ = problem(model, truth, np.radians(degrees), Scaled())
+    try:
+        found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
+    except ConvergenceError:
+        return degrees, np.inf
+    return float(np.degrees(found.x[0])), found.value
+
+
+def test_one_start_of_unloaded_fibres_stands_still_and_several_do_not():
+    model = turned()
+    truth = model.at(model.theta).data
+    assert model.at([0.0]).influence() == {"angle": 0.0}
+    ends = {degrees: from_degrees(model, truth, degrees) for degrees in range(0, 180, 30)}
+    print(ends)
+    assert ends[0][0] == pytest.approx(0, abs=1e-6)
+    assert 100 < ends[120][0] < 115 and ends[120][1] > 500  # a local minimum
+    best = min(ends.values(), key=lambda end: end[1])
+    assert best[0] == pytest.approx(70, abs=0.01)
+
+
+# Short cuts in the adjoint.
+
+
+def sheared():
+    mu = field(mesh := cube(2), 1e3)
+    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0.01, 0, -0.015)}, form="P2")
+    return StaticModel([Case(body, [Displacements([[0.03, 0.04, 0.06], [0.06, 0.05, 0.03]])])], {"mu": mu}), body
+
+
+def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch):
+    model, body = sheared()
+    there = model.at(model.theta)
+    w, each = np.ones(6), model.equilibria[0]
+    right = there.gradient(w)
+    each.weigh(np.zeros(each.size))
+    each.adjoint.vec.FV().NumPy()[:] = body._kept(each.spread(w))
+    naive = each.by_theta()
+    off = np.linalg.norm(naive - right) / np.linalg.norm(right)
+    monkeypatch.setattr(implicit_solve, "FEW", 0)
+    exact = Equilibria(model, there.theta, there.states).gradient(w)
+    ours = np.linalg.norm(exact - right) / np.linalg.norm(right)
+    print(off, ours)
+    assert off > 0.1 and 0 < ours < 1e-9
+
+
+def test_quadrature_of_the_parameters_own_order_is_not_the_energys():
+    model, body = sheared()
+    there = model.at(model.theta)
+    right, each, mu = there.gradient(np.ones(6)), model.equilibria[0], model.parts["mu"].gfu
+    naive = ngs.LinearForm(mu.space)
+    for part in each.functional(body.gfu):
+        if not (slope := part.by(mu, mu.space.TestFunction())).vanishes:
+            naive += slope.coef.Compile() * ngs.dx
+    naive.Assemble()
+    off = np.linalg.norm(naive.vec.FV().NumPy() - right) / np.linalg.norm(right)
+    print(off)
+    assert off > 0.01
