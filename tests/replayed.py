@@ -1,5 +1,7 @@
 """Small relaxing blocks that a plate presses, as models of what their parameters do to forces and displacements over time."""
 
+from functools import cache
+
 import ngsolve as ngs
 import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
@@ -19,6 +21,7 @@ LIFT = Protocol("lift", (0.0, 2.5, 4.0, 40.0), (0.0, 2e-3, -1e-3, -1e-3))
 SEEN = (Force("top"), Force("bottom", (1.0, 0.0, 1.0)), Displacements([[0.013, 0.01, 0.015], [0.005, 0.01, 0.01]]))
 
 
+@cache
 def two_layers():
     low, high = Box((0, 0, 0), (SIDE, SIDE, SIDE / 2)), Box((0, 0, SIDE / 2), (SIDE, SIDE, SIDE))
     low.mat("low"), high.mat("high")

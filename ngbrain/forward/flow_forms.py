@@ -73,6 +73,8 @@ class Spectrum:
 class Begun:
     """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`.
 
+    Parameters are in the variable `made` alone; `law` is what it is equal to, by parameters alone.
+
     shape, G  C̄ and G at the start
     settled   what `Flow.settled` has: the strains in a law of which parameters are differentiated, and a share
     """
@@ -94,7 +96,7 @@ class Begun:
         theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
         flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
         self.value = ngs.CF((G * start.stretched(flowed), eta / dt * factor))
-        self.made = made, _start(branch, ngs.CF(found))
+        self.made, self.law = made, _start(branch, ngs.CF(found))
 
 
 def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
@@ -103,7 +105,7 @@ def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
 
 
 class Ended:
-    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries).
+    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made` and `law` as in `Begun`.
 
     half     ten entries of `Begun`
     settled  see there
@@ -123,7 +125,7 @@ class Ended:
         back = ((c + k) * r[0] - b * r[1]) / det, ((a + k) * r[1] - b * r[0]) / det
         self.energy = W + kappa * (off[0] ** 2 + off[1] ** 2) - (r[0] * back[0] + r[1] * back[1]) / 2
         self.G = (G * end.stretched([-off[i] - back[i] for i in range(2)])).Reshape((9,))
-        self.made = made, law
+        self.made, self.law = made, law
 
 
 def _sum(parts: Iterable[CoefficientFunction]) -> CoefficientFunction:

@@ -1,7 +1,8 @@
 """A run of a body taken again on a given grid of times, tightly converged, with what any of its steps started from.
 
-Of N steps every `every`-th is kept, state and history; those between are taken again from there when they are asked for. With
-√N, the default, 2√N steps are held at most, for one more run.
+Of N steps' histories every `every`-th is kept; those between are made again from there when they are asked for: with √N, the
+default, 2√N are held at most. States, each a small part of a history, are all kept, so that nothing is solved twice and a run at
+other parameters starts from what is known; without, it is √N of them too, for one more run.
 
 Source: Griewank 1992, 10.1080/10556789208805505 (recomputation for memory).
 """
@@ -57,14 +58,21 @@ class Replay:
     """Steps of a quasi-static body without friction under a motion, on a grid of times (s) that starts at 0.
 
     newton  tight settings
-    every   how many steps apart states are kept; None: √N, 1: all of them, and nothing is taken twice
+    every   how many steps apart histories are kept; None: √N, 1: all of them
+    states  whether the states of all steps are kept
 
     `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
-    on what is differentiated. `taken` counts steps.
+    on what is differentiated. `solved` counts the steps that Newton's method took.
     """
 
     def __init__(
-        self, body: Body, motion: Motion, grid: Array, newton: Newton = TIGHT, every: int | None = None
+        self,
+        body: Body,
+        motion: Motion,
+        grid: Array,
+        newton: Newton = TIGHT,
+        every: int | None = None,
+        states: bool = True,
     ) -> None:
         if type(body) is not Body or body.friction.frictions:
             raise InputError("body", type(body).__name__, "a `Body` without friction, inertia or given force")
@@ -75,13 +83,14 @@ class Replay:
         self.every = max(1, round(np.sqrt(len(grid) - 1))) if every is None else every
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
-        self.taken = 0
+        self.solved = 0
         self.kept: list[Kept] = []
         self._last: list[Step] = []
+        self._keeping, self._states, self._known = states, list[Array](), list[Array]()
 
     @property
     def held(self) -> int:
-        """How many states with their histories are in memory."""
+        """How many histories are in memory."""
         return len(self.kept) + len(self._last)
 
     def run(self, seen: Callable[[Step], None]) -> None:
@@ -89,8 +98,11 @@ class Replay:
         body = self.body
         body.history.rest()
         body.state = np.zeros(len(body.weights))
-        self._newton = replace(self.newton, inverse=None, largest=0.0)
+        self._newton, self._near = replace(self.newton, inverse=None, largest=0.0), Newton()
         self.kept, self._last = [], []
+        if len(self._states) == len(self.grid) - 1:
+            self._known = self._states
+        self._states = []
         here = Kept(0, body.state, body.state, deepcopy(body.memory))
         while here.n < len(self.grid) - 1:
             self.kept.append(here)
@@ -121,7 +133,8 @@ class Replay:
         for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
             body.memory, body.state = memory, x
             body.begin(self.grid[n + 1] - self.grid[n])
-            new = self._solved(n, x, before)
+            new = self._state(n, x, before)
+            body.residual(new)  # the branches flow there
             steps.append(Step(n, memory, new))
             seen(steps[-1])
             body.finish()
@@ -129,15 +142,30 @@ class Replay:
         self._last = steps
         return Kept(steps[-1].n + 1, x, before, memory)
 
-    def _solved(self, n: int, x: Array, before: Array) -> Array:
-        """The end of a step, from where it would end if all went on as before, or by part of the way first."""
-        self.taken += 1
+    def _state(self, n: int, x: Array, before: Array) -> Array:
+        """The end of a step from x: known, or solved for."""
+        if n < len(self._states):
+            self.motion.set(self.grid[n + 1])
+            return self._states[n]
+        new = self._solved(n, x, self._guess(n, x, before))
+        self.solved += 1
+        if self._keeping:
+            self._states.append(new)
+        return new
+
+    def _guess(self, n: int, x: Array, before: Array) -> Array:
+        """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
+        if self._known:
+            guess = self._known[n] + (x - self._known[n - 1] if n else 0.0)
+        else:
+            travel = self.motion.travel(self.grid[n], self.grid[n + 1])
+            last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
+            guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
+        return guess if self.body.min_det(guess) > self.newton.min_det else x
+
+    def _solved(self, n: int, x: Array, guess: Array) -> Array:
+        """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
         start, end = self.grid[n], self.grid[n + 1]
-        travel = self.motion.travel(start, end)
-        last = self.motion.travel(self.grid[n - 1], start) if n else 0.0
-        ratio = travel / last if last * travel > 0 else 0.0
-        guess = x + ratio * (x - before)
-        guess = guess if self.body.min_det(guess) > self.newton.min_det else x
         done, part = 0.0, 1.0
         while done < 1:
             reached, reason = self._newton_at(start + (end - start) * (done + part), guess)
@@ -152,9 +180,12 @@ class Replay:
         return x
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str]:
+        """Near an end with settings that let contact come and go, then the end itself."""
         self.motion.set(t)
-        x, record = self._newton.solve(self.body, guess)
-        self.body.residual(x)  # the branches flow there
+        x, record = self._near.solve(self.body, guess)
+        if record.converged:
+            self._newton.inverse = self._near.inverse
+            x, record = self._newton.solve(self.body, x)
         return (x if record.converged else None), record.reason
 
     def _stand(self, step: Step) -> Step:

@@ -13,7 +13,7 @@ e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 from typing import Any, TypeAlias
@@ -27,7 +27,8 @@ from ngbrain.forward.body import Body
 from ngbrain.forward.flow_forms import Begun, Ended, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
-from ngbrain.materials.base import Deformation
+from ngbrain.materials.base import Deformation, density
+from ngbrain.materials.viscous import overstress
 from ngbrain.tensors import deformation_gradient, of_six, six
 
 Array = np.ndarray
@@ -48,21 +49,24 @@ class Block:
 
 @dataclass(frozen=True)
 class Part:
-    """A function of the variables; if `made` is given, parameters are in nothing but that variable, which `law` is equal to.
+    """A function of the variables and its derivatives by the parameters, or those of `made`, the only place that they are in.
 
     What has parameters in few places, and much else, is derived by them through these places alone.
     """
 
     value: CoefficientFunction
+    slopes: Expressions = field(default_factory=list)
     made: CoefficientFunction | None = None
-    law: CoefficientFunction | None = None
 
-    def through(self, by: Derivative) -> CoefficientFunction:
-        """Its derivative by a parameter, of what derives any function by it."""
-        return by(self.value) if self.law is None else _times(self.value.Diff(self.made), by(self.law))
+    @property
+    def by_theta(self) -> Expressions:
+        """Derivatives by each parameter's value."""
+        return self.slopes if self.made is None else [_times(self.value.Diff(self.made), s) for s in self.slopes]
 
-
-NOTHING = {size: Part(ngs.CF((0.0,) * size)) for size in (6, 9, 10)}
+    def then(self, operator: Derivative) -> Part:
+        """A linear operator of it that has no parameters."""
+        slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
+        return Part(operator(self.value), slopes, self.made)
 
 
 class StepForms:
@@ -133,10 +137,10 @@ class StepForms:
         _put(self.blocks, "weight", weights)
         _values(self._motion)[:] = motion
         inner = sum(block.size for block in self._half)
-        by_history, by_inner, by_theta = np.split(self.points(self._back), [self.size, self.size + inner])
+        by_history, by_inner, by_theta = np.split(self.points(self._back)[1:], [self.size, self.size + inner])
         if inner:
             _put(self._half, "weight", by_inner)
-            before = self.points(self._before)
+            before = self.points(self._before)[1:]
             by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
         return by_history, {name: self._gathered(name, s) for name, s in zip(self.parameters, by_theta, strict=True)}
 
@@ -144,12 +148,18 @@ class StepForms:
         """From a derivative by a parameter's value at the points to that by its unknowns."""
         if name not in self._slopes:
             return np.array([self.quadrature @ density])
-        field, form = self._slopes[name]
-        _values(field)[:] = density
+        at_points, form = self._slopes[name]
+        _values(at_points)[:] = density
         form.Assemble()
         return _values(form).copy()
 
     # Materials in a step.
+
+    def _slopes_of(self, function: CoefficientFunction) -> Expressions:
+        return [function.Diff(parameter, self._one) for parameter in self.parameters.values()]
+
+    def _nothing(self, size: int) -> Part:
+        return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
     def _energies(self, material: Material, at: Deformation, p: CoefficientFunction) -> list[Part]:
         """W, as `Body` has it."""
@@ -158,7 +168,10 @@ class StepForms:
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(of_six(e * over.variable - beta * stress.variable), at.shape)
-        return [Part(energy), *(Part(ended.energy, *ended.made) for ended in self._ended(material, at.shape))]
+        flows = (
+            Part(ended.energy, self._slopes_of(ended.law), ended.made) for ended in self._ended(material, at.shape)
+        )
+        return [Part(energy, self._slopes_of(energy)), *flows]
 
     def _ended(self, material: Material, shape: CoefficientFunction) -> list[Ended]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
@@ -166,15 +179,20 @@ class StepForms:
 
     def _updates(self, material: Material, shape: CoefficientFunction) -> list[Part]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
-        found = list[Part]()
+        found, C = list[Part](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
-            e, beta = step_factors(self.dt, branch.tau)
-            new = six(branch.stress(shape))
-            found += [Part(new), Part(e * over.variable + beta * (new - stress.variable))]
-        found += [NOTHING[6]] * (2 * len(self._pairs) - len(found))
+            W = density(branch.law, Deformation.of_stretch(C))
+            new = Part(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self._slopes_of(W)])
+            factors = ngs.CF(step_factors(self.dt, branch.tau))
+            made = ngs.CF((factors, new.value)).MakeVariable()
+            both = zip(self._slopes_of(factors), new.slopes, strict=True)
+            moved = made[0] * over.variable + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - stress.variable)
+            found += [new, Part(moved, [ngs.CF(slopes) for slopes in both], made)]
+        found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
         if self._strain:
-            flowed = [Part(ended.G, *ended.made) for ended in self._ended(material, shape)]
-            found += [Part(six(shape)), *flowed, *[NOTHING[9]] * (len(self._G) - len(flowed))]
+            flowed = [Part(ended.G, self._slopes_of(ended.law), ended.made) for ended in self._ended(material, shape)]
+            strain = replace(self._nothing(6), value=six(shape))
+            found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
     def _inner(self, material: Material) -> list[Part]:
@@ -183,18 +201,15 @@ class StepForms:
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
             three = ngs.CF(tuple(G.variable[i] for i in range(9)), dims=(3, 3))
             begun = Begun(branch, self.dt, of_six(self._strain[0].variable), three, settled.variable)
-            found.append(Part(begun.value, *begun.made))
-        return found + [NOTHING[10]] * (len(self._half) - len(found))
+            found.append(Part(begun.value, self._slopes_of(begun.law), begun.made))
+        return found + [self._nothing(10)] * (len(self._half) - len(found))
 
     # Derivatives: by all of a block and then along its change, for one along a change has no memory of what its parts share.
-
-    def _by_theta(self, part: Part) -> Expressions:
-        return [part.through(_toward(parameter, self._one)) for parameter in self.parameters.values()]
 
     def _along(self, part: Part) -> CoefficientFunction:
         """Change of a function with history, inner variables and parameters."""
         found = [_times(part.value.Diff(b.variable), _entries(b.change)) for b in (*self.blocks, *self._half)]
-        found += [part.through(_toward(p, self._directions[name])) for name, p in self.parameters.items()]
+        found += [slope * way for slope, way in zip(part.by_theta, self._directions.values(), strict=True)]
         return reduce(add, found)
 
     def _changing(self, material: Material) -> Density:
@@ -207,9 +222,8 @@ class StepForms:
 
     def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
         """Derivatives of the sum of some parts by blocks and by θ."""
-        zero = [ngs.CF((0.0,) * block.size) for block in blocks]
-        found = [[*(part.value.Diff(b.variable) for b in blocks), *self._by_theta(part)] for part in parts]
-        return ngs.CF(tuple(reduce(add, of) for of in zip(*found, strict=True)) if found else tuple(zero)).Compile()
+        found = [[*(part.value.Diff(b.variable) for b in blocks), *part.by_theta] for part in parts]
+        return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()
 
     def _backward(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
@@ -224,11 +238,11 @@ class StepForms:
             ((1.0 * self.body.p).MakeVariable(), q),
         ]
         *held, p = (variable for variable, _ in ways)
-        energies = self._energies(material, Deformation(*held), p)
-        works = [
-            replace(W, value=reduce(add, (ngs.InnerProduct(W.value.Diff(variable), way) for variable, way in ways)))
-            for W in energies
-        ]
+
+        def work(W: CoefficientFunction) -> CoefficientFunction:
+            return reduce(add, (ngs.InnerProduct(W.Diff(variable), way) for variable, way in ways))
+
+        works = [W.then(work) for W in self._energies(material, Deformation(*held), p)]
         return self._derived(
             works + _weighed(self.blocks, self._updates(material, held[0])), [*self.blocks, *self._half]
         )
@@ -251,9 +265,9 @@ class StepForms:
         return ngs.CF((0.0, *map(self._along, self._inner(material)))).Compile()
 
     def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
-        field, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
-        form += field * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
-        return field, form
+        at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
+        form += at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
+        return at_points, form
 
     def _aim(self, history: Array, theta: Mapping[str, Array]) -> None:
         _put(self.blocks, "change", history)
@@ -264,10 +278,6 @@ class StepForms:
                 direction.Set(float(theta[name][0]))
         if self._half:
             _put(self._half, "change", self.points(self._begun)[1:])
-
-
-def _toward(parameter: Parameter, direction: CoefficientFunction) -> Derivative:
-    return lambda function: function.Diff(parameter, direction)
 
 
 def _direction(name: str, parameter: Parameter) -> Parameter:
@@ -290,8 +300,10 @@ def _put(blocks: Iterable[Block], what: str, values: Array) -> None:
 
 
 def _weighed(blocks: Iterable[Block], functions: Iterable[Part]) -> list[Part]:
-    both = zip(blocks, functions, strict=True)
-    return [replace(f, value=ngs.InnerProduct(_entries(b.weight), f.value)) for b, f in both]
+    def weighed(block: Block) -> Derivative:
+        return lambda function: ngs.InnerProduct(_entries(block.weight), function)
+
+    return [f.then(weighed(b)) for b, f in zip(blocks, functions, strict=True)]
 
 
 def _times(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:

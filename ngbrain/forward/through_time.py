@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError
+from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
@@ -42,7 +42,7 @@ class RunModel:
     parameters  name → GridFunction or Parameter; their values one after the other are θ
     readings    what is seen, see `readings`
     times       (s) when; steps end there too. None: at the end of every step
-    newton, every   see `Replay`
+    newton, every, states   see `Replay`
 
     >>> from ngbrain.forward.body import Material
     >>> from ngbrain.forward.contact import Contact
@@ -71,6 +71,7 @@ class RunModel:
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
         every: int | None = None,
+        states: bool = True,
     ) -> None:
         grid = np.asarray(grid, float)
         times = grid[1:] if times is None else np.asarray(times, float)
@@ -79,7 +80,7 @@ class RunModel:
                 "times", np.array2string(times, threshold=4), f"increasing, after 0 and up to {grid[-1]:g} s"
             )
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
-        self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every)
+        self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
         self.forms = StepForms(body, self.parameters)
         B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
@@ -125,7 +126,11 @@ class Replayed:
                 forces[model.body.is_u] = model.body.tissue_forces()
                 self.data[model.row[step.n]] = model.B @ step.x + model.Z @ forces
 
-        model.replay.run(seen)
+        try:
+            with np.errstate(divide="raise", over="raise", invalid="raise"):
+                model.replay.run(seen)
+        except FloatingPointError as error:
+            raise ConvergenceError(f"a run with parameters that it cannot have: {error}") from error
 
     def push(self, direction: Array) -> Array:
         """J δθ, as `data`."""

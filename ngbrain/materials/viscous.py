@@ -40,8 +40,7 @@ class Branch:
     def stress(self, C: CoefficientFunction) -> CoefficientFunction:
         """S̄ = DEV{2 ∂W/∂C̄} (Pa) at the isochoric C̄, a 3×3 CoefficientFunction; zero at rest."""
         C = C.MakeVariable()
-        by_C = density(self.law, Deformation.of_stretch(C)).Diff(C)
-        return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
+        return overstress(density(self.law, Deformation.of_stretch(C)), C)
 
     def overstress(self, points: Points, C: CoefficientFunction, times: np.ndarray) -> np.ndarray:
         """H (Pa), shape (histories, times, 3, 3), under given histories of C̄; at the first time H = S̄.
@@ -54,6 +53,12 @@ class Branch:
         for n in range(len(times) - 1):
             H[:, n + 1] = e[n] * H[:, n] + beta[n] * (S[:, n + 1] - S[:, n])
         return H
+
+
+def overstress(energy: CoefficientFunction, C: CoefficientFunction) -> CoefficientFunction:
+    """DEV{2 ∂W/∂C̄} (Pa) of an energy of the variable C̄, 3×3."""
+    by_C = energy.Diff(C)
+    return lagrangian_deviator(by_C + by_C.trans, C)  # a law of single entries leaves by_C unsymmetric
 
 
 @dataclass(frozen=True)
