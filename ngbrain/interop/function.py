@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from ngbrain.adjoint.reduced import Model, Point, Reduced, State
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, SolverError
 
 Array = np.ndarray
 
@@ -75,7 +75,7 @@ class DataFunction:
 
 
 class ObjectiveFunction:
-    """J, with the weights that the `Reduced` has at each call. Raises what its model raises.
+    """J, with the weights that the `Reduced` has at each call. Raises what its model raises, and `SolverError` where θ(x) overflows.
 
     >>> from ngbrain.inverse.phantoms import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
@@ -91,7 +91,11 @@ class ObjectiveFunction:
 
     @contextmanager
     def _at(self, x: Array) -> Iterator[Point]:
-        with self._kept.at(self.reduced.unknowns.theta(x)) as state:
+        with np.errstate(over="ignore"):
+            theta = self.reduced.unknowns.theta(x)
+        if not np.all(np.isfinite(theta)):
+            raise SolverError("θ(x) is not finite: a step too far")
+        with self._kept.at(theta) as state:
             known = self._point
             if (
                 known is None

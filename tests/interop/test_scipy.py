@@ -68,6 +68,12 @@ def test_failure_is_a_hill_above_what_was_solved(risky, rng):
     assert J.fun(start + level) == pytest.approx(solved[0], rel=1e-9)
 
 
+def test_moduli_that_overflow_are_a_step_too_far(inversion):
+    J, start = Objective(inversion), inversion.unknowns.start
+    first, slope = J.fun(start), J.jac(start)
+    assert first < J.fun(start + 1e3 * np.sign(slope)) < np.inf and J.failures == 1
+
+
 @pytest.mark.parametrize("method", SEARCHES)
 def test_failed_solves_are_stepped_back_from(real, risky, method):
     first, found = Objective(risky).fun(risky.unknowns.start), least(risky, method)
