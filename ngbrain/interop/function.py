@@ -75,7 +75,8 @@ class DataFunction:
 
 
 class ObjectiveFunction:
-    """J, with the weights that the `Reduced` has at each call. Raises what its model raises, and `SolverError` where θ(x) overflows.
+    """J, with the weights that the `Reduced` has at each call. Raises what its model raises, and `SolverError`
+    where θ(x) overflows.
 
     >>> from ngbrain.inverse.phantoms import Phantom
     >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
