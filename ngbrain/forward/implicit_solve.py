@@ -58,11 +58,11 @@ class Inverses:
     @cached_property
     def _refined(self) -> Solve:
         """To the last digits: a factor without pivots, or with a pressure, leaves some of them to one refinement."""
+        self._solves.factorisations += 1
         try:
             self.factor = solve = self.body._factorise()
-        except FloatingPointError as error:
-            raise SolverError(f"equilibrium has no derivative: {error}") from error
-        self._solves.factorisations += 1
+        except FloatingPointError:
+            self.factor = solve = self._with_pivots()
         if isinstance(solve, Iterative):
             return replace(solve, rtol=TIGHT)
         if not isinstance(solve, Direct):
@@ -74,6 +74,12 @@ class Inverses:
             return x + core(r * condensed.free - condensed.apply(x))
 
         return lambda r: condensed.solve(twice, r)
+
+    def _with_pivots(self) -> Solve:
+        try:
+            return linear.prepare("umfpack", self._form)()
+        except FloatingPointError as error:
+            raise SolverError(f"equilibrium has no derivative: {error}") from error
 
     @cached_property
     def _turned(self) -> Solve:

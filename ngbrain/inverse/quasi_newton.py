@@ -127,11 +127,11 @@ class _Way:
         """J and its gradient by ξ."""
         try:
             point = self.point(xi)
+            if self._slope is None:
+                self._slope = self.metric.slope(point.gradient())
         except SolverError:
             self._at = np.full_like(xi, np.nan)
             return self._turned_back(xi)
-        if self._slope is None:
-            self._slope = self.metric.slope(point.gradient())
         self._solved = np.array(xi), point.value, self._slope
         return point.value, self._slope
 
