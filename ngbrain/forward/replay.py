@@ -98,7 +98,9 @@ class Replay:
         body = self.body
         body.history.rest()
         body.state = np.zeros(len(body.weights))
-        self._newton, self._near = replace(self.newton, inverse=None, largest=0.0), Newton()
+        self._newton = replace(self.newton, inverse=None, largest=0.0)
+        rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
+        self._near = replace(self._newton, rtol=rtol, xtol=xtol)
         self.kept, self._last = [], []
         if len(self._states) == len(self.grid) - 1:
             self._known = self._states
@@ -134,7 +136,7 @@ class Replay:
             body.memory, body.state = memory, x
             body.begin(self.grid[n + 1] - self.grid[n])
             new = self._state(n, x, before)
-            body.residual(new)  # the branches flow there
+            self._flow(new)
             steps.append(Step(n, memory, new))
             seen(steps[-1])
             body.finish()
@@ -194,5 +196,11 @@ class Replay:
         body.state = step.x
         body.begin(self.grid[step.n + 1] - self.grid[step.n])
         self.motion.set(self.grid[step.n + 1])
-        body.residual(step.x)
+        self._flow(step.x)
         return step
+
+    def _flow(self, x: Array) -> None:
+        """Go to a state; what Maxwell branches settle on there is wanted too."""
+        self.body.state = x
+        if self.body.history.flows:
+            self.body.residual(x)

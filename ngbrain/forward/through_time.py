@@ -25,6 +25,7 @@ from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
 from ngbrain.forward.step_forms import Parameter, StepForms
 from ngbrain.forward.tangent import Solve
+from ngbrain.forward.tangents import Tangents
 from ngbrain.forward.transient import Motion
 from ngbrain.solvers.newton import Newton
 
@@ -82,7 +83,7 @@ class RunModel:
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
         self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
-        self.forms = StepForms(body, self.parameters)
+        self.forms, self.tangents = StepForms(body, self.parameters), Tangents(body)
         B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
         self.B, self.Z = sp.csr_array(sp.vstack(B)), sp.csr_array(sp.vstack(Z))
         sizes = [len(_values(p)) for p in self.parameters.values()]
@@ -152,7 +153,7 @@ class Replayed:
         model, forms = self.model, self.model.forms
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
         for step in model.replay.backwards():
-            solve = self._begin(step)
+            solve = self._begin(step, 1)
             row = w[model.row[step.n]] if step.n in model.row else np.zeros(w.shape[1])
             motion = model.Z.T @ row
             b = model.B.T @ row + forms.remembered(weights)
@@ -170,7 +171,7 @@ class Replayed:
         histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
         changes = [model.split(direction) for direction in directions]
         for step in model.replay.forwards():
-            solve = self._begin(step)
+            solve = self._begin(step, len(directions))
             seen = model.row.get(step.n)
             stiff = np.array([self._tissue(z) for z in model.Z.toarray()]) if seen is not None else np.empty(0)
             for i, theta in enumerate(changes):
@@ -181,11 +182,11 @@ class Replayed:
                 histories[i] = forms.moved(x)
         return data
 
-    def _begin(self, step: Step) -> Solve:
-        """Forms and factor of a step at whose end the body stands."""
+    def _begin(self, step: Step, sides: int) -> Solve:
+        """Forms and tangent of a step at whose end the body stands."""
         model = self.model
         model.forms.begin(step.memory, model.replay.grid[step.n + 1] - model.replay.grid[step.n])
-        return model.body.factorise(step.x)
+        return model.tangents.here(sides)
 
     def _tissue(self, motion: Array) -> Array:
         """K_f z of a motion z, where the body's tangent was just made: what is not contact's."""
@@ -193,8 +194,8 @@ class Replayed:
         body.contact_form.AssembleLinearization(body.gfu.vec)
         z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         z.FV().NumPy()[:] = motion
-        product.data = body.form.mat * z - body.contact_form.mat * z
-        return product.FV().NumPy().copy()
+        product.data = body.contact_form.mat * z
+        return self.model.tangents.apply(motion) - product.FV().NumPy()
 
 
 def _values(parameter: Parameter) -> Array:
