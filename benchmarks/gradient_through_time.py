@@ -1,0 +1,341 @@
+"""What the gradient of a run of relaxing tissue costs, over the run itself and in memory; and what is recovered with it.
+
+A block of 2 cm that a plate presses by 2 mm in 1 s and holds for a minute. *cost*: the gradient of a sum of forces and
+displacements by all parameters (fields of first order and numbers); `ratio` is its CPU time over that of a run from rest that is as
+tightly converged; laws: one Neo-Hooke branch, two of Ogden's law, a Maxwell branch of it. `error`: the gradient along a random
+direction against a central difference. Histories are kept at every √N-th step and states at all; at every step; or both at every
+√N-th, with the steps between solved again. *memory*: the same over the number of steps. Peer: one-sided differences, a run for each
+unknown (their number times the run's time, not run). *inverse*: parameters from noisy data of finer steps (1 %), started a factor of
+2 to 3 off; `error` is the largest of theirs, `runs` the number of runs and `gradients` that of gradients.
+
+    python benchmarks/gradient_through_time.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/gradient_through_time.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure
+from netgen.occ import Box, Glue, OCCGeometry, Z
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward.body import Body, Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.readings import Displacements, Force
+from ngbrain.forward.step_forms import Parameter
+from ngbrain.forward.through_time import Replayed, RunModel
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Bounded, Fields, Log, Transform, Unknown
+from ngbrain.inverse.quasi_newton import l_bfgs
+from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.weights import Given
+from ngbrain.materials import Law, Maxwell, NeoHooke, Ogden, Prony, Viscous
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
+
+Record = dict
+Laws = Callable[[ngs.Mesh], tuple[Law | Viscous, dict[str, Parameter]]]
+SIDE, STEP = 0.02, 1e-3
+PRESS = Protocol("press", (0.0, 1.0, 61.0), (0.0, 2e-3, 2e-3))
+POINTS = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
+OURS = {
+    "ngbrain:adjoint": {},
+    "ngbrain:adjoint, all histories": {"every": 1},
+    "ngbrain:adjoint, few states": {"states": False},
+}
+DIFFERENCES = "differences"
+COLOURS = dict(zip(OURS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
+
+
+def field(mesh: ngs.Mesh, value: float) -> ngs.GridFunction:
+    """One that varies by a fifth."""
+    made = ngs.GridFunction(ngs.H1(mesh, order=1))
+    made.Set(value * (1 + 0.2 * ngs.sin(90 * ngs.x) * ngs.cos(70 * ngs.z)))
+    return made
+
+
+def one_branch(mesh: ngs.Mesh) -> tuple[Viscous, dict[str, Parameter]]:
+    """Neo-Hooke's law."""
+    p = {"mu": field(mesh, 1000.0), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
+    return Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), p
+
+
+def two_branches(mesh: ngs.Mesh) -> tuple[Viscous, dict[str, Parameter]]:
+    """Ogden's law."""
+    p = {"mu": field(mesh, 1000.0), "alpha": field(mesh, -12.0), "g": ngs.Parameter(0.4), "tau": ngs.Parameter(3.0)}
+    return Prony(Ogden(p["mu"], p["alpha"]), [p["g"], 0.2], [p["tau"], 50.0]), p
+
+
+def maxwell(mesh: ngs.Mesh) -> tuple[Viscous, dict[str, Parameter]]:
+    """Ogden's law, in a Maxwell branch too."""
+    p = {"spring": field(mesh, 700.0), "alpha": ngs.Parameter(-15.0), "eta": ngs.Parameter(2100.0)}
+    return Viscous(Ogden(300.0, -12.0), (Maxwell(Ogden(p["spring"], p["alpha"]), p["eta"]),)), p
+
+
+LAWS: dict[str, Laws] = {"1 branch": one_branch, "2 branches, Ogden": two_branches, "Maxwell, Ogden": maxwell}
+
+
+def grid(steps: int) -> np.ndarray:
+    """Times (s): a third of the steps while the plate moves, the others ever longer."""
+    pressing = max(steps // 3, 4)
+    return np.concatenate([np.linspace(0, 1, pressing + 1), 1 + np.geomspace(0.2, 60, steps - pressing)])
+
+
+def pressed(
+    mesh: ngs.Mesh, materials: dict[str, Material], p: dict[str, Parameter], times: np.ndarray, **how
+) -> RunModel:
+    """The model: the plate's force and displacements of `POINTS` are seen, at the end of every step unless `seen` says when."""
+    drive = Drive(PRESS)
+    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
+    seen, readings = how.pop("seen", None), how.pop("readings", [Force("top"), Displacements(POINTS)])
+    return RunModel(Body(mesh, materials, "bottom", [plate]), drive, times, p, readings, seen, **how)
+
+
+def cost(
+    law: str, maxh: float, steps: int, case: str = "cost", methods: tuple[str, ...] = tuple(OURS)
+) -> Iterator[Record]:
+    """Run, gradient and memory of one law, mesh and number of steps."""
+    mesh, times = block((SIDE,) * 3, maxh), grid(steps)
+    for method in methods:
+        tissue, p = LAWS[law](mesh)
+        of = pressed(mesh, {"tissue": Material(tissue, 1e6)}, p, times, **OURS[method])
+        theta, begun = of.theta, time.process_time()
+        there = of.at(theta)
+        run, w = time.process_time() - begun, 1 / np.abs(there.data).max(axis=0)
+        w = np.broadcast_to(w, there.data.shape)
+        largest = [held_mb(of)]
+        backwards = of.replay.backwards
+
+        def watched(of: RunModel = of, backwards=backwards, largest: list[float] = largest):
+            for step in backwards():
+                largest.append(held_mb(of))
+                yield step
+
+        begun = time.process_time()
+        slope = there.gradient(w)
+        spent = time.process_time() - begun
+        of.replay.backwards = watched
+        there.gradient(w)
+        yield {
+            "method": method,
+            "case": case,
+            "law": law,
+            "order": 2,
+            "ndof": of.body.fes.ndof,
+            "steps": steps,
+            "unknowns": of.size,
+            "error": off(of, there, w, slope),
+            "cpu_s": spent,
+            "run_s": run,
+            "ratio": spent / run,
+            "memory_mb": max(largest),
+            "factorisations": of.tangents.factorisations,
+            "converged": True,
+            "reason": "",
+        }
+    nothing = {"error": None, "memory_mb": None, "factorisations": None, "converged": False}
+    why = {"reason": "not run: its time is that of a run for each unknown"}
+    own = {"method": DIFFERENCES, "case": case, "law": law, "order": 2, "ndof": of.body.fes.ndof, "steps": steps}
+    yield own | {"unknowns": of.size, "cpu_s": of.size * run, "run_s": run, "ratio": float(of.size)} | nothing | why
+
+
+def held_mb(of: RunModel) -> float:
+    """What a replay holds (MB): histories, and states that are not the same array."""
+    replay, arrays = of.replay, {}
+    for kept in (*replay.kept, *replay._last):
+        for value in (kept.x, *flat(kept.memory)):
+            arrays[id(value)] = value.nbytes
+    for value in (*replay._states, *replay._known):
+        arrays[id(value)] = value.nbytes
+    return sum(arrays.values()) / 1e6
+
+
+def flat(memory: object) -> Iterator[np.ndarray]:
+    """All arrays in nested containers."""
+    if isinstance(memory, np.ndarray):
+        yield memory
+    elif isinstance(memory, (dict, list)):
+        for part in memory.values() if isinstance(memory, dict) else memory:
+            yield from flat(part)
+
+
+def off(of: RunModel, there: Replayed, w: np.ndarray, slope: np.ndarray) -> float:
+    """Of the gradient from a central difference, along all parameters at random."""
+    theta = of.theta
+    direction = theta * np.random.default_rng(2).normal(size=of.size)
+    up, down = (float(np.sum(w * of.at(theta + s * STEP * direction).data)) for s in (1, -1))
+    return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
+
+
+# What is recovered.
+
+SEARCHES = {"levenberg-marquardt": levenberg_marquardt, "l-bfgs": l_bfgs}
+SEEN = np.concatenate([np.linspace(0.25, 1, 4), 1 + np.geomspace(0.2, 60, 20)])
+FINER = np.unique(np.concatenate([SEEN, np.linspace(0, 1, 17)[1:], 1 + np.geomspace(0.05, 60, 61)]))
+Numbers = dict[str, float]
+
+
+def prony(values: Numbers, times: np.ndarray) -> RunModel:
+    """Two relaxing terms, from the force alone."""
+    p = {name: ngs.Parameter(value) for name, value in values.items()}
+    law = Prony(NeoHooke(p["mu"]), [p["fast"], p["slow"]], [p["tau_fast"], p["tau_slow"]])
+    return pressed(
+        block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, times, seen=SEEN, readings=[Force("top")]
+    )
+
+
+def dashpot(values: Numbers, times: np.ndarray) -> RunModel:
+    """A Maxwell branch, from the force alone."""
+    p = {name: ngs.Parameter(value) for name, value in values.items()}
+    law = Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
+    return pressed(
+        block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, times, seen=SEEN, readings=[Force("top")]
+    )
+
+
+def regions(values: Numbers, times: np.ndarray) -> RunModel:
+    """Two layers, from landmarks and the force at the end of the ramp and of the hold."""
+    p = {name: ngs.Parameter(value) for name, value in values.items()}
+    low, high = Box((0, 0, 0), (SIDE, SIDE, SIDE / 2)), Box((0, 0, SIDE / 2), (SIDE, SIDE, SIDE))
+    low.mat("low"), high.mat("high")
+    low.faces.Min(Z).name, high.faces.Max(Z).name = "bottom", "top"
+    mesh = ngs.Mesh(OCCGeometry(Glue([low, high])).GenerateMesh(maxh=SIDE / (2 if len(times) == len(FINER) + 1 else 1)))
+    tissues = {name: Material(Prony(NeoHooke(mu), [0.5], [5.0]), 1e6) for name, mu in p.items()}
+    return pressed(mesh, tissues, p, times, seen=[1.0, 61.0])
+
+
+PROBLEMS: dict[str, tuple[Callable[[Numbers, np.ndarray], RunModel], Numbers, Numbers, dict[str, Transform]]] = {
+    "Prony terms": (
+        prony,
+        {"mu": 900.0, "fast": 0.35, "tau_fast": 1.5, "slow": 0.3, "tau_slow": 20.0},
+        {"mu": 1500.0, "fast": 0.15, "tau_fast": 4.0, "slow": 0.15, "tau_slow": 50.0},
+        {"fast": Bounded(0.0, 0.5), "slow": Bounded(0.0, 0.5)},
+    ),
+    "spring and dashpot": (
+        dashpot,
+        {"rest": 300.0, "spring": 700.0, "eta": 4000.0},
+        {"rest": 800.0, "spring": 300.0, "eta": 1500.0},
+        {},
+    ),
+    "two regions": (regions, {"low": 1200.0, "high": 500.0}, {"low": 500.0, "high": 1200.0}, {}),
+}
+
+
+def inverse(problem: str, search: str) -> Record:
+    """One recovery."""
+    make, truth, start, transforms = PROBLEMS[problem]
+    exact = make(truth, np.concatenate([[0.0], FINER]))
+    data, random = exact.at(exact.theta).data, np.random.default_rng(20260101)
+    parts = [slice(0, 1), slice(1, None)] if data.shape[1] > 1 else [slice(None)]
+    sigma = np.empty_like(data)
+    for part in parts:
+        sigma[:, part] = 0.01 * np.sqrt(np.mean(data[:, part] ** 2))
+    of = make(start, np.concatenate([[0.0], SEEN]))
+    unknowns = {name: Unknown(value, transforms.get(name, Log())) for name, value in start.items()}
+    fields = Fields(of.theta, of.blocks, unknowns)
+    held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
+    misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
+    reduced = Reduced(of, misfit, fields, held, dict.fromkeys(held, 1.0))
+    counts = {"runs": 0, "gradients": 0}
+    at, begin = of.at, Replayed.gradient
+
+    def counted(theta: np.ndarray) -> Replayed:
+        counts["runs"] += 1
+        there = at(theta)
+        there.gradient = lambda w: (counts.__setitem__("gradients", counts["gradients"] + 1), begin(there, w))[1]
+        return there
+
+    of.at = counted
+    begun = time.process_time()
+    found = SEARCHES[search](reduced, fields.start, Given())
+    spent, values = time.process_time() - begun, fields.values(found.x)
+    errors = {name: float(values[name][0] / value - 1) for name, value in truth.items()}
+    return {
+        "method": f"ngbrain:{search}",
+        "case": "inverse",
+        "law": problem,
+        "order": 2,
+        "ndof": of.body.fes.ndof,
+        "steps": len(of.replay.grid) - 1,
+        "unknowns": len(fields.start),
+        "error": max(abs(error) for error in errors.values()),
+        "errors": errors,
+        "cpu_s": spent,
+        **counts,
+        "misfit": found.level.misfit / misfit.count,
+        "ratio": None,
+        "converged": found.converged,
+        "reason": "",
+    }
+
+
+def measure(quick: bool) -> list[Record]:
+    """All laws on one mesh and one law on others; one law over the number of steps; all problems."""
+    records = [r for law in LAWS for r in cost(law, 0.01 if quick else 0.005, 12 if quick else 24)]
+    for maxh in () if quick else (0.0035, 0.0025):
+        records += cost("1 branch", maxh, 24, methods=tuple(OURS)[:1])
+    for steps in (9, 25) if quick else (16, 64, 256):
+        records += cost("1 branch", 0.02 if quick else 0.01, steps, "memory")
+    for problem in list(PROBLEMS)[:1] if quick else PROBLEMS:
+        records += [inverse(problem, search) for search in (list(SEARCHES)[:1] if quick else SEARCHES)]
+    return records
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Cost by law, memory over steps, and what was recovered."""
+    plt, made, (first, second, third) = figure(13, 4.4, 3)
+    ours = [r for r in records if r["method"] in OURS]
+    for k, method in enumerate(OURS):
+        rows = [r for r in ours if r["method"] == method and r["case"] == "cost"]
+        least = min(r["ndof"] for r in rows)
+        rows = [r for r in rows if r["ndof"] == least]
+        where = np.arange(len(rows)) + 0.27 * (k - 1)
+        first.bar(where, [r["ratio"] for r in rows], 0.25, color=COLOURS[method], label=method.partition(":")[2])
+        for x, r in zip(where, rows, strict=True):
+            first.text(x, r["ratio"], f"{r['ratio']:.2f}", ha="center", va="bottom", fontsize=7)
+        rows = [r for r in ours if r["method"] == method and r["case"] == "memory"]
+        second.loglog([r["steps"] for r in rows], [r["memory_mb"] for r in rows], "o-", color=COLOURS[method])
+    first.set(xticks=range(len(LAWS)), xticklabels=list(LAWS), ylabel="CPU time, gradient over run", title="Cost")
+    first.legend(fontsize=7)
+    second.set(xlabel="steps", ylabel="held (MB)", title="Memory, 1 branch")
+    for k, search in enumerate(SEARCHES):
+        rows = [r for r in records if r["case"] == "inverse" and r["method"].endswith(search)]
+        third.bar(np.arange(len(rows)) + 0.4 * (k - 0.5), [100 * r["error"] for r in rows], 0.37, label=search)
+        for i, r in enumerate(rows):
+            text = f"{r['runs']} runs\n{r['cpu_s']:.0f} s"
+            third.text(i + 0.4 * (k - 0.5), 100 * r["error"], text, ha="center", va="bottom", fontsize=7)
+    third.set(
+        xticks=range(len(PROBLEMS)),
+        xticklabels=list(PROBLEMS),
+        ylabel="largest error (%)",
+        title="Recovered, 1 % noise",
+    )
+    third.legend(fontsize=7)
+    for axis in (first, second, third):
+        axis.margins(y=0.15)
+        axis.grid(axis="y", alpha=0.25)
+    made.savefig(png, dpi=150)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """One record in words."""
+    if r["case"] == "inverse":
+        found = ", ".join(f"{name} {100 * error:+.1f} %" for name, error in r["errors"].items())
+        return (
+            f"{r['law']:20} {r['method']:30} {found}; {r['runs']} runs, {r['gradients']} gradients, {r['cpu_s']:.1f} s"
+        )
+    if r["method"] == DIFFERENCES:
+        return f"{r['law']:20} {r['method']:30} {r['ndof']:6} unknowns, {r['steps']:4} steps: {r['ratio']:.0f} runs"
+    more = f"{r['cpu_s']:.2f} s, {r['ratio']:.2f} runs, {r['memory_mb']:.1f} MB, off by {r['error']:.1e}"
+    return f"{r['law']:20} {r['method']:30} {r['ndof']:6} unknowns, {r['steps']:4} steps: {more}"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
