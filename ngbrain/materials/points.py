@@ -56,8 +56,22 @@ class Points:
         """Its values (components, n), tensors by rows; or those at some points, all of their elements (`beside`): fields know
         a point by its place in its element.
         """
-        mapped = self.mapped[where]
-        return np.ascontiguousarray(np.asarray(function(mapped)).reshape(len(mapped), -1).T)
+        return np.ascontiguousarray(evaluated(function, self.mapped[where]).T)
+
+
+def evaluated(function: CoefficientFunction, mapped: np.ndarray) -> np.ndarray:
+    """Values (n, components) at the points of elements of one shape, each element with all of its points.
+
+    NGSolve gives every thread an equal share of the points, and fields at quadrature points know a point by its place in its
+    element: a share that began inside one would read others' values. So the last element is repeated until shares are whole.
+    """
+    n = len(mapped)
+    if n == 0 or ngs.ngsglobals.numthreads == 1:
+        return np.asarray(function(mapped)).reshape(n, function.dim)
+    size = int(np.argmax(mapped["nr"] != mapped["nr"][0])) or n
+    missing = -(n // size) % ngs.ngsglobals.numthreads
+    whole = np.concatenate([mapped, *[mapped[-size:]] * missing])
+    return np.asarray(function(whole)).reshape(len(whole), -1)[:n]
 
 
 @lru_cache(maxsize=16)

@@ -8,6 +8,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.body import Body
+from ngbrain.materials.points import evaluated
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.surgery.injury import Strain, stretching_rate, von_mises
 from ngbrain.tensors import deformation_gradient
@@ -105,7 +106,7 @@ class Sampler:
         self.body = body
         rule = body.history.rules[ngs.TET]
         points = body.mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL)
-        shares = np.column_stack([part.where(points).ravel() for part in parts.values()])
+        shares = np.column_stack([evaluated(part.where, points) for part in parts.values()])
         self._tissue = np.flatnonzero(shares.max(axis=1) > 0.5)
         self._points = points[self._tissue]
         jacobian = np.abs(ngs.Det(ngs.specialcf.JacobianMatrix(3))(self._points)).ravel()
