@@ -1,4 +1,7 @@
-"""Independent computations side by side: one process a thread, each single-threaded, so that results do not depend on how many."""
+"""Independent computations side by side: one process a thread, each single-threaded, so that results do not depend on how many.
+
+Where that may depend on them by round-off, a task can use the threads that are left over: `helped`.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,12 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from ngbrain.errors import SolverError
-from ngbrain.threads import set_threads
+from ngbrain.threads import set_threads, threads
 
 Task = tuple[str, Callable[..., Any], tuple[Any, ...]]
 """Name, function (importable by name) and its arguments; it is also passed `tell`."""
@@ -24,6 +27,8 @@ Tell = Callable[..., None]
 
 _queue: Any = None
 _begun: Any = None
+_running: Any = None
+_workers: int = 1
 _parent: int = 0
 _tasks: dict[str, Task] = {}
 
@@ -38,13 +43,13 @@ def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[s
         set_threads(1)
         return {name: function(*args, tell=tell) for name, function, args in tasks}
     context = multiprocessing.get_context("spawn")  # NGSolve's threads do not survive a fork
-    messages, begun = context.Queue(), context.SimpleQueue()
+    messages, begun, running = context.Queue(), context.SimpleQueue(), context.Value("i", 0)
     done = threading.Event()
     listener = threading.Thread(target=_listen, args=(messages, done, tell), daemon=True)
     listener.start()
     results, doing = dict[str, Any](), dict[int, str]()
     # Tasks go with the start of a process: in the executor's own pipe megabytes would block it for ever once nobody reads.
-    shared = (messages, begun, os.getpid(), list(tasks))
+    shared = (messages, begun, running, workers, os.getpid(), list(tasks))
     with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, shared) as executor:
         try:
             with _undisturbed():
@@ -112,9 +117,9 @@ def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
             continue
 
 
-def _start(messages: Any, begun: Any, parent: int, tasks: Sequence[Task]) -> None:
-    global _queue, _begun, _parent
-    _queue, _begun, _parent = messages, begun, parent
+def _start(messages: Any, begun: Any, running: Any, workers: int, parent: int, tasks: Sequence[Task]) -> None:
+    global _queue, _begun, _running, _workers, _parent
+    _queue, _begun, _running, _workers, _parent = messages, begun, running, workers, parent
     _tasks.update({task[0]: task for task in tasks})
     set_threads(1)
 
@@ -122,7 +127,37 @@ def _start(messages: Any, begun: Any, parent: int, tasks: Sequence[Task]) -> Non
 def _call(name: str) -> Any:
     _, function, args = _tasks[name]
     _begun.put((os.getpid(), name))
-    return function(*args, tell=_report)
+    _count(1)
+    try:
+        return function(*args, tell=_report)
+    finally:
+        _count(-1)
+
+
+def _count(change: int) -> None:
+    with _running.get_lock():
+        _running.value += change
+
+
+@contextmanager
+def helped(tell: Tell) -> Iterator[Tell]:
+    """Within a task: use its share of the threads, more once fewer tasks than threads are left; noticed when it tells.
+
+    NGSolve's task manager then adds up in another order, so that results differ by round-off from those of one thread.
+    """
+    with ExitStack() as stack:
+        used = 1
+
+        def told(*what: Any) -> None:
+            nonlocal used
+            tell(*what)
+            share = max(1, _workers // _running.value) if _running else 1
+            if share != used:
+                stack.close()
+                stack.enter_context(threads(share))
+                used = share
+
+        yield told
 
 
 def _report(*told: Any) -> None:

@@ -175,6 +175,17 @@ def numbers(out):
     return {name: result[name] for name in ("answers", "checks", "comparison", "material_band", "geometry", "model")}
 
 
+def alike(one, other):
+    """The same on one thread and on two: numbers up to what round-off, in another order of sums, can become."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return other == pytest.approx(one, rel=1e-6, abs=1e-9)
+    return one == other
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
@@ -207,7 +218,7 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
 
 
 @pytest.mark.slow
-def test_a_real_head_gives_the_same_bits_twice_and_segments_once(tmp_path, monkeypatch):
+def test_a_real_head_gives_the_same_on_two_threads_and_segments_once(tmp_path, monkeypatch):
     monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "cache"))
     scene = tmp_path / "real.toml"
     scene.write_text(REAL)
@@ -220,7 +231,7 @@ def test_a_real_head_gives_the_same_bits_twice_and_segments_once(tmp_path, monke
     scene.write_text(REAL)
     monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "another"))
     retract(scene, tmp_path / "two", "--threads", "2")
-    assert numbers(tmp_path / "one") == numbers(tmp_path / "two")
+    assert alike(numbers(tmp_path / "one"), numbers(tmp_path / "two"))
     result = json.loads((tmp_path / "one" / "result.json").read_text())
     assert result["checks"]["reaction_balance"] < 1e-4 and result["head"]["label_volumes_ml"]["ventricle"] > 10
 
@@ -242,7 +253,7 @@ def test_resume_after_the_end_computes_nothing_and_says_the_same(finished):
     [(signal.SIGINT, 0.0), (signal.SIGINT, 3.0), (signal.SIGKILL, 3.0)],
     ids=["Ctrl-C while processes start", "Ctrl-C", "kill"],
 )
-def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_path, stop, after_s):
+def test_a_stopped_run_goes_on_to_the_same_on_two_threads(finished, tmp_path, stop, after_s):
     scene, out = finished
     started = command(scene, tmp_path, "--threads", "2")
     with subprocess.Popen(started, stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
@@ -256,7 +267,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits_on_two_threads(finished, tmp_pat
     if stop == signal.SIGINT:
         assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
     retract(scene, tmp_path, "--resume", "--threads", "2")
-    assert numbers(tmp_path) == numbers(out)
+    assert alike(numbers(tmp_path), numbers(out))
 
 
 def labels_file(path):

@@ -1,7 +1,7 @@
 """Tasks in processes: answers by name; one whose process dies is named."""
 
 import pytest
-from dying import dies, lives
+from dying import dies, lives, outlives
 
 from ngbrain import pool
 from ngbrain.errors import SolverError
@@ -15,3 +15,12 @@ def test_answers_by_name(workers):
 def test_the_task_whose_process_dies_is_named():
     with pytest.raises(SolverError, match=r"^the second: its process died \(signal 9\).*memory"):
         pool.run([("the first", lives, (1,)), ("the second", dies, ())], 2)
+
+
+def test_the_last_task_gets_the_threads_that_are_left():
+    found = pool.run([("short", outlives, (0.5,)), ("long", outlives, (3.0,))], 2)
+    assert found["long"][1] == 2 and found["short"][0] == 1
+
+
+def test_one_process_has_one_thread():
+    assert pool.run([("short", lives, (1,)), ("long", outlives, (0.0,))], 1)["long"] == [1, 1]

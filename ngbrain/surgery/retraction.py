@@ -72,7 +72,7 @@ def solve(
     scene      what to do (`Scene.from_toml`, `Scene.shipped`)
     folder     where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go; None
                writes nothing
-    threads    processes side by side; the results do not depend on it
+    threads    processes side by side; the last ones use the threads that are left over, and differ by round-off from one's results
     resume     go on from the run files in `folder`
     tell       called with (run, its time in s, share done) after every step
 
@@ -146,13 +146,14 @@ def _lead(
 ) -> Outcome:
     """A run; it leaves in a file how it stands after its first piece (None if it is past that), for those that follow."""
     run = ProtocolRun(model, program, folder, resume)
-    if begun is not None:
-        within = run.transient.progress.t <= program.times[1]
-        snapshot = run.go(tell, program.times[1]).snapshot() if within else None
-        part = begun.with_suffix(".part")
-        part.write_bytes(pickle.dumps(snapshot))
-        os.replace(part, begun)
-    return _outcome(run.go(tell))
+    with pool.helped(tell) as told:
+        if begun is not None:
+            within = run.transient.progress.t <= program.times[1]
+            snapshot = run.go(told, program.times[1]).snapshot() if within else None
+            part = begun.with_suffix(".part")
+            part.write_bytes(pickle.dumps(snapshot))
+            os.replace(part, begun)
+        return _outcome(run.go(told))
 
 
 def _follow(
@@ -161,7 +162,8 @@ def _follow(
     """A run that goes on from where another, which was started before, stood after the piece that they share."""
     while not begun.exists():
         time.sleep(POLL)
-    return _outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(tell))
+    with pool.helped(tell) as told:
+        return _outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told))
 
 
 def _outcome(run: ProtocolRun) -> Outcome:
@@ -176,7 +178,8 @@ def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tel
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
     try:
-        value = _CHECKS[name](model, folder, resume, lambda _, t, share: tell(_CHECK + name, t, share))
+        with pool.helped(tell) as told:
+            value = _CHECKS[name](model, folder, resume, lambda _, t, share: told(_CHECK + name, t, share))
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None
     tell(_CHECK + name, 0.0, 1.0)
