@@ -1,9 +1,13 @@
 """Error bars of property maps: what `invert` found, with its `Posterior`, in the units of the maps.
 
 Bands are those of each point by itself, given noise, weights and elements as they were in the inversion; the displacements of
-the boundary, which are unknown too, may be anything that fits. Errors of the model are no part of them: another rheology, a bulk
-modulus that is off (see the inversion's notes), nor those of elements that are too coarse. At 6.5 points per wave these move the
-mean modulus by .5 %, which noise of 2 % leaves uncertain by .1 %; at 13 points they are not seen.
+the boundary, which are unknown too, may be anything that fits.
+
+What was assumed is what the regulariser says. `smooth` takes fields for rough, the more so the finer the mesh: where the truth is
+smooth its bands at points cover more than they say, and means over many points are the ones to trust. `matern` has a length.
+Errors of the model are no part of a band: another rheology, a bulk modulus that is off (see the inversion's notes), elements that
+are too coarse. At 6.5 points per wave these move the mean modulus by .5 %, which noise of 2 % leaves uncertain by .1 %; at 13
+points they are not seen.
 """
 
 from __future__ import annotations
@@ -134,7 +138,7 @@ def uncertainty(found: Inversion, least: float = LEAST) -> Uncertainty:
     least   see `Posterior`
 
     It takes one Gauss-Newton product for each displacement of the boundary (real and imaginary parts), and two for each number
-    that the data determine, or a few times as many: in the plane about as long as the inversion, in space much longer.
+    that the data determine, or a few times as many: in the plane once to three times what the inversion took, in space far more.
     Raises `InputError` for an inversion of zones, which has no unknowns in common.
 
     >>> from ngbrain.inverse.invert import invert

@@ -139,7 +139,7 @@ def test_many_rows_are_drawn(monkeypatch):
 
 def chain(n):
     """Squared differences of neighbours: a constant costs nothing, as far as round-off lets one see."""
-    steps = np.diff(np.eye(n), axis=0) * np.sqrt(np.linspace(0.1, 0.7, n - 1))[:, None]
+    steps = np.diff(np.eye(n), axis=0) * np.sqrt(np.linspace(0.1, 0.9, n - 1))[:, None]
     return steps.T @ steps
 
 
