@@ -7,6 +7,7 @@ Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
     (w·d)'' δθ:                two solves more, `Equilibria.second`
 
 R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `implicit_work`.
+Source: Plessix 2006, 10.1111/j.1365-246X.2006.02978.x.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.implicit_blocks import Block, Held, Parameter, block, places
+from ngbrain.forward.implicit_blocks import Block, Held, Nodes, Parameter, block, places
 from ngbrain.forward.implicit_equilibrium import Case, Equilibrium
 from ngbrain.forward.implicit_solve import Inverses
 from ngbrain.forward.implicit_work import Term
@@ -27,7 +28,7 @@ from ngbrain.forward.sensitivity import Solves
 from ngbrain.forward.static import Static
 from ngbrain.solvers.newton import Newton
 
-__all__ = ["Case", "Equilibria", "Held", "StaticModel"]
+__all__ = ["Case", "Equilibria", "Held", "Nodes", "StaticModel"]
 
 Array = np.ndarray
 
@@ -37,7 +38,7 @@ class StaticModel:
 
     cases       bodies under their loads, which share parameters, each with its observations
     parameters  name → what is θ, one after the other: a GridFunction (all its unknowns) or a `Parameter` that materials or
-                loads are made of, or `Held(body, boundary)`, what is prescribed there
+                loads are made of, `Held(body, boundary)`, what is prescribed there, or `Nodes(mesh)`, where its nodes are
     newton      settings; by default so tight that derivatives are exact to ten digits
     steps       load steps from rest, which the first equilibrium and one that is lost begin with
 
@@ -70,7 +71,8 @@ class StaticModel:
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
         for name, part in self.parts.items():
             for case in cases:
-                _check_supports(name, part, case.body)
+                if not isinstance(part, Nodes):
+                    _check_supports(name, part, case.body)
         self.equilibria = [Equilibrium(case, self.parts, newton, steps) for case in cases]
         self.slices = places([each.size for each in self.equilibria])
         self.solves = Solves()

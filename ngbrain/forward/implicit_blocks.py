@@ -10,9 +10,9 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, InvertedElementError
 from ngbrain.forward.factors import sparse
-from ngbrain.forward.implicit_work import Terms, by, vector
+from ngbrain.forward.implicit_work import Terms, by, terms, vector
 from ngbrain.forward.patterns import boundaries
 from ngbrain.forward.static import Static
 
@@ -173,7 +173,60 @@ class Held:
         return sp.csr_array((space.ndof, self.size))
 
 
-Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | Held
+class Nodes:
+    """Shifts (m) of a mesh's nodes, a vector for each vertex by components, with which whatever is in its elements goes along.
+
+    So do points where displacements are seen, and fields; what supports prescribe stays as it is. First derivatives only. A shift
+    that turns an element inside out raises `InvertedElementError`. To be made before the bodies that it is for.
+    """
+
+    def __init__(self, mesh: ngs.Mesh) -> None:
+        if mesh.deformation is not None:
+            raise InputError("mesh", "deformed already", "one as it was made")
+        self.mesh, self.shift = mesh, ngs.GridFunction(ngs.VectorH1(mesh, order=1))
+        self.size = self.shift.space.ndof
+        self._stretch = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+        mesh.SetDeformation(self.shift)
+        self._signs = np.sign(self._determinants())
+
+    @property
+    def value(self) -> Array:
+        """Shifts (m)."""
+        return np.array(self.shift.vec.FV().NumPy())
+
+    def put(self, value: Array) -> None:
+        """Shift the nodes."""
+        self.shift.vec.FV().NumPy()[:] = value
+        if np.any(np.sign(self._determinants()) != self._signs):
+            raise InvertedElementError("shifted nodes turn an element of the mesh inside out")
+
+    def turn(self, direction: Array) -> None:
+        """See `along`."""
+
+    def along(self, parts: Terms) -> Terms:
+        """NGSolve differentiates a shape once."""
+        raise InputError("parameters", "nodes", "others, for second derivatives")
+
+    def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
+        """One linear form."""
+        return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
+
+    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+        """One bilinear form."""
+        form = ngs.BilinearForm(trialspace=self.shift.space, testspace=space)
+        for part in self._moved(parts, self.shift.space.TrialFunction()):
+            form += part.integral
+        form.Assemble()
+        return sparse(form.mat)
+
+    def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
+        return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
+
+    def _determinants(self) -> Array:
+        return np.array(ngs.Integrate(self._stretch, self.mesh, element_wise=True).NumPy())
+
+
+Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | Held | Nodes
 
 
 def block(name: str, of: Parameter) -> Block:
@@ -184,6 +237,7 @@ def block(name: str, of: Parameter) -> Block:
         return Field(of)
     if isinstance(of, ngs.Parameter):
         return Scalar(of)
-    if not isinstance(of, Held):
-        raise InputError(f"parameters.{name}", type(of).__name__, "a GridFunction, a Parameter or Held(body, boundary)")
+    if not isinstance(of, (Held, Nodes)):
+        wanted = "a GridFunction, a Parameter, Held(body, boundary) or Nodes(mesh)"
+        raise InputError(f"parameters.{name}", type(of).__name__, wanted)
     return of

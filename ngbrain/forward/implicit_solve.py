@@ -20,8 +20,9 @@ Array = np.ndarray
 TIGHT = 1e-11
 """Where an iterative solver stops: derivatives are as exact as it is."""
 FEW, AT_MOST = 2, 20
-"""In space, solutions by the last factor of Newton's method as preconditioner, before a factor is made for more of them; and
-the iterations each may take. (14 739 displacements: 6 to 11 of them and half the time of a factor.)"""
+"""In space, without pressures, solutions by the last factor of Newton's method as preconditioner before a factor is made for more
+of them, and the iterations each may take. (14 739 displacements: 6 to 11 of them and half the time of a factor; with pressures
+there are more than 20.)"""
 
 
 class Inverses:
@@ -33,7 +34,8 @@ class Inverses:
     def __init__(self, body: Static, solves: Solves) -> None:
         self.body, self._form, self._solves = body, body._form, solves
         self._symmetric = not any(isinstance(load, Pressure) for load in body.loads)
-        self._old = body._kept if self._symmetric and body.mesh.dim == 3 else None
+        worth = self._symmetric and body.mesh.dim == 3 and body.form.pressure is None
+        self._old = body._kept if worth else None
         self._few = FEW
         self.factor: Solve | None = None
         """The factor, once there is one."""

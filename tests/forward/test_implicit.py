@@ -9,9 +9,10 @@ from statics import cube, square
 from ngbrain import materials
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.elements import Form
-from ngbrain.forward.implicit import Case, StaticModel
+from ngbrain.forward.implicit import Case, Equilibria, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
+from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 
 FORMS = {"displacements": "P2", "continuous pressure": "P2/P1", "condensed pressure": Form(2, 0, False)}
@@ -74,6 +75,41 @@ def test_a_field_of_fibres_and_one_in_a_gradient(rng):
     verify(StaticModel([Case(body, seen())], {"fibre": fibre, "height": height}, tight(body)), rng)
 
 
+def test_nearly_incompressible_to_the_last_digits(rng):
+    """K/μ = 10⁸: a factor without pivots is off by far more than round-off."""
+    mesh = square(3, size=SIDE)
+    mu = field(mesh, 1e3)
+    body = Static(mesh, {".*": Material(Ogden(mu, -4.0), 1e11)}, {"bottom": 0, "top": (0.006, -0.012)}, form="P2/P1")
+    verify(StaticModel([Case(body, seen())], {"mu": mu}, body.newton(rtol=1e-12, xtol=1e-10)), rng)
+
+
+@pytest.mark.parametrize("solver", ["cg-amg", "umfpack"])
+def test_other_solvers_give_the_same_gradient(solver, rng):
+    gradients = []
+    for chosen in ("sparsecholesky", solver):
+        mesh = cube(2, size=SIDE)
+        mu = field(mesh, 1e3)
+        body = Static(
+            mesh, {".*": Material(NeoHooke(mu), 4e3)}, {"bottom": 0, "top": (0, 0, -0.012)}, form="P2", solver=chosen
+        )
+        of = StaticModel([Case(body, seen(3))], {"mu": mu})
+        gradients.append(of.at(of.theta).gradient(np.ones(10)))
+    assert gradients[1] == pytest.approx(gradients[0], abs=1e-8 * np.abs(gradients[0]).max())
+
+
+def test_a_factor_that_fails_is_made_with_pivots(monkeypatch, rng):
+    of = model(NeoHooke, form="P2/P1")
+    there, w = of.at(of.theta), np.ones(7)
+    wanted = there.gradient(w)
+
+    def fails():
+        raise FloatingPointError("no pivots")
+
+    monkeypatch.setattr(of.equilibria[0].body, "_factorise", fails)
+    again = Equilibria(of, there.theta, there.states)
+    assert again.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
+
+
 # Second derivatives.
 
 
@@ -88,6 +124,28 @@ def test_second_derivatives(law, form, rng):
     along_a, along_b = there.second(w, a), there.second(w, b)
     assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
     rates = taylor(lambda t: of.at(t).gradient(w) * theta, lambda d: there.second(w, d) * theta, theta, a, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_the_whole_hessian_of_a_misfit(rng):
+    """JᵀWJ and the second derivatives weighted by the misfit's slope, together: symmetric, and the gradient's derivative."""
+    of = model(Ogden, "number", "P2/P1")
+    theta = of.theta
+    there = of.at(theta)
+    misfit = LeastSquares(1.3 * there.data, 0.1 * unit(there))
+
+    def hessian(direction):
+        bent = misfit.bend(there.data, there.push(direction))
+        return there.pull(bent) + there.second(misfit.slope(there.data), direction)
+
+    def gradient(t):
+        now = of.at(t)
+        return now.gradient(misfit.slope(now.data)) * theta
+
+    a, b = theta * rng.uniform(-1, 1, (2, of.size))
+    along_a, along_b = hessian(a), hessian(b)
+    assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
+    rates = taylor(gradient, lambda _: along_a * theta, theta, a, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 

@@ -7,12 +7,12 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from equilibria import SIDE, directions, field, model, seen, tight, verify, weights
-from statics import square
+from statics import cube, square
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.errors import InputError, SolverError
+from ngbrain.errors import InputError, InvertedElementError, SolverError
 from ngbrain.forward.elements import Form
-from ngbrain.forward.implicit import Case, Equilibria, Held, StaticModel
+from ngbrain.forward.implicit import Case, Equilibria, Held, Nodes, StaticModel
 from ngbrain.forward.implicit_equilibrium import Equilibrium
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, Spring, Traction, Weight
@@ -165,6 +165,38 @@ def test_observations_are_what_they_say():
     assert mine.at(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
 
 
+# Where nodes are.
+
+
+def shaped(dim, form):
+    """Tissue whose nodes are unknown beside its stiffness, under loads of all kinds."""
+    mesh = square(2, size=SIDE) if dim == 2 else cube(1, size=SIDE)
+    nodes, mu = Nodes(mesh), field(mesh, 1e3)
+    nodes.put(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
+    still = (0.0,) * (dim - 2)
+    loads = [Pressure("right", 40.0), Traction("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
+    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, form=form)
+    return StaticModel([Case(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
+
+
+@pytest.mark.parametrize(("dim", "form"), [(2, "P2"), (2, "P2/P1"), (3, "P2")])
+def test_nodes(dim, form, rng):
+    verify(shaped(dim, form), rng)
+
+
+def test_nodes_that_turn_an_element_are_refused_and_seconds_are_not_there():
+    of = shaped(2, "P2")
+    theta = of.theta
+    there = of.at(theta)
+    with pytest.raises(InvertedElementError, match="inside out"):
+        of.at(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
+    assert of.at(theta).data == pytest.approx(there.data, rel=1e-9)
+    with pytest.raises(InputError, match="parameters is nodes; wanted: others, for second derivatives"):
+        there.second(there.data, theta)
+    with pytest.raises(InputError, match="mesh is deformed already"):
+        Nodes(of.parts["nodes"].mesh)
+
+
 # What is refused.
 
 
@@ -175,7 +207,7 @@ def test_bad_input():
     case = Case(body, [Force("top")])
     with pytest.raises(InputError, match=r"parameters\.mu is complex; wanted: a real field"):
         StaticModel([case], {"mu": ngs.GridFunction(ngs.H1(mesh, complex=True))})
-    with pytest.raises(InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter or Held"):
+    with pytest.raises(InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter, Held"):
         StaticModel([case], {"mu": 3.0})
     with pytest.raises(InputError, match="boundary is 'top'; wanted: one with a component that is held"):
         Held(Static(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, form="P2"), "top")

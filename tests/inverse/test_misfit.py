@@ -58,3 +58,10 @@ def test_no_noise_level_is_refused(sigma):
 def test_no_threshold_is_refused():
     with pytest.raises(InputError, match="threshold"):
         Huber(np.ones((1, 2, 2), complex), 1.0, 0.0)
+
+
+def test_real_data_count_once(rng):
+    noise = rng.normal(size=20_000)
+    for kind in (LeastSquares, Huber):
+        misfit = kind(noise, 1.0)
+        assert misfit.count == 20_000 and misfit.squares(np.zeros(20_000)) == pytest.approx(20_000, rel=0.03)

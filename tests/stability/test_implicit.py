@@ -88,6 +88,30 @@ def test_ours_turns_back(optimiser):
     assert counted.failed or optimiser not in (l_bfgs, bfgs)
 
 
+class Unsteady:
+    """Data are θ itself; beyond 2 there is an equilibrium, but its tangent is singular."""
+
+    def at(self, theta):
+        self.data = theta
+        return self
+
+    def gradient(self, w):
+        if self.data[0] > 2:
+            raise SolverError("equilibrium has no derivative")
+        return w
+
+    push = pull = gradient
+
+
+def test_an_equilibrium_without_a_derivative_is_turned_back_from():
+    fields = Fields(np.array([0.5]), {"theta": slice(0, 1)}, {"theta": Unknown(0.5, Scaled(100.0))})
+    misfit = LeastSquares(np.array([1.9]), 0.01)
+    reduced = Reduced(Unsteady(), misfit, fields, {"theta": ridge(fields.start)}, {"theta": 1e-3})
+    for optimiser in (l_bfgs, bfgs):
+        found = optimiser(reduced, fields.start, Given())
+        assert fields.theta(found.x) == pytest.approx([1.9], rel=1e-3)
+
+
 # A law that grows exponentially, its exponent unknown: a step too far overflows.
 
 
