@@ -4,9 +4,9 @@ A block of 2 cm that a plate presses by 2 mm in 1 s and holds for a minute. *cos
 displacements by all parameters (fields of first order and numbers); `ratio` is its CPU time over that of a run from rest that is as
 tightly converged; laws: one Neo-Hooke branch, two of Ogden's law, a Maxwell branch of it. `error`: the gradient along a random
 direction against a central difference. Histories are kept at every √N-th step and states at all; at every step; or both at every
-√N-th, with the steps between solved again. *memory*: the same over the number of steps. Peer: one-sided differences, a run for each
-unknown (their number times the run's time, not run). *inverse*: parameters from noisy data of finer steps (1 %), started a factor of
-2 to 3 off; `error` is the largest of theirs, `runs` the number of runs and `gradients` that of gradients.
+√N-th, with the steps between solved again. *memory*: the same over the number of steps. Peer: one-sided differences, a run
+for each unknown (their number times the run's time, not run). *inverse*: parameters from noisy data of finer steps (1 %), started
+a factor of 2 to 3 off; `error` is the largest of theirs, `runs` the number of runs and `gradients` that of gradients.
 
     python benchmarks/gradient_through_time.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/gradient_through_time.py --chart FILE.png < records.json
