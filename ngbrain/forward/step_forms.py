@@ -12,8 +12,8 @@ e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from typing import Any, TypeAlias
@@ -27,6 +27,7 @@ from ngbrain.forward.body import Body
 from ngbrain.forward.flow_forms import Begun, Ended, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
+from ngbrain.forward.parts import Block, Expressions, Part, entries, put, times, values, weighed
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.viscous import overstress
 from ngbrain.tensors import deformation_gradient, of_six, six
@@ -34,39 +35,6 @@ from ngbrain.tensors import deformation_gradient, of_six, six
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
-Expressions: TypeAlias = list[CoefficientFunction]
-Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
-
-
-class Block:
-    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points)."""
-
-    def __init__(self, space: ngs.FESpace, size: int) -> None:
-        self.value, self.change, self.weight = (ngs.GridFunction(ngs.VectorValued(space, size)) for _ in range(3))
-        self.size = size
-        self.variable = _entries(self.value).MakeVariable()
-
-
-@dataclass(frozen=True)
-class Part:
-    """A function of the variables and its derivatives by the parameters, or those of `made`, the only place that they are in.
-
-    What has parameters in few places, and much else, is derived by them through these places alone.
-    """
-
-    value: CoefficientFunction
-    slopes: Expressions = field(default_factory=list)
-    made: CoefficientFunction | None = None
-
-    @property
-    def by_theta(self) -> Expressions:
-        """Derivatives by each parameter's value."""
-        return self.slopes if self.made is None else [_times(self.value.Diff(self.made), s) for s in self.slopes]
-
-    def then(self, operator: Derivative) -> Part:
-        """A linear operator of it that has no parameters."""
-        slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
-        return Part(operator(self.value), slopes, self.made)
 
 
 class StepForms:
@@ -93,7 +61,7 @@ class StepForms:
         self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
         rules = history.rules
         weights = ngs.LinearForm(space.TestFunction() * ngs.dx(intrules=rules)).Assemble()
-        self.quadrature = _values(weights).copy()
+        self.quadrature = values(weights).copy()
         self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         materials, of = body.materials, body.mesh.MaterialCF
         self._changed = Forces(body.gfu, {p: self._changing(m) for p, m in materials.items()}, space)
@@ -112,10 +80,10 @@ class StepForms:
         history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
         if self._strain:
             history += [memory["strain"], *(G.reshape(-1, 9).T for G in memory["inner"])]
-        _put(self.blocks, "value", np.vstack(history) if history else np.zeros((0, 0)))
+        put(self.blocks, "value", np.vstack(history) if history else np.zeros((0, 0)))
         for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
-            _put([half], "value", flow.begun)
-            _put([settled], "value", flow.settled)
+            put([half], "value", flow.begun)
+            put([settled], "value", flow.settled)
 
     def changed(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
@@ -124,22 +92,22 @@ class StepForms:
 
     def moved(self, x: Array) -> Array:
         """δh⁺ with δx, and with δh and δθ of the last `changed`."""
-        _values(self._moving)[:] = x
+        values(self._moving)[:] = x
         return self.points(self._forth)[1:]
 
     def remembered(self, weights: Array) -> Array:
         """(∂U/∂x)ᵀΛ, one number for each unknown of the body."""
-        _put(self.blocks, "weight", weights)
+        put(self.blocks, "weight", weights)
         return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
 
     def back(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
         """Derivatives of ℓ by h, a density at the points, and by each parameter's unknowns."""
-        _put(self.blocks, "weight", weights)
-        _values(self._motion)[:] = motion
+        put(self.blocks, "weight", weights)
+        values(self._motion)[:] = motion
         inner = sum(block.size for block in self._half)
         by_history, by_inner, by_theta = np.split(self.points(self._back)[1:], [self.size, self.size + inner])
         if inner:
-            _put(self._half, "weight", by_inner)
+            put(self._half, "weight", by_inner)
             before = self.points(self._before)[1:]
             by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
         return by_history, {name: self._gathered(name, s) for name, s in zip(self.parameters, by_theta, strict=True)}
@@ -149,9 +117,9 @@ class StepForms:
         if name not in self._slopes:
             return np.array([self.quadrature @ density])
         at_points, form = self._slopes[name]
-        _values(at_points)[:] = density
+        values(at_points)[:] = density
         form.Assemble()
-        return _values(form).copy()
+        return values(form).copy()
 
     # Materials in a step.
 
@@ -208,7 +176,7 @@ class StepForms:
 
     def _along(self, part: Part) -> CoefficientFunction:
         """Change of a function with history, inner variables and parameters."""
-        found = [_times(part.value.Diff(b.variable), _entries(b.change)) for b in (*self.blocks, *self._half)]
+        found = [times(part.value.Diff(b.variable), entries(b.change)) for b in (*self.blocks, *self._half)]
         found += [slope * way for slope, way in zip(part.by_theta, self._directions.values(), strict=True)]
         return reduce(add, found)
 
@@ -217,7 +185,7 @@ class StepForms:
 
     def _weighted(self, material: Material) -> Density:
         return lambda at, p: reduce(
-            add, (w.value for w in _weighed(self.blocks, self._updates(material, at.shape))), 0 * p
+            add, (w.value for w in weighed(self.blocks, self._updates(material, at.shape))), 0 * p
         )
 
     def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
@@ -244,7 +212,7 @@ class StepForms:
 
         works = [W.then(work) for W in self._energies(material, Deformation(*held), p)]
         return self._derived(
-            works + _weighed(self.blocks, self._updates(material, held[0])), [*self.blocks, *self._half]
+            works + weighed(self.blocks, self._updates(material, held[0])), [*self.blocks, *self._half]
         )
 
     def _forward(self, material: Material) -> CoefficientFunction:
@@ -254,11 +222,11 @@ class StepForms:
         moving = shape.Diff(F, ngs.Grad(self._moving.components[0])).Reshape((9,))
         held = shape.MakeVariable()
         updates = self._updates(material, held)
-        return ngs.CF((0.0, *(_times(u.value.Diff(held), moving) + self._along(u) for u in updates))).Compile()
+        return ngs.CF((0.0, *(times(u.value.Diff(held), moving) + self._along(u) for u in updates))).Compile()
 
     def _inner_backward(self, material: Material) -> CoefficientFunction:
         """∂(M · P) by h and θ."""
-        return self._derived(_weighed(self._half, self._inner(material)), self.blocks)
+        return self._derived(weighed(self._half, self._inner(material)), self.blocks)
 
     def _inner_forward(self, material: Material) -> CoefficientFunction:
         """δm."""
@@ -270,14 +238,14 @@ class StepForms:
         return at_points, form
 
     def _aim(self, history: Array, theta: Mapping[str, Array]) -> None:
-        _put(self.blocks, "change", history)
+        put(self.blocks, "change", history)
         for name, direction in self._directions.items():
             if isinstance(direction, ngs.GridFunction):
-                _values(direction)[:] = theta[name]
+                values(direction)[:] = theta[name]
             else:
                 direction.Set(float(theta[name][0]))
         if self._half:
-            _put(self._half, "change", self.points(self._begun)[1:])
+            put(self._half, "change", self.points(self._begun)[1:])
 
 
 def _direction(name: str, parameter: Parameter) -> Parameter:
@@ -290,33 +258,3 @@ def _direction(name: str, parameter: Parameter) -> Parameter:
             f"parameters.{name}", repr(parameter), "a GridFunction or an ngs.Parameter that laws are made of"
         )
     return ngs.Parameter(0.0)
-
-
-def _put(blocks: Iterable[Block], what: str, values: Array) -> None:
-    end = 0
-    for block in blocks:
-        _values(getattr(block, what))[:] = values[end : end + block.size].ravel()
-        end += block.size
-
-
-def _weighed(blocks: Iterable[Block], functions: Iterable[Part]) -> list[Part]:
-    def weighed(block: Block) -> Derivative:
-        return lambda function: ngs.InnerProduct(_entries(block.weight), function)
-
-    return [f.then(weighed(b)) for b, f in zip(blocks, functions, strict=True)]
-
-
-def _times(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
-    """A derivative by all entries, along a change of them."""
-    if by.dim == change.dim:
-        return ngs.InnerProduct(by.Reshape((change.dim,)), change)
-    return by.Reshape((by.dim // change.dim, change.dim)) * change
-
-
-def _entries(field: ngs.GridFunction) -> CoefficientFunction:
-    """The components of a field with a space of its own for each."""
-    return ngs.CF(tuple(field[i] for i in range(field.dim)))
-
-
-def _values(of: ngs.GridFunction | ngs.LinearForm) -> Array:
-    return of.vec.FV().NumPy()

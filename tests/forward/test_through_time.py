@@ -7,14 +7,14 @@ from replayed import GRID, KINDS, PLAIN, directions, model, plate, relaxing, wei
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward import flow_forms, step_forms, through_time
+from ngbrain.forward import flow_forms, step_forms, tangents, through_time
 from ngbrain.forward.body import Body
 from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.replay import Replay, times_of
 from ngbrain.forward.step_forms import StepForms
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.tangents import FEW, Tangents
+from ngbrain.forward.tangents import FEW, MOST, Tangents
 from ngbrain.forward.through_time import Replayed, RunModel
 from ngbrain.forward.transient import Transient
 from ngbrain.materials.flow import Flow
@@ -96,6 +96,19 @@ def test_points_are_where_they_go():
     there = of.at(of.theta)
     u = [of.body.u(of.body.mesh(*point)) for point in ((0.013, 0.01, 0.015), (0.005, 0.01, 0.01))]
     assert there.data[-1, 2:] == pytest.approx(np.ravel(u), rel=1e-12)
+
+
+def test_old_factors_serve_several_steps(monkeypatch):
+    grid, found = np.linspace(0, 4, 17), {}
+    for most in (MOST, 1):
+        monkeypatch.setattr(tangents, "MOST", most)
+        of = model(grid=grid)
+        there = of.at(of.theta)
+        found[most] = there.gradient(np.ones_like(there.data)), of.tangents.factorisations
+        assert of.tangents.solves == 16
+    (slope, few), (direct, all_of_them) = found.values()
+    assert few <= 8 and all_of_them == 16
+    assert slope == pytest.approx(direct, rel=1e-8)
 
 
 # Memory.

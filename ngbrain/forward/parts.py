@@ -1,0 +1,80 @@
+"""Functions at quadrature points in pieces: blocks of variables, and parts that are derived by these and by parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+Array = np.ndarray
+Expressions: TypeAlias = list[CoefficientFunction]
+Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
+
+
+class Block:
+    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points)."""
+
+    def __init__(self, space: ngs.FESpace, size: int) -> None:
+        self.value, self.change, self.weight = (ngs.GridFunction(ngs.VectorValued(space, size)) for _ in range(3))
+        self.size = size
+        self.variable = entries(self.value).MakeVariable()
+
+
+@dataclass(frozen=True)
+class Part:
+    """A function of the variables and its derivatives by the parameters, or those of `made`, the only place that they are in.
+
+    What has parameters in few places, and much else, is derived by them through these places alone.
+    """
+
+    value: CoefficientFunction
+    slopes: Expressions = field(default_factory=list)
+    made: CoefficientFunction | None = None
+
+    @property
+    def by_theta(self) -> Expressions:
+        """Derivatives by each parameter's value."""
+        return self.slopes if self.made is None else [times(self.value.Diff(self.made), s) for s in self.slopes]
+
+    def then(self, operator: Derivative) -> Part:
+        """A linear operator of it that has no parameters."""
+        slopes = self.slopes if self.made is not None else [operator(slope) for slope in self.slopes]
+        return Part(operator(self.value), slopes, self.made)
+
+
+def put(blocks: Iterable[Block], what: str, rows: Array) -> None:
+    """Set `value`, `change` or `weight` of some blocks, one after the other."""
+    end = 0
+    for block in blocks:
+        values(getattr(block, what))[:] = rows[end : end + block.size].ravel()
+        end += block.size
+
+
+def weighed(blocks: Iterable[Block], functions: Iterable[Part]) -> list[Part]:
+    """Functions times the weights of their blocks."""
+
+    def by(block: Block) -> Derivative:
+        return lambda function: ngs.InnerProduct(entries(block.weight), function)
+
+    return [f.then(by(b)) for b, f in zip(blocks, functions, strict=True)]
+
+
+def times(by: CoefficientFunction, change: CoefficientFunction) -> CoefficientFunction:
+    """A derivative by all entries, along a change of them."""
+    if by.dim == change.dim:
+        return ngs.InnerProduct(by.Reshape((change.dim,)), change)
+    return by.Reshape((by.dim // change.dim, change.dim)) * change
+
+
+def entries(field: ngs.GridFunction) -> CoefficientFunction:
+    """The components of a field with a space of its own for each."""
+    return ngs.CF(tuple(field[i] for i in range(field.dim)))
+
+
+def values(of: ngs.GridFunction | ngs.LinearForm) -> Array:
+    """Its unknowns, to be written into."""
+    return of.vec.FV().NumPy()
