@@ -75,14 +75,12 @@ class Seen(Place):
     u, grad     displacement and its gradient; F is 3×3
     p, cavities  pressures, where there are any
     along       gradient along boundaries, `area` and `slope` give it out
-    rules       quadrature in the body
     """
 
     grad: CoefficientFunction = None
     along: CoefficientFunction = None
     rest: Sequence[CoefficientFunction] = ()
     mixed: bool = False
-    rules: Any = None
 
     @property
     def F(self) -> CoefficientFunction:  # noqa: N802
@@ -98,10 +96,6 @@ class Seen(Place):
     def cavities(self) -> Sequence[CoefficientFunction]:
         """Pressures (Pa) of the loads that prescribe a volume."""
         return self.rest[int(self.mixed) :]
-
-    def inside(self, region: str) -> ngs.comp.DifferentialSymbol:
-        """Reference volume, at the points where energies are integrated."""
-        return ngs.dx(definedon=self.mesh.Materials(region), intrules=self.rules)
 
     def slope(self, u: CoefficientFunction) -> CoefficientFunction:
         """Gradient of a displacement along a boundary."""
@@ -131,7 +125,10 @@ class Work:
         at, numbers = self._moved(state, (virtual, *along))
         body = self.body
         energies = [
-            Term(at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p), at.inside(pattern))
+            Term(
+                at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p),
+                ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.rules),
+            )
             for pattern, m in body.materials.items()
         ]
         followers: Terms = []
@@ -174,7 +171,6 @@ class Work:
             along=moved(lambda f: ngs.Grad(f[0]).Trace()),
             rest=[moved(lambda f, i=i: f[i]) for i in range(1, len(states))],  # type: ignore[misc]
             mixed=body.p is not None,
-            rules=body.rules,
         )
         return at, numbers
 

@@ -55,7 +55,8 @@ def traction():
 
 def weight():
     heavy = field(MESH, 900.0)
-    return scene([Weight(ngs.CF((0, -heavy)))], {"heavy": heavy}, PRESSED)
+    varied = heavy * ngs.exp(40 * ngs.x)
+    return scene([Weight(ngs.CF((0, -varied)))], {"heavy": heavy}, PRESSED, bonus=2)
 
 
 def spring():
