@@ -12,6 +12,7 @@ ball's median over the rest's (3 in truth), `forwards` the CPU time in cold forw
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -166,9 +167,14 @@ def inverted(block: Block, method: str, noise: float) -> Record:
 def measure(quick: bool) -> list[Record]:
     """All methods in the plane at two noises and in space at one."""
     plane = Block(2, 0.008, 8 if quick else 12, 8 if quick else 12)
-    found = [inverted(plane, method, noise) for noise in ((0.01,) if quick else (0.01, 0.02)) for method in METHODS]
     space = Block(3, 0.03 if quick else 0.02, 3 if quick else 4, 5 if quick else 8)
-    return found + [inverted(space, method, 0.01) for method in list(METHODS)[: 1 if quick else 3]]
+    asked = [(plane, method, noise) for noise in ((0.01,) if quick else (0.01, 0.02)) for method in METHODS]
+    asked += [(space, method, 0.01) for method in list(METHODS)[: 1 if quick else 3]]
+    records = []
+    for block, method, noise in asked:
+        records.append(inverted(block, method, noise))
+        print(line(records[-1]), file=sys.stderr, flush=True)
+    return records
 
 
 def chart(records: list[Record], png: str) -> None:
