@@ -1,0 +1,145 @@
+"""Do intervals hold the truth as often as they say? Truths drawn from what is assumed of them, each measured and inverted once.
+
+A viscoelastic square at 50 Hz (CV-G of `ngbrain.inverse.phantoms`), its ln storage and ln loss Gaussian fields, noise on every
+point, boundary included; data and inversion share mesh and elements, so that noise is all there is to be uncertain of. Then a
+level of p has to cover p of all nodes of all repetitions. Rivals: moduli plus or minus so many standard deviations, in Pa; the
+boundary's displacements taken as exact, as published inversions do. Weights of regularisers are those that the truth was drawn
+with, but for one method, which finds them by the evidence. `error` is |coverage - .95| at 95 %; `negative` is the share of lower
+ends below zero; CPU time of one thread for a repetition: `cpu_s` all of it, `bars_s` after the inversion.
+
+    python benchmarks/uncertainty_coverage.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/uncertainty_coverage.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from _command import main
+from _front import figure, looks
+from scipy.special import ndtri
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.inverse.drawn import drawn
+from ngbrain.inverse.gauss_newton import GaussNewton
+from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.phantoms import Inversion, Phantom
+from ngbrain.inverse.posterior import Posterior
+from ngbrain.inverse.regularise import matern
+from ngbrain.inverse.weights import Evidence, Given, Policy
+
+Record = dict
+NODES, WEIGHT, LENGTH = 9, 2.0, 0.03
+"""Fields deviate by about .3 in ln, over bumps of 3 cm in a square of 12."""
+NOISES = (0.01, 0.05, 0.2)
+LEVELS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.8, 0.9, 0.95, 0.99]
+FIELDS = ("storage", "loss")
+
+
+def prior(space, x):  # type: ignore[no-untyped-def]
+    """What truths are drawn from."""
+    return matern(space, x, LENGTH)
+
+
+def as_it_is(inversion: Inversion) -> Reduced:
+    """With the boundary unknown."""
+    return inversion.reduced
+
+
+def exact_boundary(inversion: Inversion) -> Reduced:
+    """With the boundary as measured."""
+    reduced = inversion.reduced
+    unknowns = {name: reduced.unknowns.unknowns[name] for name in FIELDS}
+    fields = Fields(reduced.unknowns.theta(inversion.start), inversion.model.blocks, unknowns)
+    return Reduced(reduced.model, reduced.misfit, fields, reduced.regularisers, reduced.weights)
+
+
+def of_logarithms(off: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """How many deviations the truth is off: intervals are transformed."""
+    return off / deviation
+
+
+def of_moduli(off: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """The same in Pa, slope times deviation."""
+    return np.expm1(off) / deviation
+
+
+METHODS: dict[str, tuple[Callable, type[Policy], Callable]] = {
+    "ngbrain:posterior": (as_it_is, Given, of_logarithms),
+    "ngbrain:posterior, weights found": (as_it_is, Evidence, of_logarithms),
+    "naive ± in Pa": (as_it_is, Given, of_moduli),
+    "naive exact boundary": (exact_boundary, Given, of_logarithms),
+}
+
+
+def measure(quick: bool) -> list[Record]:
+    """One record for each method and noise."""
+    number, noises = (12, NOISES[1:2]) if quick else (120, NOISES)
+    return [record(method, noise, number) for noise in noises for method in METHODS]
+
+
+def record(method: str, noise: float, number: int) -> Record:
+    """Coverage over so many truths and their noise."""
+    problem, policy, score = METHODS[method]
+    scores, below, after, begun, settled = [], [], 0.0, time.process_time(), True
+    for seed in range(number):
+        measured = drawn(Phantom.named("CV-G", NODES), prior, WEIGHT, seed).measured(noise, seed)
+        reduced = problem(measured.inversion(prior, WEIGHT))
+        found = GaussNewton(reduced, policy()).descend(reduced.unknowns.start)
+        arrived = time.process_time()
+        posterior = Posterior(reduced.at(found.x))
+        for name in FIELDS:
+            deviation = posterior.deviation(name)
+            off = np.log(measured.truth[name]) - found.x[posterior.blocks[name]]
+            scores.append(score(off, deviation))
+            below.append(deviation * ndtri(0.975) > 1 if score is of_moduli else np.zeros(len(off), bool))
+        after += time.process_time() - arrived
+        settled &= found.converged
+    covered = [float(np.mean(np.abs(scores) < ndtri(0.5 + level / 2))) for level in LEVELS]
+    return {
+        "method": method,
+        "order": 1,
+        "ndof": len(FIELDS) * NODES**2,
+        "error": abs(covered[LEVELS.index(0.95)] - 0.95),
+        "cpu_s": (time.process_time() - begun) / number,
+        "converged": settled,
+        "bars_s": after / number,
+        "noise": noise,
+        "repetitions": number,
+        "levels": LEVELS,
+        "coverage": covered,
+        "coverage_68": covered[LEVELS.index(0.68)],
+        "coverage_95": covered[LEVELS.index(0.95)],
+        "negative": float(np.mean(below)),
+    }
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Coverage against level, a panel for each noise: right on the diagonal."""
+    noises, styles = sorted({r["noise"] for r in records}), looks(r["method"] for r in records)
+    plt, made, panels = figure(4.2 * len(noises) + 0.4, 4.9, len(noises), squeeze=False)
+    for axes, noise in zip(panels[0], noises, strict=True):
+        axes.plot([0, 1], [0, 1], color="#999999", lw=1)
+        for level, low, high in ((0.68, 0.60, 0.76), (0.95, 0.90, 0.99)):
+            axes.plot([level, level], [low, high], color="#f2d35b", lw=7, alpha=0.6, solid_capstyle="butt")
+        for r in (r for r in records if r["noise"] == noise):
+            axes.plot(r["levels"], r["coverage"], label=r["method"], **styles[r["method"]])
+        axes.set(
+            xlabel="level", ylabel="share of nodes inside", title=f"{100 * noise:g} % noise", xlim=(0, 1), ylim=(0, 1)
+        )
+        axes.grid(alpha=0.25, lw=0.6)
+    made.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    covered = f"68 % cover {100 * r['coverage_68']:.1f} %, 95 % cover {100 * r['coverage_95']:.1f} %"
+    return f"{r['method']:<34} {100 * r['noise']:>3g} % noise, {r['repetitions']} times: {covered}, {r['cpu_s']:.2f} s"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
