@@ -8,6 +8,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from drawing import settled
+from equilibria import model
 from inversions import MODULUS, scatter, square
 
 from ngbrain.adjoint.check import taylor
@@ -21,6 +22,7 @@ from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import Quadratic, ridge
 from ngbrain.inverse.weights import Given
+from ngbrain.materials import NeoHooke
 
 SIZES = {"a": 20, "b": 15, "c": 4}
 SIGMA = 0.5
@@ -211,6 +213,31 @@ def test_mean_of_a_label_by_its_slope_and_by_draws():
     assert (one.low, one.high) == pytest.approx((other.low, other.high), abs=0.3 * one.deviation)
     assert one.deviation < 0.5 * posterior.deviation("storage")[:20].mean()  # errors of neighbours cancel
     assert one.low < np.log(truth["storage"][:20].mean()) < one.high
+
+
+def pressed(measured):
+    """Shear and bulk modulus of a pressed square, known from what is measured of it with 1 % noise, and nothing assumed."""
+    body = model(NeoHooke, "number")
+    data = body.at(body.theta).data
+    fields = Fields(body.theta, body.blocks, {"mu": Unknown(1e3), "bulk": Unknown(4e3)})
+    return Reduced(body, LeastSquares(np.where(measured, data, np.nan), 0.01 * np.abs(data)), fields, {}, {})
+
+
+def test_moduli_of_a_body_in_equilibrium():
+    reduced = pressed(np.ones(7, bool))
+    point = reduced.at(reduced.unknowns.start)
+    J = np.array([point.state.push(e) for e in np.diag(reduced.model.theta)]).T / (0.01 * point.state.data)[:, None]
+    exact, posterior = np.sqrt(np.diag(np.linalg.inv(J.T @ J))), Posterior(point)
+    for name, where in reduced.model.blocks.items():
+        assert posterior.deviation(name) == pytest.approx(exact[where], rel=1e-8)
+    assert posterior.band("mu").low[0] > 950 and posterior.notes == []
+
+
+def test_displacements_alone_do_not_tell_moduli():
+    """Nothing but displacements drives it: it moves alike for all moduli times any number."""
+    reduced = pressed(np.arange(7) < 4)
+    with pytest.raises(InputError, match="none for mu, bulk"):
+        at_start(reduced)
 
 
 def two_halves():
