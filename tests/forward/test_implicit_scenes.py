@@ -69,6 +69,13 @@ def follower(form):
     return scene([Pressure("top", hard)], {"hard": hard, "mu": mu}, form=form, of=NeoHooke(mu))
 
 
+def loaded():
+    hard, mu = number(60.0), number(1e3)
+    seeing = [Force("right"), Force("bottom"), Displacements([[0.09, 0.06]])]
+    loads = [Pressure("right", hard), Weight((0, -500.0)), Spring("right", 2e4)]
+    return scene(loads, {"hard": hard, "mu": mu}, of=NeoHooke(mu), observations=seeing)
+
+
 def turning():
     hard = number(400.0)
     return scene([Pressure("right|top", hard)], {"hard": hard}, kinematics=Axisymmetric(), supports=CORNER)
@@ -105,6 +112,7 @@ SCENES = {
     "follower, displacements": lambda: follower("P2"),
     "follower, mixed": lambda: follower("P2/P1"),
     "follower, condensed": lambda: follower("P4/L2(2)"),
+    "force on what is loaded": loaded,
     "of revolution": turning,
     "cavity": cavity,
     "filled": filled,
