@@ -21,12 +21,12 @@ from ngbrain.materials.flow import Flow
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.protocols import Drive
 
-FIRST = 4e-2
+FIRST, SHORT = 4e-2, GRID[:4]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_rates_of_every_parameter(kind, rng):
-    of = model(kind)
+    of = model(kind, SHORT if kind == "Maxwell" else GRID)
     theta, there = of.theta, of.at(of.theta)
     w = weights(there.data, rng)
     slope = there.gradient(w)
@@ -39,7 +39,7 @@ def test_rates_of_every_parameter(kind, rng):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_products_are_transposes(kind, monkeypatch, rng):
     monkeypatch.setattr(through_time, "TOGETHER", 0)
-    of = model(kind)
+    of = model(kind, SHORT if kind == "Maxwell" else GRID)
     there = of.at(of.theta)
     w = weights(there.data, rng)
     slope = there.gradient(w)
@@ -59,7 +59,7 @@ def test_fields_of_many_unknowns_are_pushed_one_by_one(monkeypatch, rng):
     assert pulled == pytest.approx(there.gradient(w), rel=1e-8, abs=1e-9 * np.abs(pulled).max())
     monkeypatch.setattr(through_time, "TOGETHER", 3)
     assert there.push(direction) == pytest.approx(together, rel=1e-9, abs=1e-12 * np.abs(together).max())
-    assert np.array_equal(there.pull(w), there.gradient(w))
+    assert there.pull(w) == pytest.approx(pulled, rel=1e-8, abs=1e-9 * np.abs(pulled).max())
 
 
 def test_data_are_those_of_the_stepping_that_was_recorded():
@@ -124,15 +124,15 @@ def held_in_a_gradient(of, w):
 
 @pytest.mark.parametrize("kind", ["relaxing", "flowing"])
 def test_few_histories_are_held_and_the_gradient_is_the_same(kind):
-    grid, found = np.linspace(0, 4, 17), {}
-    for every, states in ((1, True), (4, True), (16, True), (4, False)):
+    grid, found = np.linspace(0, 4, 10), {}
+    for every, states in ((1, True), (3, True), (9, True), (3, False)):
         of = model(kind, grid=grid, every=every, states=states)
-        slope, held = held_in_a_gradient(of, np.ones((16, 8)))
+        slope, held = held_in_a_gradient(of, np.ones((9, 8)))
         found[every, states] = slope, held, of.replay.solved
-        assert len(of.replay._states) == 16 * states
+        assert len(of.replay._states) == 9 * states
     wanted = found[1, True][0]
-    # 16 starts and the last step; 4 and 4; 1 and 16
-    assert [(held, solved) for _, held, solved in found.values()] == [(17, 16), (8, 16), (17, 16), (8, 28)]
+    # 9 starts and the last step; 3 and 3; 1 and 9
+    assert [(held, solved) for _, held, solved in found.values()] == [(10, 9), (6, 9), (10, 9), (6, 15)]
     for (_, states), (slope, _, _) in found.items():
         assert slope == pytest.approx(wanted, rel=1e-10 if states else 1e-7)
 

@@ -64,6 +64,7 @@ def test_prony_terms_from_a_ramp_and_hold(rng):
     )
 
 
+@pytest.mark.slow
 def test_a_spring_and_a_dashpot_from_a_ramp_and_hold(rng):
     def law(p):
         return Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
