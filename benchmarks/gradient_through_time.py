@@ -135,11 +135,10 @@ def cost(
             "run_s": run,
             "ratio": spent / run,
             "memory_mb": max(largest),
-            "factorisations": of.tangents.factorisations,
             "converged": True,
             "reason": "",
         }
-    nothing = {"error": None, "memory_mb": None, "factorisations": None, "converged": False}
+    nothing = {"error": None, "memory_mb": None, "converged": False}
     why = {"reason": "not run: its time is that of a run for each unknown"}
     own = {"method": DIFFERENCES, "case": case, "law": law, "order": 2, "ndof": of.body.fes.ndof, "steps": steps}
     yield own | {"unknowns": of.size, "cpu_s": of.size * run, "run_s": run, "ratio": float(of.size)} | nothing | why
@@ -301,8 +300,16 @@ def chart(records: list[Record], png: str) -> None:
             first.text(x, r["ratio"], f"{r['ratio']:.2f}", ha="center", va="bottom", fontsize=7)
         rows = [r for r in ours if r["method"] == method and r["case"] == "memory"]
         second.loglog([r["steps"] for r in rows], [r["memory_mb"] for r in rows], "o-", color=COLOURS[method])
-    first.set(xticks=range(len(LAWS)), xticklabels=list(LAWS), ylabel="CPU time, gradient over run", title="Cost")
+    first.set(
+        xticks=range(len(LAWS)),
+        xticklabels=[law.replace(", ", "\n") for law in LAWS],
+        ylabel="CPU time, gradient over run",
+        title="Cost",
+    )
     first.legend(fontsize=7)
+    steps = sorted({r["steps"] for r in ours if r["case"] == "memory"})
+    second.set_xticks(steps, [str(n) for n in steps])
+    second.minorticks_off()
     second.set(xlabel="steps", ylabel="held (MB)", title="Memory, 1 branch")
     for k, search in enumerate(SEARCHES):
         rows = [r for r in records if r["case"] == "inverse" and r["method"].endswith(search)]
