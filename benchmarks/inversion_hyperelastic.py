@@ -180,13 +180,25 @@ def measure(quick: bool) -> list[Record]:
 
 def chart(records: list[Record], png: str) -> None:
     """Error against forward solves."""
-    plt, made, axes = figure(9, 4.2, 2)
+    plt, made, axes = figure(9, 4.2, 2, sharey=True)
+    colours = dict(zip(METHODS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
     for axis, case in zip(axes, ("plane", "space"), strict=True):
         for r in (r for r in records if r["case"] == case):
+            method, size = r["method"].removeprefix("ngbrain:"), str(r["unknowns"])
             filled = {"fillstyle": "full" if r["noise"] == 0.01 else "none"}
-            axis.plot(r["forwards"], r["error"], "o", label=f"{r['method'][8:]}, {r['noise']:.0%} noise", **filled)
-        axis.set(title=case, xlabel="CPU time in forward solves", xscale="log", ylim=(0, None))
-        axis.legend(fontsize=8, frameon=False)
+            axis.plot(r["forwards"], r["error"], "o", color=colours[method], **filled)
+            axis.annotate(
+                size, (r["forwards"], r["error"]), (0, 6), textcoords="offset points", ha="center", fontsize=6.5
+            )
+        axis.set(
+            title=f"{case}; hollow: 2 % noise; with unknowns",
+            xlabel="CPU time in forward solves",
+            xlim=(0, 380),
+            ylim=(0, 0.4),
+        )
+    for method, colour in colours.items():
+        axes[0].plot([], [], "o", color=colour, label=method)
+    axes[0].legend(fontsize=8, frameon=False, loc="lower right")
     axes[0].set_ylabel("relative error of μ")
     made.savefig(png, dpi=150)
     plt.close(made)
