@@ -40,7 +40,8 @@ class RunModel:
     body        quasi-static, without friction; its materials are made of `parameters`
     motion      of its rigid bodies
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter; their values one after the other are θ
+    parameters  name → GridFunction or Parameter that materials, and not contacts, are made of; their values one after the other
+                are θ
     readings    what is seen, see `readings`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`
