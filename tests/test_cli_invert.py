@@ -271,3 +271,24 @@ def test_progress_says_what_is_under_way_on_a_terminal(capsys, monkeypatch):
         line._started -= 10.0
         line.tell("round 3")
     assert not capsys.readouterr().err
+
+
+def test_error_bars(tmp_path, capsys, waves):
+    status, out, errors = run(capsys, waves, "-o", tmp_path / "out", *ROUGH[:-1], "--bars")
+    assert status == 0 and not errors and "Mean of G′, 95 % credible interval" in out
+    bars = json.loads((tmp_path / "out" / "result.json").read_text())["error_bars"]
+    for name, truth in (("storage", SHEAR.real), ("loss", SHEAR.imag)):
+        mean = bars[name]["mean"]
+        assert mean["low"] < mean["value"] < mean["high"] and abs(mean["value"] - truth) < 4 * mean["deviation"]
+        assert set(bars[name]["by_label"]) == {"1", "2"}
+    with np.load(tmp_path / "out" / "maps.npz") as maps:
+        for name in ("storage", "loss"):
+            assert np.all((maps[f"{name}_low"] < maps[name]) & (maps[name] < maps[f"{name}_high"]))
+
+
+def test_a_hole_in_data_in_their_own_elements_with_a_known_truth(tmp_path, capsys):
+    mask = np.ones(90, bool)
+    mask[44] = False
+    write_waves(tmp_path / "hole.npz", plane(element="q4", mask=mask))
+    status, _, errors = run(capsys, tmp_path / "hole.npz", "-o", tmp_path / "out", *ROUGH)
+    assert status == 0 and not errors

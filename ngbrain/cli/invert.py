@@ -21,6 +21,7 @@ from ngbrain.inverse.outliers import without_outliers
 from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quantities import UNKNOWNS
 from ngbrain.inverse.subzones import invert_by_subzones
+from ngbrain.inverse.uncertainty import uncertainty
 from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
@@ -46,6 +47,7 @@ IN_ZONES = {
     "--starts": ("auto",),
     "--unknowns": ("moduli",),
     "--misfit": ("squares",),
+    "--bars": (False,),
 }
 """What zones take of the other options."""
 SEED = 0
@@ -106,6 +108,12 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         help="fields of their own for each label of DATA, which jump where labels meet",
     )
     parser.add_argument(
+        "--bars",
+        action="store_true",
+        help="error bars too: credible intervals at every point, of the mean and of labels' means (takes one to three times as long "
+        "again in the plane)",
+    )
+    parser.add_argument(
         "--subzones",
         action="store_true",
         help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
@@ -131,15 +139,20 @@ def run(arguments: argparse.Namespace) -> None:
         data = without_outliers(data) if arguments.drop_outliers else data
         try:
             inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
+            if arguments.bars:
+                line.tell("error bars")
+            bars = uncertainty(inversion) if arguments.bars else None
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
     if arguments.drop_outliers:
         left_out = given - int(data.measured.sum())
         inversion.notes.append(f"{left_out} of {given} displacements are far off a smooth field and left out")
+    inversion.notes += bars.notes if bars else []
     result = write_inversion(
         folder,
         inversion,
+        bars,
         verb="invert",
         source=arguments.data.name,
         versions=versions(),

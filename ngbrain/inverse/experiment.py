@@ -121,8 +121,11 @@ class Experiment:
     def of_truth(self) -> Array | None:
         """Waves (loads, points, dim) of the data's true properties with the measured displacements on the boundary.
 
-        None where a property is not known or beyond what the fields can be, such as a loss of nothing.
+        None where a property is not known or beyond what the fields can be, such as a loss of nothing; and of data in their own
+        elements with points left out, whose nodes have no truth.
         """
+        if self.elements.nodal and not self.inside.all():
+            return None
         truths = {name: np.real(values[self.inside]) for name, values in as_polar(self.data.truth_views).items()}
         if not all(quantity.name in truths and quantity.within(truths[quantity.name]) for quantity in self.sought):
             return None

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 from functools import cached_property
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -111,6 +112,22 @@ class Uncertainty:
             return {}
         numbers = [int(label) for label in np.unique(labels[self.experiment.inside]) if label]
         return {name: {label: self.mean(name, labels == label) for label in numbers} for name in self.found.maps}
+
+    def arrays(self) -> dict[str, Array]:
+        """`NAME_low` and `NAME_high` of every map at the points of the data (n,): 95 % credible intervals in the map's unit."""
+        bands = {name: self.band(name) for name in self._sought}
+        return {f"{name}_{end}": getattr(band, end) for name, band in bands.items() for end in ("low", "high")}
+
+    def result(self) -> dict[str, Any]:
+        """For result.json: map → mean over all points and over each label, `value, deviation, low, high`."""
+        labels = self.by_label
+        return {
+            name: {
+                "mean": vars(self.mean(name)),
+                "by_label": {label: vars(band) for label, band in labels.get(name, {}).items()},
+            }
+            for name in self._sought
+        }
 
     def _band(self, rows: sp.csr_array, quantity: Quantity, level: float) -> Band:
         deviation = np.sqrt(self.posterior.variance(rows))

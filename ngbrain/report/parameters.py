@@ -84,6 +84,13 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+def _interval(name: str, band: Mapping[str, float]) -> str:
+    """A value and the ends of its interval, in the unit shown."""
+    shown = PARAMETERS[name]
+    value, low, high = (number(shown.factor * band[key], 4) for key in ("value", "low", "high"))
+    return f"{value} ({low} to {high}) {shown.unit}".rstrip()
+
+
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was assumed and what came of it: pairs of words."""
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
@@ -101,6 +108,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Misfit over its expected level", number(checks["misfit_over_expected"])),
         ("Detail that the data determine, about", fields),
     ]
+    for name, bars in result.get("error_bars", {}).items():
+        pairs.append((f"Mean of {symbol(name)}, 95 % credible interval", _interval(name, bars["mean"])))
+        for label, band in bars["by_label"].items():
+            pairs.append((f"Mean of {symbol(name)} in label {label}", _interval(name, band)))
     if "strain_snr" in checks:
         pairs.append(("Octahedral strain over its noise, median", number(checks["strain_snr"])))
     if "resonance_distance" in checks:
