@@ -110,8 +110,8 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--bars",
         action="store_true",
-        help="error bars too: credible intervals at every point, of the mean and of labels' means (takes one to three times as long "
-        "again in the plane)",
+        help="error bars too: credible intervals at every point, of the mean and of labels' means; in the plane it then takes "
+        "two to four times as long",
     )
     parser.add_argument(
         "--subzones",
