@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Point
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, SolverError
 from ngbrain.solvers.krylov import truncated_cg
 
 Array = np.ndarray
@@ -128,6 +128,11 @@ class Curvature:
 
 
 def _without_pivots(matrix: sp.csc_array, order: str) -> scipy.sparse.linalg.SuperLU:
-    return scipy.sparse.linalg.splu(
-        matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
-    )
+    try:
+        return scipy.sparse.linalg.splu(
+            matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
+        )
+    except RuntimeError as error:
+        raise SolverError(
+            "neither regularisers nor data hold some unknown where the search went; give it a regulariser, or bounds"
+        ) from error

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
-from ngbrain.inverse.found import Found, Iteration, Ledger
+from ngbrain.inverse.found import SETTLED, Found, Iteration, Ledger
 from ngbrain.inverse.weights import Level, Policy
 
 Array = np.ndarray
@@ -69,6 +69,7 @@ def levenberg_marquardt(
             lower = _tried(reduced, point.x + step)
             fall = point.value - lower.value if lower is not None else -np.inf
             if fall > 0 or abs(fall) <= NOTHING * point.value:
+                longer = 1 + damping  # times as long, at most, a step without damping would be: a short one is no end yet
                 damping *= max(1 / 3, 1 - (2 * fall / max(foretold, 1e-300) - 1) ** 3) if fall > 0 else 1.0
                 break
             damping, growth = damping * growth, 2 * growth
@@ -77,6 +78,7 @@ def levenberg_marquardt(
         assert lower is not None
         H = Dense(lower, metric) if len(x) <= dense else Curvature(lower, metric)
         settled = ledger.enter("levenberg-marquardt", lower.x, lower.state.data, H, step, 1.0, history)
+        settled = settled and longer * history[-1].change < 10 * SETTLED
         point = Point(reduced, lower.x, lower.state)  # at the new weights
         if settled:
             break

@@ -19,6 +19,7 @@ from ngbrain.interop import torch as to_torch
 from ngbrain.interop import umbridge as to_umbridge
 from ngbrain.interop.function import function
 from ngbrain.interop.scipy import Objective
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.inverse.regularise import ridge
@@ -107,6 +108,12 @@ def test_first_step_folds_the_body_over_and_is_taken_back(pressed, method):
     found = minimize(J.fun, pressed.unknowns.start, jac=J.jac, method=method, **hessp)
     assert J.failures > 0 and found.success
     assert found.x == pytest.approx(0.35, rel=1e-5)
+
+
+def test_a_step_held_back_by_folds_is_not_taken_for_convergence(pressed):
+    """Damped until the body does not fold, steps are short: at .25 they were taken for the end."""
+    found = levenberg_marquardt(pressed, pressed.unknowns.start)
+    assert found.converged and found.x == pytest.approx(0.35, rel=1e-3)
 
 
 def test_huge_value_for_a_fold_is_taken_for_convergence(pressed):

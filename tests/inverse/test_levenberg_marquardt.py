@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError
+from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.levenberg_marquardt import Dense, levenberg_marquardt
@@ -57,3 +58,8 @@ def test_nowhere_to_go_from_where_the_data_fit():
     except ConvergenceError:
         return
     assert found.x == pytest.approx(inversion.start, abs=1e-6)
+
+
+def test_what_nothing_holds_is_said():
+    with pytest.raises(SolverError, match="neither regularisers nor data hold some unknown"):
+        Metric(sp.csr_array(np.diag([1.0, 0.0])))
