@@ -69,7 +69,9 @@ def levenberg_marquardt(
             lower = _tried(reduced, point.x + step)
             fall = point.value - lower.value if lower is not None else -np.inf
             if fall > 0 or abs(fall) <= NOTHING * point.value:
-                longer = 1 + damping  # times as long, at most, a step without damping would be: a short one is no end yet
+                longer = (
+                    1 + damping
+                )  # times as long, at most, a step without damping would be: a short one is no end yet
                 damping *= max(1 / 3, 1 - (2 * fall / max(foretold, 1e-300) - 1) ** 3) if fall > 0 else 1.0
                 break
             damping, growth = damping * growth, 2 * growth
