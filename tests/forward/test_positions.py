@@ -1,0 +1,58 @@
+"""Positions under loads, while the shape without them changes."""
+
+import numpy as np
+import pytest
+from equilibria import SIDE, tight
+from statics import square
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
+from ngbrain.forward.implicit import Case, Nodes, StaticModel
+from ngbrain.forward.loads import Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.positions import Positions
+from ngbrain.forward.static import Static
+from ngbrain.materials import NeoHooke
+
+SEEN = np.array([[0.02, 0.05], [0.05, 0.0], [0.08, 0.07]])
+
+
+def hung(*seen):
+    mesh = square(2, size=SIDE)
+    nodes = Nodes(mesh)
+    bodies = [
+        Static(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], form="P2") for w in pulls
+    ]
+    return StaticModel(
+        [Case(body, seen or [Displacements(SEEN)]) for body in bodies], {"nodes": nodes}, tight(bodies[0])
+    )
+
+
+def test_points_without_their_displacement_move_with_the_nodes():
+    model = Positions(hung(), "nodes", SEEN)
+    aside = np.zeros(model.model.size)
+    aside[: len(aside) // 2] = 3e-3  # all nodes, to the right
+    unloaded = model.at(aside).data - model.model.at(aside).data
+    assert unloaded.reshape(2, -1, 2) == pytest.approx(np.array([SEEN + np.array([3e-3, 0])] * 2), rel=1e-12)
+
+
+def test_derivatives(rng):
+    model = Positions(hung(), "nodes", SEEN)
+    theta = 2e-3 * rng.uniform(-1, 1, model.model.size)
+    direction = 2e-3 * rng.uniform(-1, 1, model.model.size)
+    there = model.at(theta)
+    w = rng.normal(size=len(there.data))
+    up, pushed = there.gradient(w), there.push(direction)
+    assert there.pull(w) == pytest.approx(up, rel=1e-8, abs=1e-10 * np.abs(up).max())
+    assert w @ pushed == pytest.approx(up @ direction, rel=1e-9)
+    rates = taylor(lambda x: float(w @ model.at(x).data), up, theta, direction)
+    assert rates == pytest.approx(2, abs=0.1)
+
+
+def test_bad_input():
+    with pytest.raises(InputError, match=r"nodes is 'mu'; wanted: the name of a parameter Nodes\(mesh\)"):
+        Positions(hung(), "mu", SEEN)
+    for model in (hung(Displacements(SEEN), Force("top")), hung(Displacements(SEEN[:2]))):
+        with pytest.raises(InputError, match="other observations; wanted: Displacements of the 3 points alone"):
+            Positions(model, "nodes", SEEN)
