@@ -72,7 +72,8 @@ def levenberg_marquardt(
                 longer = (
                     1 + damping
                 )  # times as long, at most, a step without damping would be: a short one is no end yet
-                damping *= max(1 / 3, 1 - (2 * fall / max(foretold, 1e-300) - 1) ** 3) if fall > 0 else 1.0
+                rho = min(1.0, fall / max(foretold, 1e-300))  # foretold may be nothing
+                damping *= max(1 / 3, 1 - (2 * rho - 1) ** 3) if fall > 0 else 1.0
                 break
             damping, growth = damping * growth, 2 * growth
         else:

@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.levenberg_marquardt import Dense, levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Unknown
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.regularise import ridge
 from ngbrain.inverse.weights import Given
 
 
@@ -63,3 +67,26 @@ def test_nowhere_to_go_from_where_the_data_fit():
 def test_what_nothing_holds_is_said():
     with pytest.raises(SolverError, match="neither regularisers nor data hold some unknown"):
         Metric(sp.csr_array(np.diag([1.0, 0.0])))
+
+
+class Blind:
+    """Data that hardly know of x: they fall by round-off alone, of which no slope foretells anything."""
+
+    calls = 0
+
+    def at(self, theta):
+        self.calls += 1
+        self.data = np.array([1 - 1e-13 * self.calls])
+        return self
+
+    def gradient(self, w):
+        return 1e-160 * w
+
+    push = pull = gradient
+
+
+def test_a_fall_that_nothing_foretold_is_an_end():
+    fields = Fields(np.array([1.0]), {"theta": slice(0, 1)}, {"theta": Unknown(1.0)})
+    reduced = Reduced(Blind(), LeastSquares(np.zeros(1), 1.0), fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
+    found = levenberg_marquardt(reduced, fields.start, Given())
+    assert found.converged and found.x == pytest.approx(fields.start, abs=1e-12)
