@@ -22,7 +22,7 @@ def hung(*seen):
     mesh = square(2, size=SIDE)
     nodes = Nodes(mesh)
     bodies = [
-        Static(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], form="P2") for w in pulls
+        Static(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], form="P2") for w in (-3e3, 2e3)
     ]
     return StaticModel(
         [Case(body, seen or [Displacements(SEEN)]) for body in bodies], {"nodes": nodes}, tight(bodies[0])
@@ -53,6 +53,8 @@ def test_derivatives(rng):
 def test_bad_input():
     with pytest.raises(InputError, match=r"nodes is 'mu'; wanted: the name of a parameter Nodes\(mesh\)"):
         Positions(hung(), "mu", SEEN)
-    for model in (hung(Displacements(SEEN), Force("top")), hung(Displacements(SEEN[:2]))):
+    for seen in ([Displacements(SEEN), Force("top")], [Displacements(SEEN[:2])]):
         with pytest.raises(InputError, match="other observations; wanted: Displacements of the 3 points alone"):
-            Positions(model, "nodes", SEEN)
+            Positions(hung(*seen), "nodes", SEEN)
+    with pytest.raises(InputError, match="other observations; wanted: Displacements of the 1 points alone"):
+        Positions(hung(Force("top")), "nodes", SEEN[:1])  # as many numbers
