@@ -52,7 +52,7 @@ class Block(Protocol):
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """What gives the derivatives of a sum of integrals by each unknown (size,), as often as it is asked."""
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """The same of integrals with test functions of a space (ndof, size)."""
 
 
@@ -87,16 +87,9 @@ class Field:
             raise InputError("parameters", "a field of another mesh", "one of the body's mesh")
         return vector(self.gfu.space, found)
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One bilinear form."""
-        found = by(parts, self.gfu, self.gfu.space.TrialFunction())
-        if not found:
-            return sp.csr_array((space.ndof, self.size))
-        form = ngs.BilinearForm(trialspace=self.gfu.space, testspace=space)
-        for part in found:
-            form += part.integral
-        form.Assemble()
-        return sparse(form.mat)
+        return _columns(space, self.gfu.space, by(parts, self.gfu, self.gfu.space.TrialFunction()))
 
 
 class Scalar:
@@ -129,9 +122,10 @@ class Scalar:
         integrals = [part.integral for part in by(parts, self.parameter)]
         return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)])
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One column."""
-        return sp.csr_array(vector(space, by(parts, self.parameter))()[:, None])
+        column = vector(space, by(parts, self.parameter))
+        return lambda: sp.csr_array(column()[:, None])
 
 
 class Held:
@@ -168,9 +162,9 @@ class Held:
         """Nothing."""
         return lambda: np.zeros(self.size)
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """Nothing."""
-        return sp.csr_array((space.ndof, self.size))
+        return lambda: sp.csr_array((space.ndof, self.size))
 
 
 class Nodes:
@@ -211,19 +205,30 @@ class Nodes:
         """One linear form."""
         return vector(self.shift.space, self._moved(parts, self.shift.space.TestFunction()))
 
-    def columns(self, space: ngs.FESpace, parts: Terms) -> sp.csr_array:
+    def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One bilinear form."""
-        form = ngs.BilinearForm(trialspace=self.shift.space, testspace=space)
-        for part in self._moved(parts, self.shift.space.TrialFunction()):
-            form += part.integral
-        form.Assemble()
-        return sparse(form.mat)
+        return _columns(space, self.shift.space, self._moved(parts, self.shift.space.TrialFunction()))
 
     def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
         return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
 
     def _determinants(self) -> Array:
         return np.array(ngs.Integrate(self._stretch, self.mesh, element_wise=True).NumPy())
+
+
+def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
+    """What assembles the matrix of terms with test functions of one space and trial functions of another."""
+    form = ngs.BilinearForm(trialspace=along, testspace=space)
+    for part in parts:
+        form += part.integral
+
+    def assembled() -> sp.csr_array:
+        if not parts:
+            return sp.csr_array((space.ndof, along.ndof))
+        form.Assemble()
+        return sparse(form.mat)
+
+    return assembled
 
 
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter | Held | Nodes

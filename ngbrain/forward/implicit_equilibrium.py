@@ -150,8 +150,12 @@ class Equilibrium:
 
     def sensitivity(self) -> sp.csr_array:
         """∂R/∂θ (ndof, blocks)."""
+        return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
+
+    @cached_property
+    def _columns(self) -> list[Callable[[], sp.csr_array]]:
         parts = self._work(self._now, self._test)
-        return sp.csr_array(sp.hstack([block.columns(self.body.fes, parts) for block in self.blocks.values()]))
+        return [block.columns(self.body.fes, parts) for block in self.blocks.values()]
 
     def _along_blocks(self, parts: Terms) -> Terms:
         return [term for block in self.blocks.values() for term in block.along(parts)]
