@@ -69,6 +69,15 @@ class Displacements:
 
 
 @dataclass(frozen=True)
+class Unknowns:
+    """All unknowns of the body (ndof,), for models that go on from its equilibrium."""
+
+    def on(self, body: Static) -> Seeing:
+        """The identity."""
+        return _Linear(body, sp.eye_array(body.fes.ndof, format="csr"))
+
+
+@dataclass(frozen=True)
 class Force:
     """Force (N) that acts on a boundary from outside, what its supports and loads exert together: all components.
 

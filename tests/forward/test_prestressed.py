@@ -1,0 +1,237 @@
+"""Waves in bodies that are deformed already: at rest those of `Harmonic`, and Taylor rates of all that they depend on."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from equilibria import LAWS, SIDE, directions, field, tight
+from ngsolve.meshes import MakeStructured2DMesh
+from statics import cube, square
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError, SolverError
+from ngbrain.forward.elements import Form
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.implicit import Equilibria, Held, Nodes
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.loads import CavityVolume, Pressure, Traction, Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.prestressed import Prestressed, PrestressedModel
+from ngbrain.forward.prestressed_factor import Factor
+from ngbrain.forward.static import Static
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Scaled, Unknown
+from ngbrain.materials import NeoHooke, Ogden, Shearing
+
+POINTS = SIDE * np.array([[0.31, 0.52, 0.4], [0.7, 0.83, 0.6]])
+
+
+def ogden(p):
+    return Ogden(p("mu", 1e3), p("alpha", -5.0))
+
+
+neo_hooke = LAWS[NeoHooke]
+CASES = {
+    "displacements": (neo_hooke, "P2"),
+    "continuous pressure": (ogden, "P2/P1"),
+    "condensed pressure": (neo_hooke, Form(2, 0, False)),
+}
+
+
+def waves(dim=2):
+    """Of two frequencies; their supports do not move in phase."""
+    still = [0.0] * (dim - 2)
+    return [Wave(30.0, {"top": (1e-6, 2e-7j, *still)}), Wave(45.0, {"top": (0, 1e-6 + 1e-6j, *still)})]
+
+
+def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, **more):
+    """A square (or another mesh) pressed, sheared and loaded: all that it is made of are fields but for some numbers."""
+    mesh, parameters = mesh or square(2, size=SIDE), {}
+
+    def parameter(name, value):
+        number = name.startswith(("alpha", "k2", "load"))
+        parameters[name] = ngs.Parameter(value) if number else field(mesh, value)
+        return parameters[name]
+
+    bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
+    pushed, down = parameter("load", 150.0), (0.006, *[0.002] * (mesh.dim - 2), -0.012)
+    acting = load("right", pushed if load is Pressure else (pushed, *[0.5 * pushed] * (mesh.dim - 1)))
+    body = Static(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], form=form)
+    parameters["top"] = Held(body, "top")
+    loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
+    settings = {"loss": loss, "rho": rho, "held": held, "newton": tight(body), **more}
+    return PrestressedModel(body, waves(mesh.dim), POINTS[:, : mesh.dim], parameters, **settings)
+
+
+def weights(there, rng):
+    """At random, so that all data count."""
+    return (rng.normal(size=there.data.shape) + 1j * rng.normal(size=there.data.shape)) / np.abs(there.data).max()
+
+
+def verify(of, rng, names=None):
+    """J has rates of 2 along each block, Jᵀ by matrices is its transpose and the same as by forms."""
+    theta = of.theta
+    there = of.at(theta)
+    w = weights(there, rng)
+    pulled, driven = there.pull(w), there.gradient(w)
+    scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
+    assert np.abs((pulled - driven) / scale).max() < 1e-10
+    for name, direction in directions(of, rng):
+        change = there.push(direction)
+        size = np.linalg.norm(w) * np.linalg.norm(change)
+        assert abs(np.sum(np.conj(w) * change).real - pulled @ direction) < 1e-10 * size, name
+        if names is None or name in names:
+            rates = taylor(lambda t: of.at(t).data, lambda _: change, theta, direction, 2)  # noqa: B023
+            assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
+
+
+@pytest.mark.parametrize(("law", "form"), CASES.values(), ids=CASES)
+def test_rates_and_transposes(law, form, rng):
+    """By μ and K, α, a load, what is prescribed, loss and density."""
+    of = model(law, form)
+    assert {"mu", "load", "top", "loss", "rho", "bulk"} <= set(of.blocks)
+    verify(of, rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_every_law(law, rng):
+    verify(model(LAWS[law]), rng)
+
+
+def test_a_pressure_that_follows(rng):
+    """Its tangent is not symmetric, nor is the waves' matrix."""
+    of = model(neo_hooke, load=Pressure)
+    verify(of, rng, {"load", "mu"})
+    A = next(iter(of.at(of.theta)._factors.values())).matrix
+    assert abs(A - A.T).max() > 1e-3 * abs(A).max()
+
+
+def test_space(rng):
+    verify(model(neo_hooke, "P2", mesh=cube(1, size=SIDE)), rng, {"mu", "load"})
+
+
+def test_waves_may_be_held_elsewhere(rng):
+    """What stands still in equilibrium may swing, and the other way round."""
+    of = model(neo_hooke, held={"x": "top|left", "y": "top"})
+    there, left, bottom = of.at(of.theta), SIDE * np.array([0.0, 0.4]), SIDE * np.array([0.4, 0.0])
+    u, mesh = there.displacement(0), of.body.mesh
+    assert u(mesh(*left))[0] == 0 != u(mesh(*left))[1]
+    assert abs(u(mesh(*bottom))[1]) > 1e-8 and of.body.u(mesh(*bottom)) == (0, 0)
+    assert u(mesh(0.05, SIDE)) == pytest.approx((1e-6, 2e-7j))
+    verify(of, rng, {"mu"})
+
+
+def test_around_an_axis(rng):
+    mesh, mu = square(2, size=SIDE), ngs.Parameter(1e3)
+    rollers = {"bottom": (None, 0), "left": (0, None), "top": (None, 0)}
+    sinking, around = [Weight((0.0, -2e3))], Axisymmetric()
+    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, "P2/P1", around)
+    verify(PrestressedModel(body, [Wave(20.0, {"top": (0, 1e-6)})], POINTS[:, :2], {"mu": mu}, loss=0.1), rng)
+
+
+def test_a_cavity_keeps_its_volume(rng):
+    """Its pressure is one more unknown, which waves change."""
+    ring = MakeStructured2DMesh(
+        False,
+        2,
+        2,
+        mapping=lambda r, a: ((1 + r) * SIDE / 4 * np.cos(a * np.pi / 2), (1 + r) * SIDE / 4 * np.sin(a * np.pi / 2)),
+    )
+    mu = ngs.Parameter(1e3)
+    body = Static(
+        ring,
+        {".*": Material(NeoHooke(mu), 5e4)},
+        {"bottom": (None, 0), "top": (0, None)},
+        [CavityVolume("left", 1e-4)],
+        form="P2/P1",
+    )
+    swinging = [Wave(20.0, {"right": (1e-6, 5e-7j)})]
+    held = {"x": "top|right", "y": "bottom|right"}
+    of = PrestressedModel(body, swinging, SIDE * np.array([[0.25, 0.25]]), {"mu": mu}, loss=0.1, held=held)
+    verify(of, rng)
+    assert abs(of.at(of.theta).waves[0, -1]) > 0
+
+
+@pytest.mark.parametrize("form", ["P2", "P2/P1"])
+def test_at_rest_they_are_harmonic_waves(form):
+    mesh = square(3, size=SIDE)
+    mu = field(mesh, 2e3)
+    body = Static(mesh, {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": 0}, form=form)
+    of = PrestressedModel(body, waves(), POINTS[:, :2], {"mu": mu}, loss=0.3, rho=1100.0)
+    rest = Prestressed(of, Equilibria(of.static, of.theta, [np.zeros(body.fes.ndof)]))
+    settings = {"bulk": 1e4, "density": 1100.0, "form": form, "held": "bottom|top"}
+    harmonic = Harmonic(mesh, Shearing(mu * (1 + 0.3j)), waves(), **settings).solve()
+    for found, wave in zip(rest.data, harmonic, strict=True):
+        u = wave.components[0] if form == "P2/P1" else wave
+        wanted = np.array([u(mesh(*point)) for point in POINTS[:, :2]])
+        assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
+
+
+def test_a_misfit_of_them(rng):
+    """Its gradient has rates of 2, by the interface that optimisers know."""
+    of = model(neo_hooke)
+    theta = of.theta
+    data = 1.3 * of.at(theta).data
+    unknowns = Fields(theta, of.blocks, {"mu": Unknown(theta[of.blocks["mu"]], Scaled())})
+    reduced = Reduced(of, LeastSquares(data, 0.1 * np.abs(data).max()), unknowns, {}, {})
+    x = unknowns.start
+    direction = rng.uniform(-1, 1, len(x)) * np.abs(x).max()
+    rates = taylor(reduced.value, reduced.at(x).gradient(), x, direction, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_a_state_of_before_keeps_its_derivatives(rng):
+    of = model(neo_hooke)
+    theta = of.theta
+    first = of.at(theta)
+    w, direction = weights(first, rng), theta * rng.uniform(-1, 1, len(theta))
+    wanted = first.gradient(w), first.push(direction)
+    fresh, second = of.at(theta), of.at(1.05 * theta)
+    second.gradient(w)
+    for found, was in zip((fresh.gradient(w), fresh.push(direction)), wanted, strict=True):
+        assert found == pytest.approx(was, rel=1e-8, abs=1e-9 * np.abs(was).max())
+
+
+def test_solves_are_counted(rng):
+    of = model(neo_hooke)
+    there = of.at(of.theta)
+    made, w = of.solves.factorisations, weights(there, rng)
+    assert of.solves.forward == 3 and made >= 3  # one equilibrium and two waves
+    there.gradient(w)
+    assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 3, 0)
+    there.push(of.theta)
+    assert (of.solves.factorisations, of.solves.adjoint, of.solves.incremental) == (made + 1, 3, 3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"waves": []}, "waves"),
+        ({"waves": [Wave(30.0, {}, {"top": (1, 0)})]}, "Wave"),
+        ({"waves": [Wave(30.0, {"top": (1e-6, 0, 0)})]}, "Wave.held"),
+        ({"waves": [Wave(30.0, {"left": (1e-6, 0)})]}, "Wave.held"),
+        ({"held": {"z": "top"}}, "held"),
+        ({"loss": -0.1}, "loss"),
+        ({"rho": 0.0}, "rho"),
+        ({"points": [[1.0, 1.0]]}, "points"),
+        ({"parameters": "nodes"}, "parameters.nodes"),
+    ],
+)
+def test_what_makes_no_sense(changes, named):
+    mesh = square(1, size=SIDE)
+    nodes = Nodes(mesh) if "parameters" in changes else None
+    body = Static(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, form="P2/P1")
+    given = {"waves": waves(), "points": POINTS[:, :2], "parameters": {}} | changes
+    if nodes:
+        given["parameters"] = {"nodes": nodes}
+    with pytest.raises(InputError, match=f"^{named} is"):
+        PrestressedModel(body, **given)
+
+
+def test_a_resonance_without_loss_is_said():
+    """Nothing to divide by."""
+    of = model(neo_hooke)
+    there = of.at(of.theta)
+    with pytest.raises(SolverError, match="resonance"):
+        Factor(of.work.pattern, 0 * of.work.matrices()(1.0), ~of.held, True).solve(there.waves[0])
