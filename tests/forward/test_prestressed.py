@@ -100,10 +100,10 @@ def test_every_law(law, rng):
 
 
 def test_a_pressure_that_follows(rng):
-    """Its tangent is not symmetric, nor is the waves' matrix."""
-    of = model(neo_hooke, load=Pressure)
+    """Its tangent is not symmetric where its rim is free, nor is the waves' matrix."""
+    of = model(neo_hooke, load=Pressure, held="top")
     verify(of, rng, {"load", "mu"})
-    A = next(iter(of.at(of.theta)._factors.values())).matrix
+    A = next(iter(of.at(of.theta)._factors.values())).matrix[~of.held][:, ~of.held]
     assert abs(A - A.T).max() > 1e-3 * abs(A).max()
 
 
