@@ -259,10 +259,10 @@ class Pressing(Transient):
         touch, t = self.control.touch, self.progress.t
         return min(dt, touch) if self.motion.travel(t, t + touch) > 0 else dt
 
-    def _guess(self, start: np.ndarray, dt: float) -> np.ndarray:
+    def _guess(self, start: np.ndarray, dt: float, tries: int) -> np.ndarray:
         """The same as for a given way; a rigid body that does not touch is first led to where it does."""
         if self.progress.touching or not self.motion.force:
-            return super()._guess(start, dt)
+            return super()._guess(start, dt, tries)
         self.body.state = start
         self.motion.held = start[-1] + max(self.body.min_gap(), 0.0) + self.motion.nudge
         guess, record = self.newton.solve(self, np.append(start[:-1], self.motion.held))
@@ -271,8 +271,8 @@ class Pressing(Transient):
         self.progress.newton += record.iterations
         return guess if record.converged else start
 
-    def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
-        record, problem = super()._attempt(start, dt)
+    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, str]:
+        record, problem = super()._attempt(start, dt, tries)
         if not problem and self.body.state[-1] > self.limit:
             way, t, force = self.body.state[-1], self.progress.t + dt, self.motion.force
             self._stand(start)

@@ -16,6 +16,8 @@ from ngbrain.solvers.record import NewtonRecord, Work
 
 WHOLES = 1
 """Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
+FORESEEN = 2
+"""Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
 
 
 class Motion(Protocol):
@@ -69,9 +71,10 @@ class Transient:
         at = self.progress
         start = self.body.state
         dt = self._propose()
-        at.cut = False
+        at.cut, tries = False, 0
         while True:
-            record, problem = self._attempt(start, dt)
+            record, problem = self._attempt(start, dt, tries)
+            tries += 1
             at.work += record.work
             at.newton += record.iterations
             if not problem:
@@ -105,12 +108,12 @@ class Transient:
         speed = self.motion.travel(at.t, at.t + touch_dt) / touch_dt
         return min(dt, max(self.body.min_gap(), 0.0) / speed + touch_dt) if speed > 0 else dt
 
-    def _attempt(self, start: np.ndarray, dt: float) -> tuple[NewtonRecord, str]:
+    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, str]:
         at, body = self.progress, self.body
         body.begin(dt)
         self._now, self._wholes = at.t + dt, 0
         self.motion.set(self._now)
-        body.state, record = self.newton.solve(self, self._guess(start, dt))
+        body.state, record = self.newton.solve(self, self._guess(start, dt, tries))
         if not record.converged:
             return record, record.reason
         depth = -body.min_gap()
@@ -118,9 +121,11 @@ class Transient:
             return record, f"penetration {1e3 * depth:.2f} mm over the limit {1e3 * self.penetration_limit:.2f} mm"
         return record, self.control.judged(body, start, at)
 
-    def _guess(self, start: np.ndarray, dt: float) -> np.ndarray:
-        """Where a step from a state may end."""
+    def _guess(self, start: np.ndarray, dt: float, tries: int) -> np.ndarray:
+        """Where a step from a state may end, after so many tries."""
         at, guess = self.progress, start
+        if tries >= FORESEEN:
+            return start
         travel = self.motion.travel(at.t, at.t + dt)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
