@@ -34,11 +34,8 @@ def drawn(
     line = np.linspace(0, SIDE, phantom.nodes)
     space = ngs.H1(rectangles(line, line), order=1)
     regular = regularised(space, np.zeros(space.ndof)).matrix(np.zeros(space.ndof))
-    metric, random = (
-        Metric(weight * regular),
-        np.random.default_rng((seed, space.ndof)),
-    )  # no numbers that noise has too
-    truth = {}
+    metric, truth = Metric(weight * regular), {}
+    random = np.random.default_rng((seed, space.ndof))  # no numbers that noise has too
     for name, start in phantom.start.items():
         transform = LOGS.get(name, Log())
         truth[name] = transform.value(transform.inverse(np.array(start)) + metric.back(random.normal(size=space.ndof)))
