@@ -1,7 +1,9 @@
 """The verb `invert` end to end on a small grid, and what it says to bad input before any work is begun."""
 
 import json
+import sys
 
+import hostcudss
 import numpy as np
 import pytest
 from planewaves import RHO, grid, shear_waves
@@ -201,6 +203,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
         (["--subzones", "--unknowns", "polar"], ["--unknowns is polar", "moduli with --subzones"]),
         (["--subzones", "--weight", "l-curve"], ["--weight is l-curve", "evidence with --subzones"]),
+        (["--subzones", "--device", "cuda"], ["--device is cuda", "cpu with --subzones"]),
         (["--subzones", "--discretisation", "data"], ["--discretisation is data", "left out with --subzones"]),
         (["--subzones"], ["waves.npz: points is in the plane"]),
     ],
@@ -236,6 +239,20 @@ def test_what_is_not_installed_is_said_first(tmp_path, capsys, monkeypatch, wave
     monkeypatch.setattr("ngbrain.cli.invert.require", missing)
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out")
     assert status == 2 and lines == ['ngbrain: matplotlib is not installed; get it with: pip install "ngbrain[report]"']
+
+
+def test_a_gpu_without_its_library_is_said_first(tmp_path, capsys, monkeypatch, waves, no_work):
+    monkeypatch.setitem(sys.modules, "nvmath.sparse.advanced", None)
+    status, _, lines = run(capsys, waves, "-o", tmp_path / "out", "--device", "cuda")
+    assert status == 2 and lines == ['ngbrain: nvmath is not installed; get it with: pip install "ngbrain[gpu]"']
+
+
+def test_an_inversion_on_a_gpu(tmp_path, capsys, monkeypatch, waves):
+    cudss = hostcudss.install(monkeypatch)
+    status, _, errors = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--device", "cuda")
+    assert status == 0 and not errors and len(cudss.made) > 5
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["device"] == "cuda" and result["answers"]["storage"]["median"] == pytest.approx(2500, rel=0.02)
 
 
 def test_a_solver_that_gives_up_leaves_its_rounds(tmp_path, capsys, monkeypatch, waves):

@@ -29,6 +29,7 @@ from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
 from ngbrain.progress import ProgressLine
 from ngbrain.report import parameters
+from ngbrain.solvers.device import DEVICES, Device
 from ngbrain.threads import threads
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
@@ -48,6 +49,7 @@ IN_ZONES = {
     "--unknowns": ("moduli",),
     "--misfit": ("squares",),
     "--bars": (False,),
+    "--device": ("cpu",),
 }
 """What zones take of the other options."""
 SEED = 0
@@ -118,6 +120,12 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         action="store_true",
         help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
     )
+    parser.add_argument(
+        "--device",
+        choices=tuple(DEVICES),
+        default="cpu",
+        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS (cpu)",
+    )
     parser.set_defaults(verb=run)
     return parser
 
@@ -158,6 +166,7 @@ def run(arguments: argparse.Namespace) -> None:
         versions=versions(),
         seed=SEED,
         threads=arguments.threads,
+        device=arguments.device,
         time_s=time.monotonic() - started,
     )
     from ngbrain.report import elastography
@@ -180,6 +189,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         labelled=arguments.by_label,
         unknowns=arguments.unknowns,
         misfit=arguments.misfit,
+        device=arguments.device,
         tell=tell,
     )
 
@@ -210,6 +220,7 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
             given = getattr(arguments, option.removeprefix("--").replace("-", "_"))
             if given not in wanted:
                 raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
+    Device.named(arguments.device)
     folder: Path = arguments.output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")

@@ -11,6 +11,8 @@ from ngsolve import CoefficientFunction
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
+from ngbrain.solvers.condensed import sparse
+from ngbrain.solvers.device import PIVOTED, Device, Factor
 
 if TYPE_CHECKING:
     from ngbrain.forward.harmonic import Harmonic
@@ -30,7 +32,7 @@ class Factorised:
         self.body = body
         trial, test = body.fes.TnT()
         self._forms: dict[float, ngs.BilinearForm] = {}
-        self._inverses: dict[float, ngs.BaseMatrix] = {}
+        self._factors: dict[float, Factor] = {}
         self.refactored: set[float] = set()
         """Angular frequencies (rad/s) whose first factor was of no use."""
         self.improved: set[float] = set()
@@ -45,7 +47,7 @@ class Factorised:
     @property
     def number(self) -> int:
         """How many factors were made by now."""
-        return len(self._inverses) + len(self.refactored)
+        return len(self._factors) + len(self.refactored)
 
     def apply(self, number: int, x: Array) -> Array:
         """A x of the wave's matrix."""
@@ -66,11 +68,12 @@ class Factorised:
 
     def _back(self, number: int, b: Array) -> Array:
         omega = self.body.waves[number].omega
-        if omega not in self._inverses:
-            self._inverses[omega] = _inverse(self._forms[omega], "sparsecholesky")
-        self._in.FV().NumPy()[:] = b
-        self._out.data = self._inverses[omega] * self._in
-        return self._out.FV().NumPy().copy()
+        if omega not in self._factors:
+            self._factors[omega] = self._factor(omega, self.body.device)
+        return self._factors[omega].solve(b)
+
+    def _factor(self, omega: float, device: Device) -> Factor:
+        return device.factor(self._forms[omega].mat, self.body.fes.FreeDofs(), "the harmonic matrix")
 
     def driven(self, number: int, g: Array) -> Array:
         """The wave with held unknowns g and its own forces; `SolverError` if no factor solves for it.
@@ -84,7 +87,7 @@ class Factorised:
             self.improved.add(omega)
             x, left = self._settled(number, b)
         if not left <= ROUGH and omega not in self.refactored:
-            self._inverses[omega] = _inverse(self._forms[omega], "umfpack")
+            self._factors[omega] = self._factor(omega, PIVOTED)
             self.refactored.add(omega)
             x, left = self._settled(number, b)
         if not left <= ROUGH:
@@ -129,16 +132,3 @@ class Factorised:
 
 def _same(work: CoefficientFunction) -> CoefficientFunction:
     return work
-
-
-def sparse(matrix: ngs.BaseMatrix) -> sp.csr_array:
-    """A copy of NGSolve's matrix for scipy."""
-    values, columns, rows = (np.array(part) for part in matrix.CSR())
-    return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
-
-
-def _inverse(form: ngs.BilinearForm, kind: str) -> ngs.BaseMatrix:
-    try:
-        return form.mat.Inverse(form.space.FreeDofs(), inverse=kind)
-    except Exception as error:  # NGSolve raises bare exceptions of several kinds here
-        raise SolverError(f"the harmonic matrix cannot be factorised: {error}") from error

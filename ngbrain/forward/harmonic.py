@@ -28,6 +28,7 @@ from ngbrain.forward.kinematics import PlaneStrain, Solid, kinematics_of
 from ngbrain.forward.patterns import boundaries
 from ngbrain.materials.base import Value, positive
 from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.solvers.device import CPU, Device
 
 Array = np.ndarray
 Vector: TypeAlias = Sequence[Value] | CoefficientFunction
@@ -84,6 +85,7 @@ class Harmonic:
     held       boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for
                single components, {"x": "side|top", "y": "top"}
     quadrature rules of degree 2 × this on elements; unasked one more than the order
+    device     where matrices are factorised, `Device.named("cuda")` for a GPU
 
     Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex
     constant of NGSolve's as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
@@ -110,7 +112,9 @@ class Harmonic:
         absorbing: Sequence[Absorbing] = (),
         kinematics: Solid | None = None,
         quadrature: int | None = None,
+        device: Device = CPU,
     ) -> None:
+        self.device = device
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
         self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)

@@ -24,6 +24,7 @@ from ngbrain.inverse.quantities import MODULI, UNKNOWNS, Quantity, as_moduli, as
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
+from ngbrain.solvers.device import CPU, Device
 
 Array = np.ndarray
 GUESSED = 1e-2
@@ -43,6 +44,7 @@ class Experiment:
     elements   see `discretise`
     sought     the quantities, by default those of the material
     composition  of which fields they are made, by default of one each
+    device     where matrices are factorised
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
     `unknowns(sigma)` are all quantities and the displacements of the boundary.
@@ -54,6 +56,7 @@ class Experiment:
         elements: Discretisation,
         sought: tuple[Quantity, ...] | None = None,
         composition: Composition | None = None,
+        device: Device = CPU,
     ) -> None:
         self.data, self.elements, self.composition = data, elements, composition or Whole()
         self.sought = quantities(data) if sought is None else _of_material(data, sought)
@@ -75,6 +78,7 @@ class Experiment:
             form=elements.form,
             held=".*",
             quadrature=elements.quadrature,
+            device=device,
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]

@@ -30,6 +30,7 @@ from ngbrain.inverse.starts import compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
+from ngbrain.solvers.device import Device
 
 Array = np.ndarray
 REGULARISERS = tuple(PRIORS)
@@ -69,6 +70,7 @@ def invert(
     labelled: bool = False,
     unknowns: str = "moduli",
     misfit: str | MisfitKind = "squares",
+    device: str = "cpu",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
@@ -84,8 +86,10 @@ def invert(
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
+    device       one of `solvers.device.DEVICES`: cpu, or cuda for factors and solves on a GPU
 
-    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted.
+    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted, a
+    device that is none or not there; `MissingExtra` for cuda without nvmath-python.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -100,6 +104,7 @@ def invert(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
+    where = Device.named(device)
     if data.dim == 3:
         if weight != "evidence":
             raise InputError("weight", repr(weight), "evidence: in space there is no other")
@@ -113,6 +118,7 @@ def invert(
             unknowns=unknowns,
             misfit=misfit,
             levels=(levels or ()) if uniform else (),
+            device=device,
             tell=tell,
         )
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform else ())
@@ -123,7 +129,7 @@ def invert(
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
     total = max(float(np.hypot(level, model_error)), floor)
-    experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
+    experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     search = _Search(experiment, made, total, settling, tell)
     tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)

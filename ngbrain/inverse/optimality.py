@@ -95,11 +95,7 @@ class Optimality:
         shift = np.concatenate([np.full(whole.shape[0] - equations, SHIFT), np.full(equations, -SHIFT)])
         entries = sp.coo_array(whole + sp.diags_array(shift))
         self._shifted = ngs.la.SparseMatrixd.CreateFromCOO(*entries.coords, entries.data, *whole.shape)
-        try:
-            self._factor = self._shifted.Inverse(inverse="sparsecholesky")
-        except Exception as error:  # NGSolve raises bare exceptions of several kinds here
-            raise SolverError(f"the optimality conditions cannot be factorised: {error}") from error
-        self._in, self._out = self._shifted.CreateColVector(), self._shifted.CreateColVector()
+        self._factor = body.device.factor(self._shifted, what="the optimality conditions")
 
     def _ties(self, weight: Array) -> Array:
         """Of each of a wave's unknowns, were it on the boundary."""
@@ -155,9 +151,7 @@ class Optimality:
         b = np.concatenate([*parts, np.zeros(self._levels)])
         x, left = np.zeros_like(b), b
         for _ in range(REFINEMENTS):
-            self._in.FV().NumPy()[:] = left
-            self._out.data = self._factor * self._in
-            x += self._out.FV().NumPy()
+            x += self._factor.solve(left)
             left = b - self._matrix @ x
             if not np.linalg.norm(left) > ROUGH * 1e-4 * np.linalg.norm(b):
                 break

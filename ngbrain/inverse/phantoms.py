@@ -27,6 +27,7 @@ from ngbrain.inverse.regularise import smooth
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
+from ngbrain.solvers.device import CPU, Device
 
 Array = np.ndarray
 SIDE, DRIVE = 0.12, 1e-3
@@ -147,7 +148,7 @@ class _Square:
             found.append(u[: 2 * n].reshape(2, n).T)
         return np.array(found)
 
-    def model(self, values: Mapping[str, Array | float]) -> WaveModel:
+    def model(self, values: Mapping[str, Array | float], device: Device = CPU) -> WaveModel:
         """All edges held, at values to be given."""
         fields = {name: ngs.GridFunction(self.space) for name in values}
         for name, value in values.items():
@@ -157,12 +158,12 @@ class _Square:
             angle = np.deg2rad(TI_ANGLE)
             fibre = np.cos(angle), np.sin(angle)
             law = TransverselyIsotropic(fields["mu"], fields["zeta"], fields["phi"], fibre)
-            body = Harmonic(self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1)
+            body = Harmonic(self.mesh, law, waves, bulk=self.phantom.bulk, form="Q1", quadrature=1, device=device)
         else:
             shear = fields["youngs"] / (2 * (1 + nu)) if "youngs" in fields else fields["storage"] + 1j * fields["loss"]
             form = "Q1/L2(0)" if nu > NEARLY else "Q1"
             bulk = 2 * (1 + nu) / (3 * (1 - 2 * nu)) * shear
-            body = Harmonic(self.mesh, Shearing(shear), waves, bulk=bulk, form=form, quadrature=1)
+            body = Harmonic(self.mesh, Shearing(shear), waves, bulk=bulk, form=form, quadrature=1, device=device)
         return WaveModel(body, fields, self.points)
 
 
@@ -200,19 +201,21 @@ class Measured:
         regularised: Callable[[ngs.FESpace, Array], Regulariser] = smooth,
         weight: float = 1e3,
         start: Mapping[str, Array | float] | None = None,
+        device: Device = CPU,
     ) -> Inversion:
         """The inverse problem on the same grid: all edges held at what was measured there, which is unknown within its noise.
 
         regularised  a space and x̄ → a regulariser, the same for each field
         weight       of each to begin with
         start        where the search begins, by default the phantom's start
+        device       where matrices are factorised
 
         >>> Phantom.named("CV-G", 5).measured(0.01).inversion().start.shape
         (114,)
         """
         phantom, grid = self.phantom, _Square(self.phantom)
         begin = dict(start or phantom.start)
-        model = grid.model(begin)
+        model = grid.model(begin, device)
         theta, where = model.theta, model.blocks[BOUNDARY]
         sigma = np.broadcast_to(self.sigma, self.displacement.shape)
         theta[where] = self._held(model, self.displacement)

@@ -30,6 +30,7 @@ from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.starts import compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.io.waves import WaveData
+from ngbrain.solvers.device import Device
 
 Array = np.ndarray
 FIRST, APPROACH = 1.0, 8
@@ -55,6 +56,7 @@ def invert_in_space(
     levels: Sequence[float] = (),
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
+    device: str = "cpu",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """Property maps of wave data in space.
@@ -71,11 +73,12 @@ def invert_in_space(
     rounds       iterations of a start at most, those from the measured waves apart
     checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it. Uniform fields
                  have files of their own beside it
+    device       as for `invert`; a checkpoint may go on on another one
 
     `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
 
-    Raises `InputError` for data in the plane, negative noise, a regulariser, unknowns or misfit that are none, labels that are not
-    there.
+    Raises `InputError` for data in the plane, negative noise, a regulariser, unknowns or misfit that are none, labels or a
+    device that are not there.
 
     >>> line = np.linspace(0, 0.03, 11)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -94,12 +97,12 @@ def invert_in_space(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
-    multiples, made = multiples_of(levels), misfit_of(misfit)
+    multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.named(device)
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     found_noise, note = noise_level(data, noise)
     notes = [note] if note else []
     total = max(float(np.hypot(found_noise, model_error)), LEAST)
-    experiment = Experiment(data, elements, sought, composed(data, elements, labelled))
+    experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     problem = _problem(experiment, made, total, prior)
     shared = _shared(experiment)
     way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import ngsolve as ngs
 import numpy as np
+import scipy.sparse as sp
 
 Array = np.ndarray
 Core = Callable[[Array], Array]
@@ -44,6 +45,12 @@ class Condensed:
         self._x.FV().NumPy()[:] = x
         self._y.data = matrix * self._x
         return self._y.FV().NumPy().copy()
+
+
+def sparse(matrix: ngs.BaseMatrix) -> sp.csr_array:
+    """A copy of NGSolve's matrix for scipy."""
+    values, columns, rows = (np.array(part) for part in matrix.CSR())
+    return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
 
 
 def free(form: ngs.BilinearForm) -> Array:

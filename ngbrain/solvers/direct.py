@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import importlib.metadata
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import MissingExtra, require
-from ngbrain.solvers.condensed import Array, Condensed, Core
+from ngbrain.solvers.condensed import Array, Condensed, Core, sparse
+from ngbrain.solvers.device import Device, OnGpu
 
-NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps")
+NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps", "cudss")
 
 ROUGH = 1e-3
 """A correction by iterative refinement larger than this part of the solution: the factor is of some other matrix."""
 
 
 def require_package(name: str) -> None:
-    """Raise `MissingExtra` if the package behind a name is not installed."""
+    """Raise `MissingExtra` if the package behind a name is not installed, `InputError` for cudss without a GPU."""
     if name == "mumps":
         require("mumps", "mumps")
     if name == "pardiso":
@@ -25,6 +27,8 @@ def require_package(name: str) -> None:
             importlib.metadata.version("mkl")  # a library without a module, which NGSolve loads itself
         except importlib.metadata.PackageNotFoundError as error:
             raise MissingExtra("mkl", "pardiso") from error
+    if name == "cudss":
+        Device.named("cuda")
 
 
 def factorise(name: str, condensed: Condensed) -> Core:
@@ -35,7 +39,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
     units enter the ratio, field by field.
     """
     try:
-        core = _mumps(condensed) if name == "mumps" else _ngsolve(name, condensed)
+        core = {"mumps": _mumps, "cudss": _cudss}.get(name, partial(_ngsolve, name))(condensed)
     except Exception as error:  # NGSolve and MUMPS raise bare exceptions of several kinds here
         raise FloatingPointError(f"the tangent cannot be factorised: {name}: {error}") from error
     b = np.random.default_rng(0).normal(size=len(condensed.free)) * condensed.free
@@ -63,9 +67,7 @@ def _ngsolve(name: str, condensed: Condensed) -> Core:
 
 def _mumps(condensed: Condensed) -> Core:
     mumps, where = require("mumps", "mumps"), condensed.free
-    values, columns, rows = (np.asarray(part) for part in condensed.matrix.CSR())
-    matrix = sp.csr_array((values, columns, rows), shape=condensed.matrix.shape)[where][:, where]
-    symmetric = bool(condensed.form.flags.ToDict().get("symmetric", False))
+    matrix, symmetric = sparse(condensed.matrix)[where][:, where], _symmetric(condensed)
     context = mumps.Context()
     context.set_matrix(sp.triu(matrix, format="coo") if symmetric else matrix.tocoo(), symmetric=symmetric)
     context.factor()
@@ -76,3 +78,12 @@ def _mumps(condensed: Condensed) -> Core:
         return x
 
     return core
+
+
+def _cudss(condensed: Condensed) -> Core:
+    form = condensed.form
+    return OnGpu(condensed.matrix, form.space.FreeDofs(form.condense), _symmetric(condensed)).solve
+
+
+def _symmetric(condensed: Condensed) -> bool:
+    return bool(condensed.form.flags.ToDict().get("symmetric", False))

@@ -1,6 +1,6 @@
 """Linear solvers by name for linearised statics, and the choice between them.
 
-    sparsecholesky, umfpack, pardiso, mumps    direct
+    sparsecholesky, umfpack, pardiso, mumps, cudss    direct, the last on a GPU
     cg-bddc, cg-amg           for positive definite matrices: a displacement form, or a discontinuous pressure condensed
     minres-bddc, minres-amg   for displacements with a continuous pressure, at any K/μ: the displacement block by BDDC or
                               multigrid, the pressure block by the mass matrix over μ, which the Schur complement is

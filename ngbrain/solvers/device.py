@@ -1,0 +1,136 @@
+"""Where symmetric systems are factorised and solved: on the processor by NGSolve, or on a GPU by NVIDIA's cuDSS.
+
+    A = L D Lᵀ,   x = A⁻¹ b        (unknowns that are free; A real or complex, symmetric without conjugates)
+
+What calls it is the same for both. NGSolve's own cuDSS inverse takes a matrix for symmetric only if it is so to the last bit,
+which assembled ones are not, and factorises it as any other, at twice the work; here the callers know.
+
+Source: nvmath-python, nvmath.sparse.advanced.DirectSolver, https://docs.nvidia.com/cuda/nvmath-python.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError, MissingExtra, SolverError, nearest, require
+from ngbrain.solvers.condensed import sparse
+
+Array = np.ndarray
+
+
+class Factor(Protocol):
+    """Of one matrix. Symmetric as it is, it serves the transposed system too."""
+
+    def solve(self, b: Array) -> Array:
+        """x with Ax = b in the free unknowns and 0 in the others."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """Where matrices are factorised.
+
+    name   as `--device` has it
+    make   matrix and free unknowns (None: all) → Factor
+
+    >>> matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 1], [0, 1], [2.0, 4.0], 2, 2)
+    >>> Device.named("cpu").factor(matrix).solve(np.array([1.0, 1.0])).tolist()
+    [0.5, 0.25]
+    """
+
+    name: str
+    make: Callable[[ngs.BaseMatrix, ngs.BitArray | None], Factor]
+
+    @staticmethod
+    def named(name: str) -> Device:
+        """cpu or cuda, which is tried on two unknowns before it is given.
+
+        Raises `InputError` for another name or where no GPU answers, `MissingExtra` without nvmath-python.
+        """
+        if name not in DEVICES:
+            raise InputError("device", repr(name), nearest(name, DEVICES))
+        device = DEVICES[name]
+        if device is not CPU:
+            _try(device)
+        return device
+
+    def factor(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None = None, what: str = "the matrix") -> Factor:
+        """A factor; `SolverError` about `what` if there is none. One of a singular matrix may be made: look at residuals."""
+        try:
+            return self.make(matrix, free)
+        except Exception as error:  # NGSolve and nvmath raise bare exceptions of several kinds here
+            raise SolverError(f"{what} cannot be factorised: {error}") from error
+
+
+class OnProcessor:
+    """One of NGSolve's inverses, by its name."""
+
+    def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None, kind: str) -> None:
+        self._inverse = matrix.Inverse(free, inverse=kind)
+        self._in, self._out = matrix.CreateColVector(), matrix.CreateRowVector()
+
+    def solve(self, b: Array) -> Array:
+        """A⁻¹b."""
+        self._in.FV().NumPy()[:] = b
+        self._out.data = self._inverse * self._in
+        return np.array(self._out.FV().NumPy())
+
+
+class OnGpu:
+    """Factor by cuDSS in the GPU's memory, of the lower half of a symmetric matrix; a general one keeps both halves.
+
+    Right-hand sides and solutions are copied there and back. Raises `MissingExtra`, and what nvmath raises.
+    """
+
+    def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None, symmetric: bool = True) -> None:
+        cudss = require("nvmath.sparse.advanced", "gpu")
+        from ngsolve.solvers.cudss import make_directsolver_options
+
+        options = make_directsolver_options()  # names cuDSS's library of threads, which orders the unknowns
+        n = matrix.height
+        self._free = np.ones(n, bool) if free is None else np.fromiter(free, bool, n)
+        inner = sparse(matrix)[self._free][:, self._free]
+        if symmetric:
+            options.sparse_system_type = cudss.DirectSolverMatrixType.SYMMETRIC
+            options.sparse_system_view = cudss.DirectSolverMatrixViewType.LOWER
+            inner = sp.tril(inner, format="csr")
+        inner.indices, inner.indptr = inner.indices.astype(np.int32), inner.indptr.astype(np.int32)
+        self._type = inner.dtype
+        self._solver = cudss.DirectSolver(inner, np.zeros(inner.shape[0], self._type), options=options)
+        weakref.finalize(self, self._solver.free).atexit = False  # a process that ends gives all back
+        self._solver.plan()
+        self._solver.factorize()
+
+    def solve(self, b: Array) -> Array:
+        """A⁻¹b."""
+        x = np.zeros(len(self._free), self._type)
+        self._solver.reset_operands(b=np.asarray(b[self._free], self._type))
+        x[self._free] = self._solver.solve()
+        return x
+
+
+def _try(device: Device) -> None:
+    matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 0, 1, 1], [0, 1, 0, 1], [2.0, 1.0, 1.0, 3.0], 2, 2)
+    try:
+        x = device.make(matrix, None).solve(np.array([4.0, 7.0]))
+    except MissingExtra:
+        raise
+    except Exception as error:  # no driver, no device, another version of a library: each has its own
+        found = f"{error}"
+    else:
+        found = "" if np.allclose(x, [1, 2]) else f"2 x 2 unknowns come out as {x}"
+    if found:
+        raise InputError("device", repr(device.name), f"a GPU that cuDSS solves on ({found}), or 'cpu'")
+
+
+CPU = Device("cpu", partial(OnProcessor, kind="sparsecholesky"))
+PIVOTED = Device("cpu, with pivots", partial(OnProcessor, kind="umfpack"))
+"""Where a factor that chooses no pivots, or few, leaves too much."""
+DEVICES = {"cpu": CPU, "cuda": Device("cuda", OnGpu)}
