@@ -2,10 +2,11 @@
 
 Each block is x ← x + act(M x + W x): W mixes the channels of a point, M = synthesis ∘ K ∘ analysis mixes them in wavelet space,
 where each level's details meet their neighbours by a kernel of that level's own and the coarsest means by two wide kernels
-that reach across the whole field. Weights belong to physical lengths: M acts on 51 points across whatever the grid.
+that reach across the whole field. The finest details are left to W: with kernels for them, which cost as much as the rest of M, the error was higher after
+the same time of training. Weights belong to physical lengths: M acts on 51 points across whatever the grid.
 
-Source: Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where the finer details pass unmixed, weights belong to
-coefficients of one grid, and nothing is added to x.
+Source: Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single coefficients of one
+grid, and nothing is added to x.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def native(ny: int, nx: int) -> tuple[int, int]:
 
 
 class WaveletMix(nn.Module):
-    """K of a block: a kernel for the details of each native level, the finest first, and two for the coarsest means."""
+    """M of a block: a kernel for the details of each level, the finest first, and two for the coarsest means."""
 
     def __init__(self, width: int, levels: int, reach: int, coarse_reach: int) -> None:
         super().__init__()
@@ -88,9 +89,9 @@ class Block(nn.Module):
 class WaveletOperator(nn.Module):
     """(batch, channels_in, ny, nx) to (batch, channels_out, ny, nx), float32, on any grid of square cells over the same field.
 
-    Levels are those of 51 points along the longer side, which is the grid to train on: of other grids M sees the cubic
-    interpolation there, and its answer is interpolated back, while W and act keep to the points given. On grids that
-    have the native points the answer at these is the same. Raises `InputError` for other shapes.
+    The `levels`, at least 2, are those of 51 points along the longer side, which is the grid to train on: of other grids M
+    sees the cubic interpolation there, and its answer is interpolated back, while W and act keep to the points given. On
+    grids that have the native points the answer at these is the same. Raises `InputError` for other shapes.
 
     >>> net = WaveletOperator(6, 2)
     >>> net(torch.zeros(1, 6, 51, 64)).shape
@@ -112,7 +113,9 @@ class WaveletOperator(nn.Module):
         self.channels_in = channels_in
         self.wavelet, self.levels = Wavelet(wavelet), levels
         self.lift = nn.Sequential(nn.Linear(channels_in, width), nn.GELU(), nn.Linear(width, width))
-        self.blocks = nn.ModuleList(Block(width, WaveletMix(width, levels, reach, coarse_reach)) for _ in range(blocks))
+        self.blocks = nn.ModuleList(
+            Block(width, WaveletMix(width, levels - 1, reach, coarse_reach)) for _ in range(blocks)
+        )
         self.project = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, channels_out))
         start(self)
 
@@ -121,7 +124,8 @@ class WaveletOperator(nn.Module):
             raise InputError("x.shape", tuple(x.shape), f"(batch, {self.channels_in}, ny, nx), ny and nx at least 4")
         ny, nx = x.shape[2], x.shape[3]
         levels = self.wavelet.levels(*native(ny, nx), self.levels)
-        levels[0] = levels[0][0].seen_from(ny), levels[0][1].seen_from(nx)
+        (finest_y, finest_x), (y_level, x_level), *coarser = levels
+        levels = [(y_level.below(finest_y).seen_from(ny), x_level.below(finest_x).seen_from(nx)), *coarser]
         y = self.lift(x.permute(2, 3, 0, 1).contiguous())
         for block in self.blocks:
             y = block(y, levels)

@@ -27,6 +27,11 @@ class Level(NamedTuple):
     analysis: Tensor
     synthesis: Tensor
 
+    def below(self, finer: Level) -> Level:
+        """The same coefficients, of a field that has `finer` under this level and no details there."""
+        m = self.synthesis.shape[0]
+        return Level(self.analysis @ finer.analysis[:m], finer.synthesis[:, :m] @ self.synthesis)
+
     def seen_from(self, n: int) -> Level:
         """The same coefficients of a field given at n points over the same length, read and written by interpolation."""
         own = self.synthesis.shape[0]

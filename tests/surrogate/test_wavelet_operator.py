@@ -57,7 +57,7 @@ def test_the_native_grid_has_square_cells():
 
 def test_every_weight_learns_and_there_are_few():
     net = WaveletOperator(24, 4)
-    assert 3e5 <= weights(net) <= 6e5
+    assert 2e5 <= weights(net) <= 6e5
     net(torch.randn(1, 24, 51, 51)).square().sum().backward()
     assert all(p.grad.abs().max() > 0 for p in net.parameters())
 
@@ -73,7 +73,7 @@ def test_what_was_learned_on_51_points_holds_on_101():
 
     net = WaveletOperator(1, 1, width=6, blocks=1)
     optimiser = torch.optim.Adam(net.parameters(), 2e-2)
-    for _ in range(150):
+    for _ in range(100):
         x, y = example(51, 2 * math.pi * torch.rand(4))
         optimiser.zero_grad()
         (net(x) - y).square().mean().backward()

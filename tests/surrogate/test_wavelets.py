@@ -67,6 +67,17 @@ def test_a_finer_grid_gives_the_native_coefficients(field):
     )
 
 
+def test_a_level_below_another_is_the_second_of_two(field):
+    wavelet, x = Wavelet("db2"), field(51, 51)
+    (first, _), (second, _) = wavelet.levels(51, 51, 2)
+    both = second.below(first)
+    mean, _ = wavelet.split(x, (first, first))
+    for ours, wanted in zip(wavelet.split(x, (both, both)), wavelet.split(mean, (second, second)), strict=True):
+        torch.testing.assert_close(ours, wanted)
+    again = wavelet.join(*wavelet.split(x, (both, both)), (both, both))
+    torch.testing.assert_close(again, wavelet.join(mean, torch.zeros(2, 9, 27, 27), (first, first)))
+
+
 def test_interpolation_is_exact_for_cubics_up_to_the_ends():
     coarse, fine = torch.linspace(0, 1, 13, dtype=torch.float64), torch.linspace(0, 1, 40, dtype=torch.float64)
     found = interpolation(13, 40, coarse) @ (coarse**3 - coarse)
