@@ -2,8 +2,9 @@
 
 Each block is x ← x + act(M x + W x): W mixes the channels of a point, M = synthesis ∘ K ∘ analysis mixes them in wavelet space,
 where each level's details meet their neighbours by a kernel of that level's own and the coarsest means by two wide kernels
-that reach across the whole field. The finest details are left to W: with kernels for them, which cost as much as the rest of M, the error was higher after
-the same time of training. Weights belong to physical lengths: M acts on 51 points across whatever the grid.
+that reach across the whole field. The finest details are left to W: with kernels for them, which cost as much as the rest of M,
+the error was higher after the same time of training. Weights belong to physical lengths: M acts on 51 points across whatever
+the grid.
 
 Source: Tripura & Chakraborty 2023, doi:10.1016/j.cma.2022.115783, where weights belong to single coefficients of one
 grid, and nothing is added to x.
