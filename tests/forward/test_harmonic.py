@@ -1,5 +1,7 @@
 """Bodies for waves: what is refused and how, factors of stiff volume, distance to a resonance."""
 
+from functools import partial
+
 import ngsolve as ngs
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
 from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
+from ngbrain.solvers.device import Device, OnProcessor
 
 LAW, PUSHED = Shearing(2000 + 800j), Wave(50.0, {"top": (1e-3, 0)})
 
@@ -72,27 +75,26 @@ def test_parts_of_their_own_are_the_number():
     assert parts == pytest.approx(number, rel=1e-12) == regions and np.abs(number).max() > 1e-3
 
 
-def test_a_second_factor_where_the_first_is_of_no_use(monkeypatch):
+class Thrice(OnProcessor):
+    def solve(self, b):
+        return 3 * super().solve(b)
+
+
+SPOILT = Device("spoilt", partial(Thrice, kind="sparsecholesky"))
+
+
+def test_a_second_factor_where_the_first_is_of_no_use():
     """The factor without pivots is made useless here; the one with pivots gives the same wave."""
     wanted = body(form="P2/P1").solve()[0].vec.FV().NumPy().copy()
-    inverse = factors._inverse
-
-    def spoilt(form, kind):
-        if kind == "sparsecholesky":
-            return 3 * inverse(form, kind)
-        return inverse(form, kind)
-
-    monkeypatch.setattr(factors, "_inverse", spoilt)
-    found = (of := body(form="P2/P1")).factorised()
+    found = (of := body(form="P2/P1", device=SPOILT)).factorised()
     assert found.driven(0, of.prescribed[0]) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
     assert found.number == 2 and len(found.refactored) == 1
 
 
 def test_no_factor_at_all_is_an_error(monkeypatch):
-    inverse = factors._inverse
-    monkeypatch.setattr(factors, "_inverse", lambda form, kind: 3 * inverse(form, kind))
+    monkeypatch.setattr(factors, "PIVOTED", SPOILT)
     with pytest.raises(SolverError, match="50 Hz"):
-        body().solve()
+        body(device=SPOILT).solve()
 
 
 @pytest.mark.parametrize("ratio", [10, 1e4, 1e6, 1e8])
