@@ -1,0 +1,124 @@
+"""Numbers that say when not to trust: what they are of squares like those of the training, and of others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from algebraic import algebraic, few, noisy
+
+from ngbrain.errors import InputError
+from ngbrain.surrogate.looking import Look
+from ngbrain.surrogate.shipped import Card, Operator
+from ngbrain.surrogate.trust import auc, calibrate, scores
+
+
+def looks(operator, data):
+    u = data.displacement / data.side
+    features = operator.kind.features(u, data.poisson)
+    each = zip(u, data.frequency, data.poisson, features, *operator(features), strict=True)
+    return [Look(operator.kind, *parts) for parts in each]
+
+
+def largest(operator, data, **changes):
+    return [max(scores(replace(look, **changes), operator.card.trust).values()) for look in looks(operator, data)]
+
+
+def test_scales_are_calibrated_so_that_they_cover_what_they_say():
+    operator, data = algebraic(), few("waves", "validation")
+    unit = operator.kind.unit(data.storage, data.frequency, 1000.0, data.side)
+    truth = operator.kind.targets(data.storage, data.loss, unit)
+    mean, scale = operator(operator.kind.features(data.displacement / data.side, data.poisson))
+    covered = (np.abs(truth - mean) < 1.96 * scale).mean(axis=(0, 2, 3))
+    np.testing.assert_allclose(covered, 0.95, atol=0.002)
+    again = calibrate(operator, few("waves"), data)  # a card that has been calibrated stays as it is
+    np.testing.assert_allclose(again["temperature"], operator.card.temperature, rtol=1e-6)
+    assert operator.card.temperature[0] != 1
+
+
+def test_what_was_validated_on_is_within_its_bounds():
+    operator = algebraic()
+    trust = operator.card.trust
+    found = largest(operator, few("waves", "validation"))
+    assert trust["threshold"] >= 1 and np.mean(np.array(found) <= trust["threshold"] + 1e-9) > 0.8
+
+
+def test_ranges_are_those_of_the_training():
+    data, ranges = few("waves"), algebraic().card.trust["ranges"]
+    np.testing.assert_allclose(np.exp(ranges["frequency"]), [data.frequency.min(), data.frequency.max()])
+    np.testing.assert_allclose(ranges["softness"], np.log10(1 - 2 * np.array([data.poisson.max(), data.poisson.min()])))
+    medians = [np.log(np.median(each)) for each in data.storage]
+    assert min(medians) <= ranges["modulus"][0][1] + 0.02 and max(medians) >= ranges["modulus"][1][1] - 0.02
+
+
+@pytest.mark.parametrize(
+    "name, changes",
+    [
+        ("modulus", {"frequency": 400.0}),
+        ("softness", {"poisson": 0.4999999}),
+        ("wavelength", {"mean": np.zeros((2, 31, 31))}),
+        ("deviation", {"scale": np.full((2, 31, 31), 5.0)}),
+        ("features", {"features": np.full((24, 31, 31), 3.0)}),
+        ("residual", {"mean": np.random.default_rng(0).normal(-5, 2, (2, 31, 31))}),
+    ],
+)
+def test_each_number_rises_with_what_it_is_of(name, changes):
+    operator = algebraic()
+    look = looks(operator, few("waves", "validation"))[1]
+    trust = operator.card.trust
+    before, after = (scores(each, trust)[name] for each in (look, replace(look, **changes)))
+    assert before <= trust["threshold"] < after
+
+
+def test_a_fifth_beyond_the_highest_and_the_lowest_frequency_is_twice_the_bound():
+    operator, data = algebraic(), few("waves")
+    look = looks(operator, data)[0]
+    for factor, expected in (
+        (data.frequency.max() * 1.2, 1.91),
+        (data.frequency.min() / 1.2, 1.91),
+        (data.frequency[0], 1.0),
+    ):
+        assert scores(replace(look, frequency=factor), operator.card.trust)["frequency"] == pytest.approx(
+            expected, abs=0.01
+        )
+
+
+def test_noise_and_edges():
+    operator, data = algebraic(), few("waves", "validation")
+    spoilt = replace(data, displacement=noisy(data.displacement, 0.1))
+    plain, noise = ([scores(look, operator.card.trust) for look in looks(operator, each)] for each in (data, spoilt))
+    assert all(after["noise"] > 4 * before["noise"] for before, after in zip(plain, noise, strict=True))
+    held = data.displacement * np.linspace(0.5, 1, 31)[:, None]  # the edge opposite to what is shaken no longer free
+    moved = [scores(look, operator.card.trust) for look in looks(operator, replace(data, displacement=held))]
+    rises = [after["boundary"] - before["boundary"] for before, after in zip(plain, moved, strict=True)]
+    assert np.mean(np.array(rises) > 0) > 0.7
+
+
+def test_compression():
+    operator, data = algebraic("compression"), few("compression", "validation")
+    trust = operator.card.trust
+    look = looks(operator, data)[0]
+    plain = scores(look, trust)
+    assert set(plain) == {"softness", "contrast", "noise", "features", "deviation", "residual", "boundary"}
+    wrong = scores(replace(look, mean=3 * look.mean[:, ::-1]), trust)
+    assert wrong["contrast"] > 1.5 > plain["contrast"] and wrong["residual"] > 2 * plain["residual"]
+
+
+def test_area_under_the_curve():
+    assert auc(np.arange(5), np.arange(5)) == 0.5 and auc(np.arange(5), np.arange(5, 9)) == 1
+    assert auc(np.array([0, 1, 2, 3]), np.array([1.5])) == 0.5
+
+
+def test_a_card_that_was_not_calibrated_says_so():
+    with pytest.raises(InputError, match="without trust"):
+        Card({"modality": "waves"}).trust  # noqa: B018
+
+
+def test_cards_and_weights_that_are_none(tmp_path):
+    pytest.importorskip("onnxruntime")
+    with pytest.raises(InputError, match="missing"):
+        Operator.of(tmp_path, "waves")
+    (tmp_path / "waves.json").write_text('{"modality": "sound"}')
+    with pytest.raises(InputError, match=r"waves\.json.*modality"):
+        Card.read(tmp_path / "waves.json")
+    with pytest.raises(InputError, match="unreadable"):
+        Card.read(tmp_path / "other.json")
