@@ -1,0 +1,235 @@
+"""Training: noise, symmetries and phases new in every epoch, normalisers from training data alone, a checkpoint an epoch.
+
+The operator's answer has a mean m and a scale s for every point of ln(modulus) and, for waves, G″/G′. With the truth t
+
+    loss = Σ_samples ‖exp m - exp t‖/‖exp t‖  (storage, and loss likewise)  +  w mean(((t - m̄)/s)²/2 + ln s)
+
+m̄ is m that the second term cannot move, so that scales learn what errors are and not how to make them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from ngbrain.errors import InputError
+from ngbrain.io.json_file import write_json
+from ngbrain.io.whole import whole
+from ngbrain.surrogate.data import DENSITY, DataSet
+from ngbrain.surrogate.features import Modality, modality, without_affine
+
+Array = np.ndarray
+OF_SCALES = 0.05
+"""Weight of the scales' term."""
+LOSSLESS = 0.05
+"""Part of the storage that is added to a loss's norm: a body without loss has none to divide by."""
+NARROW = -7.0
+"""Least ln of a scale."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of a training: passes over the data, samples a step, highest learning rate, decay of weights, noise from least to most.
+
+    The noise's logarithm is uniform between them.
+    """
+
+    epochs: int = 60
+    batch: int = 16
+    rate: float = 3e-3
+    decay: float = 1e-5
+    noise: tuple[float, float] = (0.003, 0.03)
+    seed: int = 0
+
+
+class Surrogate(nn.Module):
+    """Features in their own units → means and ln of scales (batch, answers, n, n): an operator between its normalisers.
+
+    operator  takes `Modality.channels`, gives twice the answers
+    """
+
+    def __init__(self, operator: nn.Module, channels: int, answers: int) -> None:
+        super().__init__()
+        self.operator, self.answers = operator, answers
+        for name, size in (("centre", channels), ("spread", channels), ("middle", answers), ("width", answers)):
+            self.register_buffer(name, torch.ones(1, size, 1, 1))
+
+    def fit(self, features: Array, targets: Array) -> None:
+        """Set the normalisers to mean and standard deviation of training data."""
+        for mean, deviation, values in (("centre", "spread", features), ("middle", "width", targets)):
+            over = (0, 2, 3)
+            getattr(self, mean).copy_(torch.from_numpy(values.mean(axis=over, keepdims=True)))
+            getattr(self, deviation).copy_(torch.from_numpy(values.std(axis=over, keepdims=True) + 1e-6))
+
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Means and ln of scales."""
+        out = self.operator((features - self.centre) / self.spread)
+        mean, scale = out[:, : self.answers], out[:, self.answers :]
+        return mean * self.width + self.middle, torch.clamp(scale, NARROW, 3.0) + torch.log(self.width)
+
+
+def spoilt(u: Array, noise: Array, random: np.random.Generator) -> Array:
+    """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
+
+    noise  σ (batch,)
+    """
+    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
+    a = random.standard_normal(u.shape)
+    if np.iscomplexobj(u):
+        a = (a + 1j * random.standard_normal(u.shape)) / np.sqrt(2)
+    return np.asarray(u + noise[:, None, None, None] * rms * a)
+
+
+def turned(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
+    """The same squares seen in a mirror, for waves also lying on another side and at another phase; maps (batch, k, n, n)."""
+    u, maps = u.copy(), maps.copy()
+    for i in range(len(u)):
+        if random.random() < 0.5:
+            u[i], maps[i] = u[i, :, ::-1], maps[i, :, :, ::-1]
+            if name == "waves":
+                u[i, ..., 0] *= -1
+        if name != "waves":
+            continue
+        if random.random() < 0.5:
+            u[i], maps[i] = u[i, ::-1], maps[i, :, ::-1]
+            u[i, ..., 1] *= -1
+        if random.random() < 0.5:
+            u[i], maps[i] = u[i].transpose(1, 0, 2)[..., ::-1], maps[i].transpose(0, 2, 1)
+        u[i] *= np.exp(2j * np.pi * random.random())
+    return u, maps
+
+
+def errors(mean: Array, targets: Array) -> Array:
+    """‖found - true‖/‖true‖ of each modulus of each sample: (batch, answers). Loss is that of its own, NaN where there is none."""
+    found, true = np.exp(mean[:, :1]), np.exp(targets[:, :1])
+    if targets.shape[1] == 2:
+        found, true = (np.concatenate([m, m * t[:, 1:]], axis=1) for m, t in ((found, mean), (true, targets)))
+    size = np.sqrt((true**2).sum(axis=(2, 3)))
+    off = np.sqrt(((found - true) ** 2).sum(axis=(2, 3)))
+    return np.where(size > 0, off / np.where(size > 0, size, 1), np.nan)
+
+
+def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    """The loss of the module's head, averaged over the batch."""
+    found, true = torch.exp(mean[:, 0]), torch.exp(targets[:, 0])
+    size = true.flatten(1).norm(dim=1)
+    total = ((found - true).flatten(1).norm(dim=1) / size).mean()
+    if targets.shape[1] == 2:
+        lossy = true * targets[:, 1]
+        off = (found * mean[:, 1] - lossy).flatten(1).norm(dim=1)
+        total = total + 0.5 * (off / (lossy.flatten(1).norm(dim=1) + LOSSLESS * size)).mean()
+    likely = (((targets - mean.detach()) * torch.exp(-scale)) ** 2 / 2 + scale).mean()
+    return total + OF_SCALES * likely
+
+
+@dataclass(frozen=True, eq=False)
+class Learner:
+    """A data set as an operator meets it."""
+
+    data: DataSet
+    kind: Modality
+    maps: Array
+
+    @staticmethod
+    def of(data: DataSet) -> Learner:
+        """Targets in their units."""
+        kind = modality(data.modality)
+        unit = kind.unit(data.storage, data.frequency, DENSITY, data.side)
+        return Learner(data, kind, kind.targets(data.storage, data.loss, unit))
+
+    def seen(self, rows: Array, noise: tuple[float, float], random: np.random.Generator) -> tuple[Array, Array]:
+        """Features and targets of samples, turned and spoilt at random."""
+        u, maps = turned(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
+        sigma = np.exp(random.uniform(*np.log(noise), len(rows)))
+        return self.kind.features(spoilt(u, sigma, random), self.data.poisson[rows]), maps
+
+    def measured(self, noise: float, seed: int = 0) -> Array:
+        """Features of all, as they lie, with that noise."""
+        random = np.random.default_rng(seed)
+        u = spoilt(self.data.displacement, np.full(len(self.data), noise), random)
+        return self.kind.features(u, self.data.poisson)
+
+
+def train(
+    operator: Callable[[int, int], nn.Module],
+    training: DataSet,
+    validation: DataSet,
+    folder: Path,
+    settings: Settings = Settings(),
+    tell: Callable[[dict[str, float]], None] = lambda _: None,
+) -> Surrogate:
+    """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.
+
+    Writes checkpoint.pt and curve.json (a record for each epoch: the objective, validation errors at 1 % noise) after every epoch.
+
+    Raises `InputError` when the data are of two modalities or the checkpoint of other settings.
+    """
+    if training.modality != validation.modality:
+        raise InputError("validation", f"of {validation.modality}", f"{training.modality}, as the training data are")
+    learner, judge = Learner.of(training), Learner.of(validation)
+    folder.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(settings.seed)
+    kind, random = learner.kind, np.random.default_rng(settings.seed)
+    model = Surrogate(operator(kind.channels, 2 * len(kind.answers)), kind.channels, len(kind.answers))
+    model.fit(*learner.seen(random.permutation(len(training))[:512], settings.noise, random))
+    steps = settings.epochs * (len(training) // settings.batch)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=settings.rate, weight_decay=settings.decay)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=steps, pct_start=0.1)
+    curve: list[dict[str, float]] = []
+    made_by = json.loads(json.dumps({**asdict(settings), "data": training.sha256}))
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        saved = torch.load(checkpoint, weights_only=True)
+        if saved["made_by"] != made_by:
+            raise InputError("checkpoint.pt", saved["made_by"], f"{made_by}, or another folder")
+        for part, state in ((model, "model"), (optimiser, "optimiser"), (schedule, "schedule")):
+            part.load_state_dict(saved[state])
+        curve = saved["curve"]
+    seen = judge.measured(0.01)
+    for epoch in range(len(curve), settings.epochs):
+        random = np.random.default_rng([settings.seed, epoch])
+        order = random.permutation(len(training))
+        losses = []
+        model.train()
+        for first in range(0, len(order) - settings.batch + 1, settings.batch):
+            features, targets = learner.seen(order[first : first + settings.batch], settings.noise, random)
+            value = objective(*model(torch.from_numpy(features)), torch.from_numpy(targets))
+            optimiser.zero_grad()
+            value.backward()
+            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            optimiser.step()
+            schedule.step()
+            losses.append(value.item())
+        off = errors(predicted(model, seen)[0], judge.maps)
+        curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
+        state = {"model": model, "optimiser": optimiser, "schedule": schedule}
+        saved = {name: part.state_dict() for name, part in state.items()} | {"curve": curve, "made_by": made_by}
+        whole(checkpoint, lambda part, saved=saved: torch.save(saved, part))
+        write_json(folder / "curve.json", curve)
+        tell(curve[-1])
+    return model
+
+
+def predicted(model: Surrogate, features: Array, batch: int = 25) -> tuple[Array, Array]:
+    """Means and scales (not their logarithms) for many samples."""
+    model.eval()
+    with torch.no_grad():
+        parts = [model(torch.from_numpy(features[i : i + batch])) for i in range(0, len(features), batch)]
+    mean, scale = (torch.cat(each).numpy() for each in zip(*parts, strict=True))
+    return mean, np.exp(scale)
+
+
+def _means(off: Array, judge: Learner) -> dict[str, float]:
+    """Mean error of each answer, over all and by family."""
+    found = {}
+    for column, answer in enumerate(judge.kind.answers):
+        found[answer] = float(np.nanmean(off[:, column]))
+        for i, name in enumerate(judge.data.names):
+            found[f"{answer} {name}"] = float(np.nanmean(off[judge.data.family == i, column]))
+    return found

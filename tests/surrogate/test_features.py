@@ -1,0 +1,67 @@
+"""What the operator sees: derivatives that are exact where they can be, the modulus of uniform tissue, noise that is found."""
+
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError
+from ngbrain.surrogate.data import sample, shaken
+from ngbrain.surrogate.features import derivative, modality, noise_of, partial, without_affine
+
+
+@pytest.mark.parametrize("n", [26, 51, 64])
+def test_derivatives_of_polynomials_are_exact_up_to_the_edges(n):
+    x = np.linspace(0, 1, n)
+    for order, exact in ((0, x**5), (1, 5 * x**4), (3, 60 * x**2)):
+        assert np.abs(derivative(n, 0.1, order) @ x**5 - exact).max() < 1e-7 * 60
+
+
+def test_partial_derivatives_know_their_axes():
+    y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
+    assert np.allclose(partial(x**2 * y**3, 0.1, 1, 2), 2 * x * 6 * y)
+    assert np.allclose(partial(1j * x**2 * y, 0.1, 2, 0), 2j * y)
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.499])
+def test_a_uniform_square_tells_its_modulus(poisson):
+    """From the curl, whatever ν; in units of ρω²L²."""
+    shear = 6e3 * (1 + 0.2j)
+    u = shaken(np.full((5, 5), shear), 50.0, poisson, {"top": (1e-3, 0)}, 51)
+    found = modality("waves").features(u[None], np.array([poisson]))[0, :, 5:-5, 5:-5]
+    unit = modality("waves").unit(np.zeros((1, 2, 2)), np.array([50.0]), 1000.0, 0.12)[0]
+    assert np.median(np.abs(found[12] - np.log(abs(shear) / unit))) < 0.01
+    assert np.median(np.abs(found[13] - np.angle(shear))) < 0.01
+
+
+def test_features_mean_the_same_on_every_grid():
+    """Of a field without noise, on 51 and 101 points; what is left is what windows of whole points cannot share."""
+    one = sample("waves", "sinc", 0, "test", 0, 101)
+    fine = modality("waves").features(one.displacement[None], np.array([one.poisson]))[:, :-1, ::2, ::2]
+    coarse = modality("waves").features(one.displacement[None, ::2, ::2], np.array([one.poisson]))[:, :-1]
+    off = np.sqrt(((fine - coarse) ** 2).mean(axis=(0, 2, 3)) / (coarse**2).mean(axis=(0, 2, 3)))
+    assert np.median(off) < 0.05 and off.max() < 0.3
+
+
+def test_moduli_and_amplitudes_have_no_units():
+    """Twice the size, a quarter of the frequency squared, any amplitude and phase: the same picture but for its phase."""
+    shear = np.full((5, 5), 5e3 + 500j)
+    u = shaken(shear, 60.0, 0.3, {"top": (1e-3, 0)}, 31)
+    twice = shaken(shear, 30.0, 0.3, {"top": (7e-3j, 0)}, 31, side=0.24)
+    first, second = (modality("waves").features(each[None], np.array([0.3])) for each in (u, twice))
+    assert np.allclose(first[:, 12:20], second[:, 12:20], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["waves", "compression"])
+@pytest.mark.parametrize("sigma", [0.01, 0.05, 0.15])
+def test_noise_is_found(name, sigma):
+    u = sample(name, "inclusions", 0, "test", 1, 51).displacement[None]
+    random = np.random.default_rng(1)
+    a, b = random.standard_normal((2, *u.shape))
+    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
+    noise = (a + 1j * b) / np.sqrt(2) if name == "waves" else a
+    assert noise_of(u + sigma * rms * noise)[0] == pytest.approx(sigma, rel=0.1)
+    assert noise_of(u)[0] < 0.003
+
+
+def test_unknown_modalities_are_refused():
+    with pytest.raises(InputError, match="waves"):
+        modality("wave")
