@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -146,7 +147,7 @@ class Learner:
     def seen(self, rows: Array, noise: tuple[float, float], random: np.random.Generator) -> tuple[Array, Array]:
         """Features and targets of samples, turned and spoilt at random."""
         u, maps = turned(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
-        sigma = np.exp(random.uniform(*np.log(noise), len(rows)))
+        sigma = np.exp(random.uniform(np.log(noise[0]), np.log(noise[1]), len(rows)))
         return self.kind.features(spoilt(u, sigma, random), self.data.poisson[rows]), maps
 
     def measured(self, noise: float, seed: int = 0) -> Array:
@@ -188,8 +189,8 @@ def train(
         saved = torch.load(checkpoint, weights_only=True)
         if saved["made_by"] != made_by:
             raise InputError("checkpoint.pt", saved["made_by"], f"{made_by}, or another folder")
-        for part, state in ((model, "model"), (optimiser, "optimiser"), (schedule, "schedule")):
-            part.load_state_dict(saved[state])
+        for each, state in ((model, "model"), (optimiser, "optimiser"), (schedule, "schedule")):
+            each.load_state_dict(saved[state])
         curve = saved["curve"]
     seen = judge.measured(0.01)
     for epoch in range(len(curve), settings.epochs):
@@ -199,7 +200,8 @@ def train(
         model.train()
         for first in range(0, len(order) - settings.batch + 1, settings.batch):
             features, targets = learner.seen(order[first : first + settings.batch], settings.noise, random)
-            value = objective(*model(torch.from_numpy(features)), torch.from_numpy(targets))
+            mean, scale = model(torch.from_numpy(features))
+            value = objective(mean, scale, torch.from_numpy(targets))
             optimiser.zero_grad()
             value.backward()
             torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
@@ -208,9 +210,8 @@ def train(
             losses.append(value.item())
         off = errors(predicted(model, seen)[0], judge.maps)
         curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
-        state = {"model": model, "optimiser": optimiser, "schedule": schedule}
-        saved = {name: part.state_dict() for name, part in state.items()} | {"curve": curve, "made_by": made_by}
-        whole(checkpoint, lambda part, saved=saved: torch.save(saved, part))
+        states = {"model": model.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
+        whole(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
         write_json(folder / "curve.json", curve)
         tell(curve[-1])
     return model
