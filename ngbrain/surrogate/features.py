@@ -21,6 +21,8 @@ SMALL, WIDE, FINEST = 0.1, 0.16, 0.04
 DEGREE = 5
 LEAST = 1e-4
 """Of what logarithms are taken."""
+NOISE = (0.003, 0.03)
+"""What operators are trained with; cleaner fields count as that noisy."""
 STEEP = 1.5
 """Most of a phase (rad) that is believed."""
 
@@ -45,7 +47,7 @@ class Modality:
         n = u.shape[1]
         line = np.broadcast_to(np.linspace(-1, 1, n), (len(u), n, n))
         softness = np.broadcast_to(np.log10(1 - 2 * poisson)[:, None, None], (len(u), n, n))
-        noise = np.broadcast_to(np.log10(np.maximum(noise_of(u), 1e-5))[:, None, None], (len(u), n, n))
+        noise = np.broadcast_to(np.log10(np.maximum(noise_of(u), NOISE[0]))[:, None, None], (len(u), n, n))
         return np.stack([*made, line, line.transpose(0, 2, 1), softness, noise], axis=1).astype(np.float32)
 
     def targets(self, storage: Array, loss: Array, unit: Array) -> Array:
@@ -126,6 +128,28 @@ def noise_of(u: Array) -> Array:
 def without_affine(u: Array) -> Array:
     """Fields (batch, n, n, components) less their best a + bx + cy."""
     return u - _affine(u)[0]
+
+
+def spoilt(u: Array, noise: Array, random: np.random.Generator) -> Array:
+    """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
+
+    noise  σ (batch,)
+    """
+    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
+    a = random.standard_normal(u.shape)
+    if np.iscomplexobj(u):
+        a = (a + 1j * random.standard_normal(u.shape)) / np.sqrt(2)
+    return np.asarray(u + noise[:, None, None, None] * rms * a)
+
+
+def errors(mean: Array, targets: Array) -> Array:
+    """‖found - true‖/‖true‖ of each modulus of each sample: (batch, answers). Loss is that of its own, NaN where there is none."""
+    found, true = np.exp(mean[:, :1]), np.exp(targets[:, :1])
+    if targets.shape[1] == 2:
+        found, true = (np.concatenate([m, m * t[:, 1:]], axis=1) for m, t in ((found, mean), (true, targets)))
+    size = np.sqrt((true**2).sum(axis=(2, 3)))
+    off = np.sqrt(((found - true) ** 2).sum(axis=(2, 3)))
+    return np.where(size > 0, off / np.where(size > 0, size, 1), np.nan)
 
 
 def _affine(u: Array) -> tuple[Array, Array]:

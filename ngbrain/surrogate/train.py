@@ -23,7 +23,7 @@ from ngbrain.errors import InputError
 from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
 from ngbrain.surrogate.data import DENSITY, DataSet
-from ngbrain.surrogate.features import Modality, modality, without_affine
+from ngbrain.surrogate.features import NOISE, Modality, errors, modality, spoilt
 
 Array = np.ndarray
 OF_SCALES = 0.05
@@ -45,7 +45,7 @@ class Settings:
     batch: int = 16
     rate: float = 3e-3
     decay: float = 1e-5
-    noise: tuple[float, float] = (0.003, 0.03)
+    noise: tuple[float, float] = NOISE
     seed: int = 0
 
 
@@ -75,18 +75,6 @@ class Surrogate(nn.Module):
         return mean * self.width + self.middle, torch.clamp(scale, NARROW, 3.0) + torch.log(self.width)
 
 
-def spoilt(u: Array, noise: Array, random: np.random.Generator) -> Array:
-    """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
-
-    noise  σ (batch,)
-    """
-    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
-    a = random.standard_normal(u.shape)
-    if np.iscomplexobj(u):
-        a = (a + 1j * random.standard_normal(u.shape)) / np.sqrt(2)
-    return np.asarray(u + noise[:, None, None, None] * rms * a)
-
-
 def turned(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """The same squares seen in a mirror, for waves also lying on another side and at another phase; maps (batch, k, n, n)."""
     u, maps = u.copy(), maps.copy()
@@ -104,16 +92,6 @@ def turned(name: str, u: Array, maps: Array, random: np.random.Generator) -> tup
             u[i], maps[i] = u[i].transpose(1, 0, 2)[..., ::-1], maps[i].transpose(0, 2, 1)
         u[i] *= np.exp(2j * np.pi * random.random())
     return u, maps
-
-
-def errors(mean: Array, targets: Array) -> Array:
-    """‖found - true‖/‖true‖ of each modulus of each sample: (batch, answers). Loss is that of its own, NaN where there is none."""
-    found, true = np.exp(mean[:, :1]), np.exp(targets[:, :1])
-    if targets.shape[1] == 2:
-        found, true = (np.concatenate([m, m * t[:, 1:]], axis=1) for m, t in ((found, mean), (true, targets)))
-    size = np.sqrt((true**2).sum(axis=(2, 3)))
-    off = np.sqrt(((found - true) ** 2).sum(axis=(2, 3)))
-    return np.where(size > 0, off / np.where(size > 0, size, 1), np.nan)
 
 
 def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:

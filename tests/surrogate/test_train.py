@@ -9,15 +9,13 @@ torch = pytest.importorskip("torch", reason='torch is not installed; get it with
 
 from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.surrogate.data import DataSet, generate  # noqa: E402
-from ngbrain.surrogate.features import modality, without_affine  # noqa: E402
+from ngbrain.surrogate.features import errors, modality, spoilt, without_affine  # noqa: E402
 from ngbrain.surrogate.train import (  # noqa: E402
     Learner,
     Settings,
     Surrogate,
-    errors,
     objective,
     predicted,
-    spoilt,
     train,
     turned,
 )
