@@ -12,6 +12,7 @@ from typing import Any
 
 from ngbrain.cli.invert import add_invert
 from ngbrain.cli.mesh import add_mesh
+from ngbrain.cli.predict import add_predict
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
 from ngbrain.io import write_json
 from ngbrain.progress import ProgressBar
@@ -79,8 +80,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     retract.set_defaults(verb=_retract)
     mesh = add_mesh(verbs)
-    invert = add_invert(verbs)
-    for verb, folder in ((demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted")):
+    invert, predict = add_invert(verbs), add_predict(verbs)
+    folders = (
+        (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted")
+    )  # fmt: skip
+    for verb, folder in folders:
         kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
@@ -90,9 +94,9 @@ def _parser() -> argparse.ArgumentParser:
         verb.add_argument(
             "--threads",
             type=_positive,
-            default=1 if verb is invert else os.cpu_count() or 1,
+            default=1 if verb in (invert, predict) else os.cpu_count() or 1,
             metavar="N",
-            help="for assembly (1)" if verb is invert else "processes side by side",
+            help="for assembly (1)" if verb in (invert, predict) else "processes side by side",
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.predict import runtime_version, start_of
 from ngbrain.errors import InputError, SolverError, require
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.files import finite, write_inversion
@@ -45,6 +46,7 @@ IN_ZONES = {
     "--discretisation": (None, "fe"),
     "--regulariser": ("smooth", "auto"),
     "--weight": ("evidence",),
+    "--start": (None,),
     "--starts": ("auto",),
     "--unknowns": ("moduli",),
     "--misfit": ("squares",),
@@ -86,6 +88,11 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         default="auto",
         help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many); auto: all in the plane, "
         "waves in space",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("surrogate",),
+        help="go down from the maps of the trained operator (see `predict`) instead, of data in the plane",
     )
     parser.add_argument(
         "--unknowns",
@@ -178,7 +185,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
     chosen = arguments.discretisation
-    return invert(
+    started = start_of(data) if arguments.start else None
+    inversion = invert(
         data,
         DISCRETISATIONS[chosen](data) if chosen else None,
         noise=arguments.noise,
@@ -189,9 +197,12 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         labelled=arguments.by_label,
         unknowns=arguments.unknowns,
         misfit=arguments.misfit,
+        start=started.maps if started else None,
         device=arguments.device,
         tell=tell,
     )
+    inversion.notes += started.notes if started else []
+    return inversion
 
 
 def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
@@ -215,6 +226,10 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     for option, level in (("--noise", arguments.noise), ("--model-error", arguments.model_error)):
         if level is not None and not 0 <= level <= 10:
             raise InputError(option, level, "relative, from 0 to 10 (0.02: two per cent)")
+    if arguments.start and arguments.starts != "auto":
+        raise InputError("--starts", arguments.starts, "left out with --start: there is no other start then")
+    if arguments.start:
+        runtime_version()
     if arguments.subzones:
         for option, wanted in IN_ZONES.items():
             given = getattr(arguments, option.removeprefix("--").replace("-", "_"))

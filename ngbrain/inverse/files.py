@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.uncertainty import Uncertainty
 from ngbrain.io.json_file import write_json
-from ngbrain.io.waves import write_map
+from ngbrain.io.waves import WaveData, write_map
 from ngbrain.io.whole import whole
 
 IMAGES = ("magnitude", "phase", "damping_ratio", "stiffness")
@@ -31,15 +32,27 @@ def write_inversion(
     Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
     """
     arrays = inversion.arrays() | (bars.arrays() if bars else {})
-    whole(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
-    names = (*inversion.maps, *IMAGES) if inversion.data.affine is not None else ()
-    for name in names:
-        write_map(folder / f"{name}.nii.gz", inversion.data, arrays[name])
-    files = ["maps.npz", *(f"{name}.nii.gz" for name in names), "result.json"]
     told = {"error_bars": bars.result()} if bars else {}
-    result: dict[str, Any] = finite({**of_the_run, **inversion.result(), **told, "files": files})
-    write_json(folder / "result.json", result)
-    return result
+    return write_maps(
+        folder, inversion.data, arrays, (*inversion.maps, *IMAGES), {**of_the_run, **inversion.result(), **told}
+    )
+
+
+def write_maps(
+    folder: Path, data: WaveData, arrays: Mapping[str, np.ndarray], images: Sequence[str], result: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write arrays as maps.npz, those named `images` as NAME.nii.gz where the data came from one, and result.json at last.
+
+    Returns the result, with the names of the files. Errors as of `write_inversion`.
+    """
+    whole(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
+    names = images if data.affine is not None else ()
+    for name in names:
+        write_map(folder / f"{name}.nii.gz", data, arrays[name])
+    files = ["maps.npz", *(f"{name}.nii.gz" for name in names), "result.json"]
+    written: dict[str, Any] = finite({**result, "files": files})
+    write_json(folder / "result.json", written)
+    return written
 
 
 def finite(value: Any) -> Any:

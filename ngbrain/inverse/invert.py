@@ -8,7 +8,7 @@ polish     down in J from there; and from uniform fields of one level or several
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.starts import compared, multiples_of
+from ngbrain.inverse.starts import at_maps, compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -70,6 +70,7 @@ def invert(
     labelled: bool = False,
     unknowns: str = "moduli",
     misfit: str | MisfitKind = "squares",
+    start: Mapping[str, Array] | None = None,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
@@ -86,6 +87,7 @@ def invert(
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
+    start        name → (n,), maps to go down from, see `starts.at_maps`; no other start is tried then. In the plane alone
     device       one of `solvers.device.DEVICES`: cpu, or cuda for factors and solves on a GPU
 
     Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted, a
@@ -106,6 +108,8 @@ def invert(
             raise InputError(name, value, "a relative level of at least 0")
     where = Device.named(device)
     if data.dim == 3:
+        if start is not None:
+            raise InputError("start", "given", "nothing in space: there measured waves are the only start")
         if weight != "evidence":
             raise InputError("weight", repr(weight), "evidence: in space there is no other")
         return invert_in_space(
@@ -121,7 +125,7 @@ def invert(
             device=device,
             tell=tell,
         )
-    multiples = multiples_of(((1.0,) if levels is None else levels) if uniform else ())
+    multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
     sought, notes = unknowns_of(data, unknowns), list[str]()
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
@@ -131,10 +135,10 @@ def invert(
     total = max(float(np.hypot(level, model_error)), floor)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     search = _Search(experiment, made, total, settling, tell)
-    tried = {name: search.from_waves(prior) for name, prior in kinds.items()}
+    tried = {name: search.begun(prior, start) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
-    problem, start = tried[kind]
-    both = search.descend(problem, start)
+    problem, first = tried[kind]
+    both = search.descend(problem, first) if start is None else first
     guessed = bool(note) or total == floor
     stated = floor if guessed else total
     for _ in range(LEVELS):
@@ -147,20 +151,20 @@ def invert(
         before = both.x if found < total else None  # what was fitted too closely is no start
         total = found
         search = _Search(experiment, made, total, settling, tell, search)
-        problem, start = search.from_waves(kinds[kind], before)
-        both = search.descend(problem, start)
-    rows = [row("waves", experiment, problem, start)]
+        problem, first = search.begun(kinds[kind], start, before)
+        both = search.descend(problem, first) if start is None else first
+    rows = [row("waves", experiment, problem, first)] if start is None else []
     kept = compared(both, {level: search.uniform(kinds[kind], problem, level) for level in multiples})
     notes += kept.notes
     if kept.uniform:
         rows.append(row("uniform", experiment, problem, kept.uniform))
-    rows.append(row("both", experiment, problem, both))
+    rows.append(row("both" if start is None else "given", experiment, problem, both))
     return concluded(
         experiment,
         problem,
         kept.best,
         rows,
-        kept.chosen,
+        kept.chosen if start is None else "given",
         noise=total,
         floor=floor,
         regulariser=kind,
@@ -198,13 +202,21 @@ class _Search:
         weights = dict.fromkeys(regularisers, FIRST)
         return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)
 
-    def from_waves(self, prior: Prior, x: Array | None = None) -> tuple[Reduced, Found]:
-        """From measured waves, and the fields of other unknowns x if there are any."""
+    def begun(
+        self, prior: Prior, maps: Mapping[str, Array] | None = None, x: Array | None = None
+    ) -> tuple[Reduced, Found]:
+        """From measured waves, or down from maps where these are given; from the fields of other unknowns x if there are any."""
         problem, start = self.problem(prior), self.unknowns.start.copy()
+        if x is None and maps is not None and self.noise < EASY:
+            x = self._easy().begun(prior, maps)[1].x
         if x is not None:
             fields = self.unknowns.blocks[BOUNDARY].start
             start[:fields] = x[:fields]
-        return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
+        elif maps is not None:
+            start = at_maps(self.experiment, self.unknowns, maps)
+        if maps is None:
+            return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
+        return problem, self.settling.descend(problem, start, self._tell)
 
     def descend(self, problem: Reduced, start: Found) -> Found:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
@@ -219,9 +231,7 @@ class _Search:
 
     def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
-        easy = (
-            self if self.noise >= EASY else _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
-        )
+        easy = self if self.noise >= EASY else self._easy()
         problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
@@ -234,6 +244,9 @@ class _Search:
         point = judge.at(x)
         end = Level(self.misfit.squares(point.state.data), found.level.expected)
         return replace(found, x=x, value=point.value, level=end)
+
+    def _easy(self) -> _Search:
+        return _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
 
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)

@@ -1,4 +1,4 @@
-"""Where several starts of one inversion ended, compared at equal weights."""
+"""Where an inversion starts: from maps that are given, or from several places, whose ends are compared at equal weights."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.inverse.consistent import fields_at, fitted
+from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found
+from ngbrain.inverse.parameters import Fields
+from ngbrain.inverse.quantities import as_polar
+from ngbrain.inverse.regularise import smooth
 
+Array = np.ndarray
 LOWER = 1e-6
 """Of J, by which another end has to be lower to be kept."""
 
@@ -47,3 +53,32 @@ def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
             kept.best, kept.chosen = kept.uniform, "uniform"
             kept.notes.append("uniform fields led to a lower objective than measured waves did")
     return kept
+
+
+def at_maps(experiment: Experiment, unknowns: Fields, maps: Mapping[str, Array]) -> Array:
+    """x of fields that have the values of maps, name → (n,) at the points of the data, and are smooth where these are NaN.
+
+    Raises `InputError` where a quantity of the material is missing, of another shape, known nowhere or out of its bounds.
+    """
+    n = len(experiment.data.points)
+    for name, values in maps.items():
+        if np.shape(values) != (n,) or np.iscomplexobj(values):
+            raise InputError(f"start {name}", f"of shape {np.shape(values)}", f"real values at {n} points")
+    polar = any(quantity.name == "magnitude" for quantity in experiment.sought)
+    given, variables = as_polar(maps) if polar and "storage" in maps else dict(maps), dict[str, Array]()
+    for quantity in experiment.sought:
+        if quantity.name not in given:
+            wanted = ", ".join(each.name for each in experiment.sought)
+            raise InputError("start", f"of {', '.join(maps) or 'nothing'}", f"maps of {wanted}")
+        values = np.asarray(given[quantity.name], float)
+        known = np.isfinite(values) & experiment.inside
+        if not known.any() or not quantity.within(values[known]):
+            low = values[known].min() if known.any() else "known nowhere"
+            raise InputError(f"start {quantity.name}", low, f"values above {quantity.floor:g} at points that count")
+        variables[quantity.name] = np.full(n, np.nan)
+        variables[quantity.name][known] = quantity.transform.inverse(values[known])
+    x = unknowns.start.copy()
+    for name, _, at, values in fields_at(experiment, variables):
+        block = unknowns.blocks[name]
+        x[block] = fitted(at, values, smooth(experiment.space, unknowns.start[block]), x[block])
+    return x

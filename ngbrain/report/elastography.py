@@ -55,14 +55,14 @@ def build(
         "elastography.html",
         pictures,
         result=result,
-        waves=[(f"waves_{load}", _load(data, load)) for load in range(loads)],
+        waves=[(f"waves_{load}", load_name(data, load)) for load in range(loads)],
         loads=data.loads,
         space=data.dim == 3,
         symbols=[PARAMETERS[name].symbol for name in result["answers"]],
         parameters=parameters.parameters(result),
         labels=parameters.labels(result),
         starts=parameters.starts(result),
-        facts=[*_given(data), *parameters.facts(result)],
+        facts=[*given(data), *parameters.facts(result)],
         known=any("relative_l2_error" in answer for answer in result["answers"].values()),
     )
 
@@ -90,7 +90,7 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
         wave = {"cmap": WAVE, "vmin": -top, "vmax": top}
         return [(wave, values), (wave, fitted), ({"cmap": WAVE, "vmin": -SIGMAS, "vmax": SIGMAS}, left)]
 
-    return _table([plane for _, plane, *_ in rows], titles, [name for name, *_ in rows], looks)
+    return table([plane for _, plane, *_ in rows], titles, [name for name, *_ in rows], looks)
 
 
 def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
@@ -107,14 +107,14 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
         factor = PARAMETERS[name].factor
         estimate = factor * at_level(data, name, arrays[name])
         if name not in truths:
-            return [(_window(MODULUS, estimate), estimate)]
+            return [(window(MODULUS, estimate), estimate)]
         truth = np.where(data.mask, factor * np.real(truths[name]), np.nan)
         off = 100 * (estimate - truth) / np.nanmedian(np.abs(truth))
         most = max(float(np.nanpercentile(np.abs(off), 98)), 1e-6)
-        both = _window(MODULUS, np.concatenate([estimate, truth]))
+        both = window(MODULUS, np.concatenate([estimate, truth]))
         return [(both, estimate), (both, truth), ({"cmap": DIFFERENCE, "vmin": -most, "vmax": most}, off)]
 
-    return _table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
+    return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
 
 
 def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
@@ -124,10 +124,10 @@ def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
 
     def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
         return [
-            (_window(MODULUS, values), values) for values in (PARAMETERS[name].factor * arrays[name] for name in names)
+            (window(MODULUS, values), values) for values in (PARAMETERS[name].factor * arrays[name] for name in names)
         ]
 
-    return _table(flat, titles, [""] * len(flat), looks)
+    return table(flat, titles, [""] * len(flat), looks)
 
 
 def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
@@ -184,7 +184,7 @@ def convergence(result: Mapping[str, Any]) -> bytes:
         return png(page)
 
 
-def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Looks) -> bytes:
+def table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], looks: Looks) -> bytes:
     """Planes in rows, each with a name above, columns with titles; neighbours with the same colours (one object) share a bar."""
     columns = max(len(titles), 2)
     bar, gap, margin, head, foot = 0.62, 0.12, 0.55, 0.42, 0.42  # inches
@@ -224,7 +224,7 @@ def _table(flat: Sequence[Plane], titles: Sequence[str], names: Sequence[str], l
         return png(page)
 
 
-def _window(cmap: str, values: Floats) -> dict[str, Any]:
+def window(cmap: str, values: Floats) -> dict[str, Any]:
     """Colours from the 1st to the 99th percentile."""
     low, high = np.nanpercentile(values, [1, 99]) if np.isfinite(values).any() else (0.0, 1.0)
     room = max(float(high - low) * 0.02, 0.01 * abs(float(high)), 1e-12)
@@ -241,12 +241,13 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.nanmean(np.abs(values) ** 2)))
 
 
-def _load(data: WaveData, load: int) -> str:
+def load_name(data: WaveData, load: int) -> str:
+    """What a load is called."""
     frequency = data.frequency[load]
     return f"Load {load + 1}, " + (f"{frequency:g} Hz" if frequency else "quasi-static")
 
 
-def _given(data: WaveData) -> list[tuple[str, str]]:
+def given(data: WaveData) -> list[tuple[str, str]]:
     """What the data are and say of the material."""
     grid = data.structured
     form = "grid of " + " × ".join(map(str, grid.shape)) if grid else "scattered"

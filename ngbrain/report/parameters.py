@@ -48,6 +48,7 @@ STARTS = {
     "waves": "measured waves (convex)",
     "uniform": "uniform fields",
     "both": "measured waves, then descent",
+    "given": "a map that was given, then descent",
     "zones": "zones, each for itself",
     "pass 1": "zones among their neighbours",
 }

@@ -1,0 +1,167 @@
+"""The verb `predict`: wave data to property maps by a trained operator."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError, require
+from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.direct import uniform_shear
+from ngbrain.inverse.files import IMAGES, write_maps
+from ngbrain.io.versions import versions
+from ngbrain.io.waves import WaveData, read_waves
+from ngbrain.io.waves.files import in_file
+from ngbrain.progress import ProgressLine
+from ngbrain.report import parameters, prediction
+from ngbrain.surrogate.predict import Prediction, predict
+from ngbrain.surrogate.shipped import Operator
+from ngbrain.threads import threads
+
+LOSSLESS = 0.01
+"""Of the storage modulus: the least loss that an inversion starts from."""
+
+
+def add_predict(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb to a parser's verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    parser.add_argument(
+        "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
+    )
+    parser.set_defaults(verb=run)
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, predict, write, report, print."""
+    started = time.monotonic()
+    runtime = runtime_version()
+    for package in ("matplotlib", "jinja2"):
+        require(package, "report")
+    folder: Path = arguments.output
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    with ProgressLine(arguments.quiet) as line, threads(arguments.threads), in_file(arguments.data):
+        line.tell("reading")
+        data = read_waves(arguments.data)
+        if data.affine is not None:
+            require("nibabel", "mri")
+        line.tell("predicting")
+        operator = predicting(data, arguments.weights)
+        found = predict(data, operator)
+    folder.mkdir(parents=True, exist_ok=True)
+    maps, deviations, notes = at_level(found)
+    arrays = {
+        "points": found.data.points,
+        **maps,
+        **{f"{name}_deviation": values for name, values in deviations.items()},
+        **following(found.data, maps),
+        "measured": np.where(found.data.mask[:, None], found.data.displacement, np.nan),
+    }
+    card = operator.card.told
+    labels = found.data.labels
+    told = {
+        "verb": "predict",
+        "source": arguments.data.name,
+        "versions": versions() | {"onnxruntime": runtime},
+        "seed": card.get("settings", {}).get("seed", 0),
+        "threads": arguments.threads,
+        "time_s": time.monotonic() - started,
+        "answers": {name: each | {"trusted": found.trusted} for name, each in answers(found.data, maps).items()},
+        "by_label": {} if labels is None else {name: by_label(values, labels) for name, values in maps.items()},
+        "solves": vars(found.solves),
+        "checks": {"score": found.score, **found.scores},
+        "trust": {
+            "trusted": found.trusted,
+            "rejected": found.rejected,
+            "warning": found.warning,
+            "threshold": found.threshold,
+            "scores": found.scores,
+        },
+        "model": {
+            "operator": found.modality,
+            "squares": found.squares,
+            **{key: card[key] for key in ("command", "sha256", "weights") if key in card},
+        },
+        "notes": notes,
+    }
+    images = [name for name in arrays if name in (*maps, *IMAGES) or name.endswith("_deviation")]
+    result = write_maps(folder, found.data, arrays, images, told)
+    report = prediction.build(folder / "report.html", result, found.data, arrays)
+    if not arguments.quiet:
+        print(summary(result), f"report: {report}", sep="\n")
+
+
+def runtime_version() -> str:
+    """Of onnxruntime; `MissingExtra` without it."""
+    return str(require("onnxruntime", "surrogate").__version__)
+
+
+def predicting(data: WaveData, weights: Path | None = None) -> Operator:
+    """The operator for data, shipped or of a folder."""
+    name = "waves" if (data.frequency > 0).any() else "compression"
+    return Operator.of(weights, name) if weights else Operator.shipped(name)
+
+
+def at_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
+    """Maps, deviations and notes; of compression at the level at which `invert` starts, as no number of it tells one."""
+    if found.modality == "waves":
+        return found.maps, found.deviations, found.notes
+    level = float(np.real(found.data.youngs_of(uniform_shear(found.data))))
+    maps, deviations = ({name: level * v for name, v in each.items()} for each in (found.maps, found.deviations))
+    note = f"its mean is shown as {1e-3 * level:.4g} kPa, where `invert` starts too, and errors are without that factor"
+    return maps, deviations, [*found.notes, note]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Maps that an inversion goes down from, and what to say of them."""
+
+    maps: dict[str, np.ndarray]
+    notes: list[str]
+
+
+def start_of(data: WaveData) -> Start:
+    """From the shipped operator; a loss below `LOSSLESS` of the storage is raised to it, as logarithms are looked for."""
+    found = predict(data)
+    maps = dict(at_level(found)[0])
+    notes = ["started from the maps of the trained operator" + (f", though {found.warning}" if found.warning else "")]
+    if "loss" in maps:
+        least = LOSSLESS * maps["storage"]
+        raised = int((maps["loss"] < least).sum())
+        maps["loss"] = np.where(np.isnan(least), np.nan, np.maximum(maps["loss"], least))
+        if raised:
+            notes.append(
+                f"its loss is below {100 * LOSSLESS:g} % of the storage at {raised} points and starts from there"
+            )
+    return Start(maps, notes)
+
+
+def following(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What follows from the complex shear modulus of waves; nothing of compression."""
+    if not data.frequency.any():
+        return {}
+    shear = maps["storage"] + 1j * maps["loss"] if "storage" in maps else np.real(data.shear_of(maps["youngs"]))
+    modulus = derived(shear)
+    return {name: modulus[name] for name in IMAGES}
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The result as text: whether to trust it, parameters, notes."""
+    warning = result["trust"]["warning"]
+    lines = [f"Do not use: {warning}", ""] if warning else []
+    lines.append(f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}")
+    for row in parameters.parameters(result):
+        median, iqr, error = (text for text, _ in row.cells)
+        lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")
+    lines += ["", f"{'trust':<50}{'over its bound':>14}"]
+    lines += [f"{row.name:<50}{row.cells[0][0]:>14}" for row in prediction.trust(result)]
+    lines += ["", *(f"{name}: {text}" for name, text in prediction.facts(result))]
+    lines.append(f"Time: {result['time_s']:.2f} s")
+    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])

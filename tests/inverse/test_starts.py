@@ -1,0 +1,72 @@
+"""An inversion that goes down from maps that are given: which fields they are, where they lead, what is no start."""
+
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError
+from ngbrain.inverse.discretise import as_made, in_elements
+from ngbrain.inverse.experiment import Experiment
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.quantities import polar
+from ngbrain.inverse.starts import at_maps
+
+NOISE = 0.01
+
+
+@pytest.fixture(scope="module")
+def data():
+    return Phantom.named("CV-G", 15).measured(NOISE).data()
+
+
+@pytest.mark.parametrize("elements", [as_made, in_elements], ids=["their own", "ours"])
+@pytest.mark.parametrize("sought", [None, polar], ids=["moduli", "polar"])
+def test_fields_have_the_values_of_the_maps(data, elements, sought):
+    experiment = Experiment(data, elements(data), sought and sought(data))
+    unknowns = experiment.unknowns(np.ones(1))
+    truth = data.truth_views
+    gaps = {
+        name: np.where(np.arange(225) == 112, np.nan, values) for name, values in truth.items()
+    }  # the middle is not known
+    found = experiment.maps(unknowns, at_maps(experiment, unknowns, gaps))
+    for name, values in truth.items():
+        off = np.abs(found[name] / values - 1)
+        assert np.delete(off, 112).max() < 2e-2 and off[112] < 0.1
+
+
+def test_it_goes_down_from_there_and_nowhere_else(data):
+    """A far start that is told ends where measured waves do, in fewer solves than those and a uniform start together."""
+    start = {name: 1.3 * values for name, values in data.truth_views.items()}
+    found, usual = invert(data, regulariser="smooth", start=start), invert(data, regulariser="smooth")
+    assert found.chosen == "given" and [row.name for row in found.rows] == ["given"]
+    assert {each.phase for each in found.history} == {"fields"}
+    assert found.checks["converged"] and abs(found.checks["misfit_over_expected"] - 1) < 0.15
+    for name in ("storage", "loss"):
+        assert found.answers[name]["relative_l2_error"] == pytest.approx(
+            usual.answers[name]["relative_l2_error"], rel=0.02
+        )
+    assert found.solves.factorisations < 0.7 * usual.solves.factorisations
+
+
+def test_exact_data_are_seen_from_afar_first(data):
+    exact = Phantom.named("CV-G", 15).measured(0.0).data()
+    found = invert(
+        exact, regulariser="smooth", start={name: 1.3 * values for name, values in exact.truth_views.items()}
+    )
+    assert max(answer["relative_l2_error"] for answer in found.answers.values()) < 1e-3
+    assert found.solves.factorisations < 40
+
+
+@pytest.mark.parametrize(
+    "maps, named",
+    [
+        ({}, "start is of nothing; wanted: maps of storage, loss"),
+        ({"storage": np.ones(225)}, "start is of storage"),
+        ({"storage": np.ones(224), "loss": np.ones(225)}, r"start storage is of shape \(224,\)"),
+        ({"storage": np.ones(225), "loss": np.zeros(225)}, "start loss is 0.0; wanted: values above 0"),
+        ({"storage": np.full(225, np.nan), "loss": np.ones(225)}, "start storage is known nowhere"),
+    ],
+)
+def test_what_is_no_start(data, maps, named):
+    with pytest.raises(InputError, match=named):
+        invert(data, start=maps)

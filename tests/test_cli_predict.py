@@ -1,0 +1,127 @@
+"""The verb `predict` end to end, by an operator without weights: files, words, and what is said to bad input."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from algebraic import algebraic, few, square, uniform
+
+from ngbrain.cli import main
+from ngbrain.errors import MissingExtra
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.io.waves import write_waves
+from ngbrain.surrogate.data import SIDES
+from ngbrain.surrogate.shipped import Operator
+
+
+@pytest.fixture(autouse=True)
+def unweighted(monkeypatch):
+    monkeypatch.setattr(Operator, "shipped", staticmethod(algebraic))
+    monkeypatch.setattr("ngbrain.cli.predict.runtime_version", lambda: "none")
+
+
+def run(capsys, *arguments, verb="predict"):
+    status = main([verb, *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return status, out, err.strip().splitlines()
+
+
+def test_files_numbers_and_words(tmp_path, capsys):
+    labels = np.repeat([1, 2], 41 * 41 // 2 + 1)[: 41 * 41]
+    write_waves(tmp_path / "waves.npz", uniform(labels=labels).with_noise(0.01, 0))
+    status, out, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
+    assert status == 0 and not errors
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["verb"] == "predict" and result["source"] == "waves.npz" and result["threads"] == 1
+    assert {"versions", "seed", "time_s", "checks", "trust", "model", "notes", "files"} <= set(result)
+    assert result["solves"] == {"factorisations": 0, "forward": 0, "adjoint": 0, "incremental": 0}
+    answer = result["answers"]["storage"]
+    assert answer["median"] == pytest.approx(6e3, rel=0.1) and answer["relative_l2_error"] < 0.3
+    assert set(result["by_label"]["storage"]) == {"1", "2"}
+    assert (
+        answer["trusted"] == result["trust"]["trusted"] == (result["checks"]["score"] <= result["trust"]["threshold"])
+    )
+    with np.load(tmp_path / "out" / "maps.npz") as file:
+        arrays = dict(file)
+    found = arrays["storage"] + 1j * arrays["loss"]
+    np.testing.assert_allclose(arrays["magnitude"], np.abs(found))
+    assert (arrays["storage_deviation"] > 0).all() and arrays["measured"].shape == (1, 41 * 41, 2)
+    page = (tmp_path / "out" / "report.html").read_text()
+    for words in ("Storage modulus", "Residual of the equations of motion"):
+        assert words in out and words in page
+    assert page.count("data:image/png") == 4
+
+
+def test_what_is_not_to_be_used_says_so_first(tmp_path, capsys):
+    write_waves(tmp_path / "waves.npz", replace(uniform(), frequency=[400.0]))
+    status, out, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert status == 0 and not result["answers"]["storage"]["trusted"] and result["trust"]["warning"]
+    assert out.startswith("Do not use: ") and "frequency" in out.splitlines()[0]
+    assert "Do not use: " in (tmp_path / "out" / "report.html").read_text()
+
+
+def pressed(**changes):
+    data = few("compression", "validation")  # the first
+    u = np.concatenate([np.full_like(data.displacement[0], np.nan), data.displacement[0]], axis=2)
+    given = {"poisson": float(data.poisson[0]), "truth": {"youngs": data.storage[0].ravel()}, **changes}
+    return square(u, SIDES["compression"], **given)
+
+
+def test_compression_comes_back_as_images(tmp_path, capsys):
+    step = SIDES["compression"] / 30
+    write_waves(tmp_path / "echo.nii.gz", pressed(affine=np.diag([step, step, step, 1.0])))
+    status, out, errors = run(capsys, tmp_path / "echo.nii.gz", "-o", tmp_path / "out", "-q")
+    assert status == 0 and not errors and not out
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["solves"]["forward"] == 1 and any("up to one factor" in note for note in result["notes"])
+    assert result["answers"]["youngs"]["relative_l2_error"] < 0.45
+    import nibabel
+
+    for name in ("youngs", "youngs_deviation"):
+        image = nibabel.load(tmp_path / "out" / f"{name}.nii.gz")
+        assert image.shape == (31, 31, 1) and np.isfinite(np.asarray(image.dataobj)).all()
+
+
+def test_an_inversion_goes_down_from_it(tmp_path, capsys):
+    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 27).measured(0.01).data())
+    rough = ("--regulariser", "smooth", "-q")
+    status, _, errors = run(
+        capsys, tmp_path / "waves.npz", "-o", tmp_path / "a", "--start", "surrogate", *rough, verb="invert"
+    )
+    assert status == 0 and not errors
+    result = json.loads((tmp_path / "a" / "result.json").read_text())
+    assert set(result["starts"]) == {"given"} and result["chosen"] == "given"
+    assert result["answers"]["storage"]["relative_l2_error"] < 0.02
+    assert any("started from the maps of the trained operator" in note for note in result["notes"])
+    for option in (("--starts", "all"), ("--subzones",)):
+        status, _, (error,) = run(
+            capsys, tmp_path / "waves.npz", "-o", tmp_path / "b", "--start", "surrogate", *option, verb="invert"
+        )
+        assert status == 2 and "--start" in error and not (tmp_path / "b").exists()
+
+
+def test_fibres_are_refused(tmp_path, capsys):
+    fibrous = replace(uniform(), symmetry="transversely_isotropic", fibre=np.array([1.0, 0.0]), truth={})
+    write_waves(tmp_path / "waves.npz", fibrous)
+    status, out, (error,) = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
+    assert status == 2 and not out and not (tmp_path / "out").exists()
+    assert "waves.npz: symmetry is transversely_isotropic" in error and "fibres" in error
+
+
+def test_bad_input_before_the_work(tmp_path, capsys, monkeypatch):
+    write_waves(tmp_path / "waves.npz", uniform())
+    (tmp_path / "taken").write_text("")
+    status, _, (error,) = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "taken")
+    assert status == 2 and "-o is" in error
+    status, _, (error,) = run(capsys, tmp_path / "none.npz", "-o", tmp_path / "out")
+    assert status == 2 and "none.npz" in error and "missing" in error
+
+    def missing():
+        raise MissingExtra("onnxruntime", "surrogate")
+
+    monkeypatch.setattr("ngbrain.cli.predict.runtime_version", missing)
+    status, _, (error,) = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
+    assert status == 2 and 'pip install "ngbrain[surrogate]"' in error and not (tmp_path / "out").exists()
