@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from ngbrain.errors import require
@@ -28,6 +29,8 @@ UNSEEN = "slices"
 JUDGES, TESTS = 25, 50
 """Samples of each family to validate and to test with."""
 ACROSS, ACROSS_TEST = 51, 101
+WIDTHS = {"waves": 32, "compression": 24}
+"""Channels of the operators."""
 
 
 def main() -> None:
@@ -70,7 +73,7 @@ def main() -> None:
     def tell(epoch: dict[str, float]) -> None:
         print(", ".join(f"{key} {value:.4g}" for key, value in epoch.items()), flush=True)
 
-    model = train(WaveletOperator, training, validation, folder / name, settings, tell)
+    model = train(partial(WaveletOperator, width=WIDTHS[name]), training, validation, folder / name, settings, tell)
     curve = torch.load(folder / name / "checkpoint.pt", weights_only=True)["curve"]
     card = {
         "command": f"python -m ngbrain.surrogate {name} --epochs {settings.epochs} --seed {settings.seed}",

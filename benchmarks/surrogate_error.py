@@ -1,0 +1,259 @@
+"""Error against time for a map: the trained operator, two steps of Gauss-Newton after it, inversions, and direct methods.
+
+Test samples of `ngbrain.surrogate.data` (families that the operator has learnt, seeds that it has not seen), on 51 × 51 points,
+with noise η = σ · rms(component without its affine part). Moduli as the data's rheology has them: the error of a wave is that of
+G′ (of E where nothing is lost), of a compression that of E over its mean; all are in `errors`. The inversions use elements of
+their own, not those the data were made with. CPU time of one thread, of one map, of everything that follows reading the data.
+
+    python benchmarks/surrogate_error.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/surrogate_error.py --chart FILE.png < records.json
+    python benchmarks/surrogate_error.py --table < records.json      mean errors, %
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from _command import main
+from _front import figure
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import NgbrainError
+from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
+from ngbrain.inverse.discretise import in_elements
+from ngbrain.inverse.experiment import Experiment
+from ngbrain.inverse.gauss_newton import GaussNewton
+from ngbrain.inverse.invert import FIRST, invert
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.quality import noise_of
+from ngbrain.inverse.regularise import smooth
+from ngbrain.inverse.smoothing import smoothed
+from ngbrain.inverse.starts import at_maps
+from ngbrain.io.waves import WaveData
+from ngbrain.surrogate.data import DENSITY, SIDES, sample
+from ngbrain.surrogate.families import SHARP, SMOOTH
+from ngbrain.surrogate.features import spoilt
+from ngbrain.surrogate.predict import predict
+
+Record = dict
+ACROSS, SEED = 51, 0
+FAMILIES = (*SMOOTH, *SHARP, "tumour")
+NOISES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
+SLOW_NOISES, SLOW_FAMILIES = (0.0, 0.01, 0.05), ("gaussian_width", "inclusions")
+"""What inversions are compared at."""
+MANY, FEW = 20, 3
+"""Samples of a family for methods of milliseconds, and for those of many seconds."""
+LEAST = 1e-3
+"""Noise that an inversion is told at least."""
+COLOURS = {
+    "ngbrain:surrogate": "#0072B2",
+    "ngbrain:surrogate + 2 GN": "#56B4E9",
+    "ngbrain:NLI": "#D55E00",
+    "ngbrain:DI": "#009E73",
+    "ngbrain:LFE": "#CC79A7",
+    "ngbrain:1/strain": "#8c7853",
+}
+
+
+def measured(modality: str, family: str, index: int, noise: float) -> WaveData:
+    """A test sample as wave data, with its truth; ultrasound has the axial component alone."""
+    one = sample(modality, family, SEED, "test", index, ACROSS)
+    seed = [index, round(1000 * noise)]
+    u = spoilt(one.displacement[None], np.array([noise]), np.random.default_rng(seed))[0]
+    if modality == "compression":
+        u = np.concatenate([np.full_like(u, np.nan), u], axis=-1)
+    line = np.linspace(0, SIDES[modality], ACROSS)
+    points = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    lossy = bool(one.loss.any())
+    truth = one.storage + 1j * one.loss if modality == "waves" else one.storage
+    return WaveData(
+        points,
+        u.reshape(1, -1, 2),
+        np.array([one.frequency]),
+        DENSITY,
+        "isotropic",
+        "viscoelastic" if lossy else "elastic",
+        poisson=one.poisson,
+        noise=noise or None,
+        truth={"shear" if modality == "waves" else "youngs": truth.ravel()},
+    )
+
+
+def of_surrogate(data: WaveData) -> dict[str, np.ndarray]:
+    """Maps of the shipped operator."""
+    return predict(data).maps
+
+
+def refined(data: WaveData) -> dict[str, np.ndarray]:
+    """Two rounds of Gauss-Newton from there."""
+    experiment = Experiment(data, in_elements(data))
+    sigma = noise_of(data, max(data.noise or 0, LEAST))
+    unknowns = experiment.unknowns(sigma)
+    x = at_maps(experiment, unknowns, predict(data).maps)
+    names = [name for name in unknowns.blocks if name != "boundary"]
+    regularisers = {name: smooth(experiment.space, unknowns.start[unknowns.blocks[name]]) for name in names}
+    misfit = LeastSquares(experiment.measured, sigma)
+    problem = Reduced(experiment.model, misfit, unknowns, regularisers, dict.fromkeys(names, FIRST))
+    return experiment.maps(unknowns, GaussNewton(problem).descend(x, 2).x)
+
+
+def inverted(data: WaveData) -> dict[str, np.ndarray]:
+    """The whole inversion with its own starts, regularisers and weights."""
+    return invert(data, in_elements(data), noise=max(data.noise or 0, LEAST)).maps
+
+
+def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:
+    """Maps of the data's rheology."""
+    if data.rheology == "elastic":
+        return {"youngs": data.youngs_of(np.real(shear))}
+    return {"storage": np.real(shear), "loss": np.imag(shear)}
+
+
+def direct(data: WaveData) -> dict[str, np.ndarray]:
+    """Algebraic inversion of the curl over a window of three points."""
+    return of_shear(data, helmholtz_of_curl(data, smoothed(data), 3 * SIDES["waves"] / (ACROSS - 1)))
+
+
+def by_frequency(data: WaveData) -> dict[str, np.ndarray]:
+    """Local frequency estimation: no loss."""
+    shear = local_frequency(data)
+    return of_shear(data, np.asarray(shear, complex))
+
+
+def by_strain(data: WaveData) -> dict[str, np.ndarray]:
+    """E over its mean as one over the axial strain of a smooth field: the strain image."""
+    field = smoothed(replace(data, displacement=data.displacement[..., [1, 1]]))
+    strain = np.real(field.gradient(data.points)[0, :, 1, 1])
+    found = 1 / np.where(strain * strain.mean() > 0, strain, np.nan)
+    return {"youngs": found / np.nanmean(found)}
+
+
+QUICK: dict[str, dict[str, Callable[[WaveData], dict[str, np.ndarray]]]] = {
+    "waves": {"ngbrain:surrogate": of_surrogate, "ngbrain:DI": direct, "ngbrain:LFE": by_frequency},
+    "compression": {"ngbrain:surrogate": of_surrogate, "ngbrain:1/strain": by_strain},
+}
+SLOW = {"ngbrain:surrogate + 2 GN": refined, "ngbrain:NLI": inverted}
+
+
+def measure(quick: bool) -> list[Record]:
+    """A record for each method, sample and noise."""
+    many, few = (2, 1) if quick else (MANY, FEW)
+    records = []
+    for modality in QUICK:
+        of_surrogate(measured(modality, "sinc", 0, 0.01))  # loads what it needs
+        for family, noise, index in product(FAMILIES, NOISES[:2] if quick else NOISES, range(many)):
+            data = measured(modality, family, index, noise)
+            methods = dict(QUICK[modality])
+            if family in SLOW_FAMILIES[: 1 if quick else None] and noise in SLOW_NOISES and index < few:
+                methods |= SLOW
+            records += [row(modality, family, noise, index, data, *each) for each in methods.items()]
+    return records
+
+
+def row(modality: str, family: str, noise: float, index: int, data: WaveData, name: str, method: Callable) -> Record:
+    """What a method makes of a sample."""
+    made: Record = {"method": name, "order": 0, "ndof": 2 * ACROSS**2, "modality": modality, "family": family}
+    made |= {"noise": noise, "sample": index, "poisson": data.poisson, "frequency": float(data.frequency[0])}
+    begun = time.process_time()
+    try:
+        maps = method(data)
+    except NgbrainError as error:
+        return made | {
+            "reason": str(error),
+            "error": 1.0,
+            "errors": {},
+            "cpu_s": time.process_time() - begun,
+            "converged": False,
+        }
+    cpu = time.process_time() - begun
+    errors = {}
+    for key, truth in data.truth_views.items():
+        found = maps[key]
+        known = np.isfinite(found)
+        if modality == "compression":
+            found, truth = found / np.mean(found[known]), truth / np.mean(truth[known])
+        errors[key] = float(np.linalg.norm((found - truth)[known]) / np.linalg.norm(truth[known]))
+    first = errors.get("storage", errors.get("youngs", 1.0))
+    return made | {"error": first, "errors": errors, "cpu_s": cpu, "converged": True}
+
+
+def mean(records: list[Record], **of: object) -> float:
+    """Mean error of those records."""
+    chosen = [r["error"] for r in records if all(r[key] == value for key, value in of.items())]
+    return float(np.mean(chosen)) if chosen else np.nan
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Error over time at three noises, and the operator's error over noise."""
+    plt, made, grid = figure(11, 7.5, 2, 2)
+    shades = {0.0: ("o", "no noise"), 0.01: ("s", "1 %"), 0.05: ("^", "5 %")}
+    for (left, right), modality in zip(grid, QUICK, strict=True):
+        ours = [r for r in records if r["modality"] == modality and r["family"] in SLOW_FAMILIES]
+        few = [r for r in ours if r["sample"] < FEW]
+        for method, colour in COLOURS.items():
+            for noise, (marker, _) in shades.items():
+                rows = [r for r in few if r["method"] == method and r["noise"] == noise]
+                if not rows:
+                    continue
+                failed = any(not r["converged"] for r in rows)
+                x, y = np.median([r["cpu_s"] for r in rows]), 100 * np.mean([r["error"] for r in rows])
+                left.plot(x, y, "x" if failed else marker, color=colour, ms=8, mfc=colour if noise else "none")
+            if any(r["method"] == method for r in few):
+                left.plot([], [], "-", lw=5, color=colour, label=method.partition(":")[2])
+        left.set(
+            xscale="log", yscale="log", xlabel="CPU time of a map, one thread (s)", ylabel="mean relative error, %"
+        )
+        left.set_title(f"{modality}: Gaussian spots and sharp inclusions")
+        left.legend(fontsize=8)
+        for family in FAMILIES:
+            rows = [r for r in records if r["modality"] == modality and r["family"] == family]
+            line = [100 * mean(rows, method="ngbrain:surrogate", noise=noise) for noise in NOISES]
+            right.plot([100 * n for n in NOISES], line, "o-" if family in SMOOTH else "s--", ms=4, label=family)
+        right.axhline(2, color="#b22222", lw=1, ls=":", label="asked for, Gaussian, 1 %")
+        right.set(xlabel="noise, %", ylabel="mean relative error, %", yscale="log")
+        right.set_title(f"{modality}: the trained operator, {MANY} samples each")
+        right.legend(fontsize=7, ncols=2)
+        for axes in (left, right):
+            axes.grid(True, which="both", alpha=0.25)
+    for marker, text in shades.values():
+        grid[0][0].plot([], [], marker, color="k", mfc="none" if text == "no noise" else "k", label=text)
+    grid[0][0].legend(fontsize=8)
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items()) or r["reason"]
+    return f"{r['modality']} {r['family']} {r['sample']} {100 * r['noise']:g} % {r['method']:<26} {errors}, {r['cpu_s']:.3f} s"
+
+
+def table(records: list[Record]) -> str:
+    """Mean errors of families at each noise for quick methods, and of the slow comparison."""
+    lines = []
+    for modality, methods in QUICK.items():
+        for method in methods:
+            for family in FAMILIES:
+                rows = [r for r in records if (r["modality"], r["method"], r["family"]) == (modality, method, family)]
+                cells = [f"{100 * mean(rows, noise=noise):.2f}" for noise in NOISES]
+                lines.append(f"| {modality} | {method} | {family} | {' | '.join(cells)} |")
+        for method in (*methods, *SLOW):
+            rows = [r for r in records if (r["modality"], r["method"]) == (modality, method)]
+            rows = [r for r in rows if r["family"] in SLOW_FAMILIES and r["sample"] < FEW]
+            cells = [f"{100 * mean(rows, noise=noise):.2f}" for noise in SLOW_NOISES]
+            cpu = np.median([r["cpu_s"] for r in rows])
+            lines.append(f"| {modality} | {method} | the same {len(rows)} | {' | '.join(cells)} | {cpu:.3g} s |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--table"]:
+        print(table(json.loads(sys.stdin.read())))
+    else:
+        main(__doc__, measure, chart, line)
