@@ -106,7 +106,6 @@ CYCLED = {
     "Mooney-Rivlin": Prony(MooneyRivlin(200.0, 220.0), [0.9], [0.3]),
     "Ogden": MILLER,
     "laws of their own": OWN,
-    "Maxwell branches": constants("griffiths2024:white_matter").law(),
     "Demiray": Viscous(Demiray(300.0, 3.0), (Branch(Yeoh(200.0, 100.0), 0.2), Branch(NeoHooke(500.0), 2.0))),
 }
 
@@ -128,20 +127,27 @@ def work(material, mode, duration, strain, every=1):
     )
 
 
+def gives_no_work(material, mode, duration, strain):
+    fine, scale = work(material, mode, duration, strain)
+    coarse, _ = work(material, mode, duration, strain, every=2)  # its quadrature error: three times that of fine
+    assert np.all(fine > 0) and np.all(np.abs(coarse - fine) < 0.01 * scale), (mode, duration, (fine / scale).min())
+
+
+DURATIONS = (0.1, 2.0, 40.0, 2000.0)
+
+
 @pytest.mark.parametrize("name", CYCLED)
 def test_no_closed_cycle_gives_work(name, rng):
     for mode in MODES:
-        for duration in (0.1, 2.0, 40.0, 2000.0):
-            strain = closed_cycles(rng, 63, 128)  # 63 × 4 × 4 = 1008 cycles
-            fine, scale = work(CYCLED[name], mode, duration, strain)
-            coarse, _ = work(
-                CYCLED[name], mode, duration, strain, every=2
-            )  # its quadrature error: three times that of fine
-            assert np.all(fine > 0) and np.all(np.abs(coarse - fine) < 0.01 * scale), (
-                mode,
-                duration,
-                (fine / scale).min(),
-            )
+        for duration in DURATIONS:
+            gives_no_work(CYCLED[name], mode, duration, closed_cycles(rng, 63, 128))  # 63 × 4 × 4 = 1008 cycles
+
+
+@pytest.mark.parametrize(("mode", "duration"), list(zip(MODES, DURATIONS, strict=True)))
+def test_no_closed_cycle_of_maxwell_branches_gives_work(mode, duration, rng):
+    """Fewer of them: they are marched through step by step."""
+    material = constants("griffiths2024:white_matter").law()
+    gives_no_work(material, mode, duration, closed_cycles(rng, 32, 128))
 
 
 def test_storage_and_loss():
