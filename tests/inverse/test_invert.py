@@ -308,10 +308,11 @@ def contrast_in(shear):
 
 
 def test_one_component_at_rest_beside_waves_of_both():
-    data = waves(n=17)
+    data = waves(n=9)
     half = data.displacement.copy()
     half[1, :, 0] = np.nan
-    found = invert(replace(data, displacement=half, frequency=np.array([50.0, 0.0])).with_noise(0.02, 1), uniform=False)
+    data = replace(data, displacement=half, frequency=np.array([50.0, 0.0])).with_noise(0.02, 1)
+    found = invert(data, uniform=False, regulariser="smooth")
     assert not any("common factor" in note for note in found.notes)
 
 
