@@ -1,5 +1,6 @@
 """Waves in a block with a stiff ball, made with third order on tetrahedra, at points with 2 % noise."""
 
+from dataclasses import replace
 from functools import cache
 
 import ngsolve as ngs
@@ -74,4 +75,19 @@ def wave_data():
         noise=0.02,
         labels=label,
         truth={"shear": modulus[label]},
+    )
+
+
+def between(low, high):
+    """Those of them in a box (m)."""
+    data = wave_data()
+    inside = np.all((data.points > np.array(low) - 1e-6) & (data.points < np.array(high) + 1e-6), axis=1)
+    return replace(
+        data,
+        points=data.points[inside],
+        displacement=data.displacement[:, inside],
+        labels=data.labels[inside],
+        truth={"shear": data.truth["shear"][inside]},
+        mask=None,
+        dirichlet=None,
     )

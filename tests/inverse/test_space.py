@@ -5,7 +5,7 @@ from dataclasses import replace
 import ngsolve as ngs
 import numpy as np
 import pytest
-from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, wave_data
+from ball_in_block import MIDDLE, RADIUS, SIDE, SOFT, STIFF, between, wave_data
 from scipy.spatial.transform import Rotation
 from simulated import waves
 
@@ -25,7 +25,7 @@ def medians(data, modulus):
 
 
 def test_a_ball_with_its_label(tmp_path):
-    data = wave_data()
+    data = between((0.004, 0.004, 0.004), (0.034, 0.034, 0.034))
     stopped = invert_in_space(data, labelled=True, rounds=2, checkpoint=tmp_path / "part.npz")
     assert not stopped.checks["converged"]
     found = invert_in_space(data, labelled=True, rounds=6, checkpoint=tmp_path / "part.npz")
@@ -63,7 +63,7 @@ def test_two_components_of_three_find_a_ball_too():
 
 
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
-    data, path = wave_data(), tmp_path / "part.npz"
+    data, path = between((0.0, 0.0, 0.01), (0.04, 0.04, 0.031)), tmp_path / "part.npz"
     elements = in_elements(data, order=2)
     found = invert_in_space(data, elements, levels=(0.7, 1.0), rounds=4, checkpoint=path)
     assert [row.name for row in found.rows] == ["waves", "uniform", "both"]
@@ -90,7 +90,7 @@ def test_loads_start_each_by_what_is_measured_of_it():
 
 
 def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
-    data, first, second, path = wave_data(), [], [], tmp_path / "way.npz"
+    data, first, second, path = between((0, 0, 0), (0.022, 0.022, 0.022)), [], [], tmp_path / "way.npz"
     elements = in_elements(data, order=1)
     whole = invert_in_space(data, elements, rounds=1, tell=first.append)
 
