@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+
 from ngbrain.solvers.newton import Array, Newton, System
-from ngbrain.solvers.record import PathRecord
+from ngbrain.solvers.record import NewtonRecord, PathRecord
 
 LOOSE = 1e-3
 """Relative residual and correction at which a state on the way is left: only the last one is asked for."""
@@ -17,6 +19,8 @@ EASY = 8
 """Newton iterations up to which the next step is twice as long."""
 COLLAPSED = 0.1
 """det F below which a state that cannot be left by the next step is not worth smaller ones."""
+STILL = 1e-10
+"""Weighted correction below which a state that nothing acts on is in equilibrium."""
 PROBE = 1e-4
 """Part of a step over which the residual's derivative by the load factor is taken."""
 
@@ -35,8 +39,14 @@ def follow(
 
     The first guess goes along the tangent dx/dt = x̄' - K⁻¹ (dR/dt + K x̄'), x̄ what is prescribed; later ones along the
     secant. Guesses with det F ≤ min_det are cut before any work is done. Returns the last equilibrium reached.
+    A load that changes nothing leaves x where it is: there residual and reactions are both round-off, and no end to be seen.
     """
     record, t, dt = PathRecord(), 0.0, 1 / steps
+    if _idle(path, newton, x, record):
+        t = 1.0
+        record.steps.append((t, NewtonRecord(converged=True, min_det_F=path.min_det(x))))
+        if tell:
+            tell(t)
     before: tuple[Array, float] | None = None
     while t < 1:
         dt = min(dt, 1 - t) if 1 - t - dt > 1e-9 else 1 - t
@@ -92,6 +102,24 @@ def _step(
         return found.reason, x
     record.steps.append((goal, found))
     return "", state
+
+
+def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:
+    """Whether the whole load changes neither what is prescribed nor the residual, to the last bit, and x is in equilibrium."""
+    if not np.array_equal(path.load(x, 1.0), x):
+        return False
+    record.work.residuals += 2
+    try:
+        loaded = path.residual(x)[0]
+        r = path.residual(path.load(x, 0.0))[0]
+        if not np.array_equal(r, loaded):
+            return False
+        newton.inverse = path.factorise(path.load(x, 1.0), r)
+    except FloatingPointError:
+        return False
+    record.work.factorisations += 1
+    record.work.solves += 1
+    return bool(np.sqrt(path.weights @ newton.inverse(r) ** 2) <= STILL)
 
 
 def _along(path: Path, newton: Newton, x: Array, t: float, goal: float, record: PathRecord) -> Array:

@@ -121,6 +121,28 @@ def test_newtons_settings_serve_several_bodies():
     assert settings.inverse is None and settings.largest == 0
 
 
+@pytest.mark.parametrize("form", ["P2/P1", "P4/L2(2)", "P2"])
+def test_a_body_that_nothing_acts_on_is_at_rest_at_once(form):
+    """Residual and reactions are round-off, so that neither is small beside the other."""
+    heard = []
+    for loads in ((), (Weight((0, 0)),)):
+        body = Static(square(), SOFT, {"bottom": 0}, loads, form=form)
+        record = body.solve(steps=3, tell=heard.append)
+        assert record.converged and record.factor == 1 and record.work.factorisations == 1 and not record.tried
+        assert not body.state.any() and record.min_det_F == pytest.approx(1) and heard.pop() == 1.0 and not heard
+
+
+def test_a_body_that_is_strained_already_is_not_taken_for_one_at_rest():
+    class Grown(NeoHooke):
+        """As large as it is drawn, it would rather be narrower."""
+
+        def energy(self, C):
+            return super().energy(C) + 50.0 * C[0, 0]
+
+    body = Static(square(), {".*": Material(Grown(1e3), 1e5)}, {"bottom": 0}, form="P2/P1")
+    assert body.solve().converged and np.ptp(body.state[body.is_u]) > 1e-4
+
+
 def test_threads_of_a_solve_are_its_own():
     before = ngs.ngsglobals.numthreads
     body = pressed(0.01)
