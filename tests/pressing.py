@@ -1,6 +1,6 @@
 """A plate that presses a block, holds and lifts off, and the force it has meanwhile."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import ngsolve as ngs
 import numpy as np
@@ -28,13 +28,15 @@ def run(body, drive, control, **kwargs):
 
 @dataclass
 class Failing(Newton):
-    """Gives up at some attempts, counted from 0."""
+    """Gives up at some attempts, counted from 0; where each began is `begun`."""
 
     at: tuple[int, ...] = ()
     attempts: int = 0
     why: str = "given up"
+    begun: list = field(default_factory=list)
 
     def solve(self, system, x):
+        self.begun.append(x.copy())
         x, record = super().solve(system, x)
         if self.attempts in self.at:
             record.converged, record.reason, self.inverse = False, self.why, None

@@ -133,6 +133,16 @@ def test_restart_goes_on_with_the_same_bits(relaxing, until):
     assert other.progress.steps == whole.progress.steps
 
 
+def test_a_step_that_failed_twice_begins_where_the_body_stands(relaxing):
+    transient = pressing(relaxing)
+    followed(transient, until=2.0)
+    assert transient.progress.touching
+    transient.newton, stood = Failing(at=(0, 1, 2)), transient.body.state.copy()
+    transient.step()
+    ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
+    assert ahead[0] > ahead[1] > 1e-6 and ahead[2:] == [0, 0]
+
+
 @pytest.mark.parametrize("until", [10.0, 40.0])
 def test_a_step_that_fails_leaves_the_last_state(relaxing, until):
     transient = pressing(relaxing)

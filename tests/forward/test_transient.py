@@ -68,6 +68,17 @@ def test_a_step_that_fails_is_cut_and_the_next_starts_as_short(make_body, plate)
     assert at.dt == pytest.approx(1 / 9)
 
 
+def test_a_step_that_failed_twice_begins_where_the_body_stands(make_body, plate):
+    drive = plate(*PRESS)
+    transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
+    transient.run(lambda *_: None, until=2.0)
+    transient.newton = Failing(at=(0, 1, 2))
+    stood = transient.body.state.copy()
+    transient.step()
+    ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
+    assert ahead[0] > 3 * ahead[1] * (1 - 1e-9) > 1e-4 and ahead[2:] == [0, 0]
+
+
 def test_a_step_that_keeps_failing_ends_the_run(make_body, plate):
     drive = plate(*PRESS)
     transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
