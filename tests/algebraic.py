@@ -7,7 +7,7 @@ import numpy as np
 
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet, sample, shaken
-from ngbrain.surrogate.features import without_affine
+from ngbrain.surrogate.features import spoilt
 from ngbrain.surrogate.shipped import Card, Operator
 from ngbrain.surrogate.trust import calibrate
 
@@ -32,25 +32,20 @@ class OfCompression:
 
 
 def noisy(u, sigma, seed=0):
-    """Fields (batch, n, n, components) with noise relative to their rms without the affine part."""
-    random = np.random.default_rng(seed)
-    rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
-    eta = random.normal(size=u.shape)
-    if np.iscomplexobj(u):
-        eta = (eta + 1j * random.normal(size=u.shape)) / np.sqrt(2)
-    return u + sigma * rms * eta
+    """Fields (batch, n, n, components) with noise."""
+    return spoilt(u, np.full(len(u), sigma), np.random.default_rng(seed))
 
 
 @lru_cache
 def few(modality, split="train", count=6, across=31):
-    """Squares of two families, with 1 % of noise."""
+    """Squares of two families, without noise."""
     rows = [
         sample(modality, name, 0, split, i, across) for name in ("gaussian_width", "tumour") for i in range(count // 2)
     ]
     columns = {
         key: np.array([getattr(row, key) for row in rows]) for key in ("storage", "loss", "frequency", "poisson")
     }
-    u = noisy(np.array([row.displacement for row in rows]), 0.01)
+    u = np.array([row.displacement for row in rows])
     family = np.repeat([0, 1], count // 2)
     return DataSet(modality, split, SIDES[modality], "", ("gaussian_width", "tumour"), u, family=family, **columns)
 

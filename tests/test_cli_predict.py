@@ -85,7 +85,7 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
         assert image.shape == (31, 31, 1) and np.isfinite(np.asarray(image.dataobj)).all()
 
 
-def test_an_inversion_goes_down_from_it(tmp_path, capsys):
+def test_an_inversion_starts_from_it(tmp_path, capsys):
     write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 27).measured(0.01).data())
     rough = ("--regulariser", "smooth", "-q")
     status, _, errors = run(
@@ -93,7 +93,7 @@ def test_an_inversion_goes_down_from_it(tmp_path, capsys):
     )
     assert status == 0 and not errors
     result = json.loads((tmp_path / "a" / "result.json").read_text())
-    assert set(result["starts"]) == {"given"} and result["chosen"] == "given"
+    assert set(result["starts"]) == {"given", "both"} and result["chosen"] == "both"
     assert result["answers"]["storage"]["relative_l2_error"] < 0.02
     assert any("started from the maps of the trained operator" in note for note in result["notes"])
     for option in (("--starts", "all"), ("--subzones",)):

@@ -92,7 +92,7 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--start",
         choices=("surrogate",),
-        help="go down from the maps of the trained operator (see `predict`) instead, of data in the plane",
+        help="with measured waves, start from the maps of the trained operator (see `predict`) and nowhere else; in the plane",
     )
     parser.add_argument(
         "--unknowns",

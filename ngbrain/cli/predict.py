@@ -121,7 +121,7 @@ def at_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.nda
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Maps that an inversion goes down from, and what to say of them."""
+    """Maps that an inversion starts from, and what to say of them."""
 
     maps: dict[str, np.ndarray]
     notes: list[str]

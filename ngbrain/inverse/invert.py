@@ -1,6 +1,6 @@
 """The inversion of wave data from one call: noise, elements, starts, regularisers and weights are chosen and told.
 
-start      fields from measured waves (`GaussNewton.from_waves`): every round a linear least-squares problem
+start      fields from measured waves (`GaussNewton.from_waves`), or from maps and these: every round a linear least-squares problem
 regulariser  smooth fields, or fields with edges: the one with the smaller generalised cross-validation score (`priors`)
 weight     settles as the fields do, or is the corner of an L-curve (`weighting`)
 polish     down in J from there; and from uniform fields of one level or several. The lower J at equal weights is kept
@@ -87,7 +87,7 @@ def invert(
     labelled     whether each label of the data has fields of its own, which jump where labels meet
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
-    start        name → (n,), maps to go down from, see `starts.at_maps`; no other start is tried then. In the plane alone
+    start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     device       one of `solvers.device.DEVICES`: cpu, or cuda for factors and solves on a GPU
 
     Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted, a
@@ -135,10 +135,10 @@ def invert(
     total = max(float(np.hypot(level, model_error)), floor)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     search = _Search(experiment, made, total, settling, tell)
-    tried = {name: search.begun(prior, start) for name, prior in kinds.items()}
+    tried = {name: search.from_waves(prior, start) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, first = tried[kind]
-    both = search.descend(problem, first) if start is None else first
+    both = search.descend(problem, first)
     guessed = bool(note) or total == floor
     stated = floor if guessed else total
     for _ in range(LEVELS):
@@ -151,20 +151,20 @@ def invert(
         before = both.x if found < total else None  # what was fitted too closely is no start
         total = found
         search = _Search(experiment, made, total, settling, tell, search)
-        problem, first = search.begun(kinds[kind], start, before)
-        both = search.descend(problem, first) if start is None else first
-    rows = [row("waves", experiment, problem, first)] if start is None else []
+        problem, first = search.from_waves(kinds[kind], start, before)
+        both = search.descend(problem, first)
+    rows = [row("waves" if start is None else "given", experiment, problem, first)]
     kept = compared(both, {level: search.uniform(kinds[kind], problem, level) for level in multiples})
     notes += kept.notes
     if kept.uniform:
         rows.append(row("uniform", experiment, problem, kept.uniform))
-    rows.append(row("both" if start is None else "given", experiment, problem, both))
+    rows.append(row("both", experiment, problem, both))
     return concluded(
         experiment,
         problem,
         kept.best,
         rows,
-        kept.chosen if start is None else "given",
+        kept.chosen,
         noise=total,
         floor=floor,
         regulariser=kind,
@@ -202,21 +202,17 @@ class _Search:
         weights = dict.fromkeys(regularisers, FIRST)
         return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)
 
-    def begun(
+    def from_waves(
         self, prior: Prior, maps: Mapping[str, Array] | None = None, x: Array | None = None
     ) -> tuple[Reduced, Found]:
-        """From measured waves, or down from maps where these are given; from the fields of other unknowns x if there are any."""
+        """From measured waves, and the fields of other unknowns x if there are any, or else those of maps."""
         problem, start = self.problem(prior), self.unknowns.start.copy()
-        if x is None and maps is not None and self.noise < EASY:
-            x = self._easy().begun(prior, maps)[1].x
         if x is not None:
             fields = self.unknowns.blocks[BOUNDARY].start
             start[:fields] = x[:fields]
         elif maps is not None:
             start = at_maps(self.experiment, self.unknowns, maps)
-        if maps is None:
-            return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
-        return problem, self.settling.descend(problem, start, self._tell)
+        return problem, self.settling.from_waves(problem, start, self.experiment.waves, self._tell)
 
     def descend(self, problem: Reduced, start: Found) -> Found:
         """Down in J from a start, or the start itself where nothing is lower or it is `ASTRAY`."""
@@ -231,7 +227,9 @@ class _Search:
 
     def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
-        easy = self if self.noise >= EASY else self._easy()
+        easy = (
+            self if self.noise >= EASY else _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
+        )
         problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
@@ -244,9 +242,6 @@ class _Search:
         point = judge.at(x)
         end = Level(self.misfit.squares(point.state.data), found.level.expected)
         return replace(found, x=x, value=point.value, level=end)
-
-    def _easy(self) -> _Search:
-        return _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
 
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)

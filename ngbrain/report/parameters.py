@@ -47,8 +47,8 @@ def symbol(field: str) -> str:
 STARTS = {
     "waves": "measured waves (convex)",
     "uniform": "uniform fields",
+    "given": "measured waves and a given map",
     "both": "measured waves, then descent",
-    "given": "a map that was given, then descent",
     "zones": "zones, each for itself",
     "pass 1": "zones among their neighbours",
 }

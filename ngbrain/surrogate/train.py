@@ -24,6 +24,7 @@ from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
 from ngbrain.surrogate.data import DENSITY, DataSet
 from ngbrain.surrogate.features import NOISE, Modality, errors, modality, spoilt
+from ngbrain.surrogate.symmetries import turned
 
 Array = np.ndarray
 OF_SCALES = 0.05
@@ -73,25 +74,6 @@ class Surrogate(nn.Module):
         out = self.operator((features - self.centre) / self.spread)
         mean, scale = out[:, : self.answers], out[:, self.answers :]
         return mean * self.width + self.middle, torch.clamp(scale, NARROW, 3.0) + torch.log(self.width)
-
-
-def turned(name: str, u: Array, maps: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """The same squares seen in a mirror, for waves also lying on another side and at another phase; maps (batch, k, n, n)."""
-    u, maps = u.copy(), maps.copy()
-    for i in range(len(u)):
-        if random.random() < 0.5:
-            u[i], maps[i] = u[i, :, ::-1], maps[i, :, :, ::-1]
-            if name == "waves":
-                u[i, ..., 0] *= -1
-        if name != "waves":
-            continue
-        if random.random() < 0.5:
-            u[i], maps[i] = u[i, ::-1], maps[i, :, ::-1]
-            u[i, ..., 1] *= -1
-        if random.random() < 0.5:
-            u[i], maps[i] = u[i].transpose(1, 0, 2)[..., ::-1], maps[i].transpose(0, 2, 1)
-        u[i] *= np.exp(2j * np.pi * random.random())
-    return u, maps
 
 
 def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:

@@ -26,11 +26,16 @@ import numpy as np
 
 from ngbrain.surrogate import residual
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet
-from ngbrain.surrogate.features import Modality, noise_of
+from ngbrain.surrogate.features import NOISE, Modality, noise_of, spoilt
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.symmetries import turned
 
 Array = np.ndarray
+JUDGED = 0.01
+"""Noise of what bounds are found with."""
+ENOUGH = 1000
+"""Squares of the training whose features are looked at."""
 PERCENTILES = (10, 50, 90)
 PARTS, AXES, FEW = 3, 12, 4
 """Along an edge; principal axes that are kept, no more than one for so many squares."""
@@ -54,27 +59,33 @@ def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
     return {name: value / trust["bounds"].get(name, 1.0) for name, value in raw.items()}
 
 
-def calibrate(operator: Operator, training: DataSet, validation: DataSet) -> dict[str, Any]:
+def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: int = 0) -> dict[str, Any]:
     """What a card has to know beside the training itself: `temperature` (answers,), and `trust` with ranges, bounds and threshold.
 
-    training    with the noise that it was trained with
-    validation  with the noise that bounds shall be for
+    training, validation   as they were computed; noise is added as in the training to the first, of `JUDGED` to the second
 
     `threshold` is what the largest score of `USUAL` of the validation does not exceed.
     """
-    kind = operator.kind
+    kind, random = operator.kind, np.random.default_rng(seed)
+    ranges = _ranges(kind, training)
+    some = np.sort(random.permutation(len(training))[:ENOUGH])
+    u, _ = turned(kind.name, training.displacement[some], training.storage[some, None], random)
+    u = spoilt(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
+    axes = _axes(kind, u, training.poisson[some])
+    noise = np.concatenate([noise_of(each[None]) for each in u])
+    spoils = spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
+    validation = replace(validation, displacement=spoils)
     looks = _looks(operator, validation)
     truths = kind.targets(validation.storage, validation.loss, _units(kind, validation))
     off = np.abs(np.array([look.mean for look in looks]) - truths) / np.array([look.scale for look in looks])
     factor = np.quantile(off, COVERED, axis=(0, 2, 3)) / NORMAL
     looks = [replace(look, scale=look.scale * factor[:, None, None]) for look in looks]
-    ranges, axes = _ranges(kind, training), _axes(kind, training)
     raw = [_raw(look, ranges, axes) for look in looks]
     usual = {name: np.array([each[name] for each in raw]) for name in raw[0]}
     bounds = {
         name: float(np.quantile(usual[name], USUAL)) for name in ("features", "deviation", "residual", "boundary")
     }
-    bounds["noise"] = float(np.quantile(noise_of(training.displacement), 1 - WIDE))
+    bounds["noise"] = float(np.quantile(noise, 1 - WIDE))
     largest = np.max([values / bounds.get(name, 1.0) for name, values in usual.items()], axis=0)
     quantiles = {name: np.quantile(values, SHOWN).tolist() for name, values in usual.items()}
     trust = {
@@ -140,9 +151,9 @@ def _distance(summary: Array, axes: Mapping[str, Any]) -> float:
     return float(np.sqrt((along**2 / axes["variance"]).sum() + across / axes["across"]))
 
 
-def _axes(kind: Modality, data: DataSet) -> dict[str, Any]:
+def _axes(kind: Modality, u: Array, poisson: Array) -> dict[str, Any]:
     """Principal axes of what the operator was trained on."""
-    seen = np.array([_summary(kind.features(data.displacement[[i]], data.poisson[[i]])[0]) for i in range(len(data))])
+    seen = np.array([_summary(kind.features(u[[i]], poisson[[i]])[0]) for i in range(len(u))])
     mean, spread = seen.mean(axis=0), seen.std(axis=0)
     spread = np.where(spread > CONSTANT, spread, 1.0)
     off = (seen - mean) / spread

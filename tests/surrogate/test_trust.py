@@ -7,6 +7,7 @@ import pytest
 from algebraic import algebraic, few, noisy
 
 from ngbrain.errors import InputError
+from ngbrain.surrogate.features import modality
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Card, Operator
 from ngbrain.surrogate.trust import auc, calibrate, scores
@@ -19,18 +20,24 @@ def looks(operator, data):
     return [Look(operator.kind, *parts) for parts in each]
 
 
+def with_noise(data, sigma=0.01):
+    return replace(data, displacement=noisy(data.displacement, sigma))
+
+
 def largest(operator, data, **changes):
     return [max(scores(replace(look, **changes), operator.card.trust).values()) for look in looks(operator, data)]
 
 
 def test_scales_are_calibrated_so_that_they_cover_what_they_say():
-    operator, data = algebraic(), few("waves", "validation")
+    operator, data = algebraic(), with_noise(few("waves", "validation"))
     unit = operator.kind.unit(data.storage, data.frequency, 1000.0, data.side)
     truth = operator.kind.targets(data.storage, data.loss, unit)
     mean, scale = operator(operator.kind.features(data.displacement / data.side, data.poisson))
     covered = (np.abs(truth - mean) < 1.96 * scale).mean(axis=(0, 2, 3))
-    np.testing.assert_allclose(covered, 0.95, atol=0.002)
-    again = calibrate(operator, few("waves"), data)  # a card that has been calibrated stays as it is
+    np.testing.assert_allclose(covered, 0.95, atol=0.02)
+    again = calibrate(
+        operator, few("waves"), few("waves", "validation")
+    )  # a card that has been calibrated stays as it is
     np.testing.assert_allclose(again["temperature"], operator.card.temperature, rtol=1e-6)
     assert operator.card.temperature[0] != 1
 
@@ -38,7 +45,7 @@ def test_scales_are_calibrated_so_that_they_cover_what_they_say():
 def test_what_was_validated_on_is_within_its_bounds():
     operator = algebraic()
     trust = operator.card.trust
-    found = largest(operator, few("waves", "validation"))
+    found = largest(operator, with_noise(few("waves", "validation")))
     assert trust["threshold"] >= 1 and np.mean(np.array(found) <= trust["threshold"] + 1e-9) > 0.8
 
 
@@ -57,13 +64,13 @@ def test_ranges_are_those_of_the_training():
         ("softness", {"poisson": 0.4999999}),
         ("wavelength", {"mean": np.zeros((2, 31, 31))}),
         ("deviation", {"scale": np.full((2, 31, 31), 5.0)}),
-        ("features", {"features": np.full((24, 31, 31), 3.0)}),
+        ("features", {"features": np.full((modality("waves").channels, 31, 31), 3.0)}),
         ("residual", {"mean": np.random.default_rng(0).normal(-5, 2, (2, 31, 31))}),
     ],
 )
 def test_each_number_rises_with_what_it_is_of(name, changes):
     operator = algebraic()
-    look = looks(operator, few("waves", "validation"))[1]
+    look = looks(operator, with_noise(few("waves", "validation")))[1]
     trust = operator.card.trust
     before, after = (scores(each, trust)[name] for each in (look, replace(look, **changes)))
     assert before <= trust["threshold"] < after
@@ -83,8 +90,8 @@ def test_a_fifth_beyond_the_highest_and_the_lowest_frequency_is_twice_the_bound(
 
 
 def test_noise_and_edges():
-    operator, data = algebraic(), few("waves", "validation")
-    spoilt = replace(data, displacement=noisy(data.displacement, 0.1))
+    operator, data = algebraic(), with_noise(few("waves", "validation"))
+    spoilt = with_noise(few("waves", "validation"), 0.1)
     plain, noise = ([scores(look, operator.card.trust) for look in looks(operator, each)] for each in (data, spoilt))
     assert all(after["noise"] > 4 * before["noise"] for before, after in zip(plain, noise, strict=True))
     held = data.displacement * np.linspace(0.5, 1, 31)[:, None]  # the edge opposite to what is shaken no longer free
@@ -94,7 +101,7 @@ def test_noise_and_edges():
 
 
 def test_compression():
-    operator, data = algebraic("compression"), few("compression", "validation")
+    operator, data = algebraic("compression"), with_noise(few("compression", "validation"))
     trust = operator.card.trust
     look = looks(operator, data)[0]
     plain = scores(look, trust)
