@@ -56,7 +56,7 @@ class Prediction:
     @property
     def rejected(self) -> bool:
         """Whether the maps contradict the displacements that they were made of."""
-        return self.scores["residual"] > self.threshold
+        return not self.scores["residual"] <= self.threshold
 
     @property
     def warning(self) -> str:

@@ -37,8 +37,9 @@ def of_waves(u: Array, modulus: Array) -> tuple[float, float]:
     u        (n, n, 2), first axis y, in any unit
     modulus  (n, n) complex, G/ρω²L²
 
-    The second is the least over the edges of the larger of two: how unlike its mean the motion of that edge is, relative to the
-    rms, and r of the bumps that reach over the other edges and not over this one.
+    The second asks of each edge how unlike its mean its motion is, relative to the rms, and of the bumps over each other edge, but
+    not over this one, how far A and M are from being proportional, √(1 - |Σ A* M|²/Σ |A|² Σ |M|²): what is off by a factor is the
+    modulus found there. It is the largest of these of the edge for which that is least.
 
     >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 41),), indexing="ij")
     >>> wave = np.stack([np.cos(9 * y), 0 * y], axis=-1)  # k = 9: G/ρω²L² = 1/81; both edges across it are free at k y = 0 alone
@@ -51,12 +52,11 @@ def of_waves(u: Array, modulus: Array) -> tuple[float, float]:
     size = (np.abs(u) ** 2).sum(axis=2).mean()
     i, j = np.indices((BUMPS, BUMPS))
     away = [i, BUMPS - 1 - i, j, BUMPS - 1 - j]
-    border = np.minimum.reduce(away) == 0
     driven = []
     for distance, along in zip(away, (u[0], u[-1], u[:, 0], u[:, -1]), strict=True):
         rigid = np.sqrt((np.abs(along - along.mean(axis=0)) ** 2).sum(axis=1).mean() / size)
-        free = border & (distance >= REACH)
-        driven.append(max(float(rigid), _relative(elastic[free], inertia[free])))
+        free = [(other == 0) & (distance >= REACH) for other in away if other is not distance]
+        driven.append(max(float(rigid), *(_unlike(elastic[each], inertia[each]) for each in free)))
     return _relative(elastic[inner, inner], inertia[inner, inner]), min(driven)
 
 
@@ -102,3 +102,9 @@ def _bumps(n: int) -> tuple[Array, Array, Array]:
 def _relative(elastic: Array, inertia: Array) -> float:
     whole = (np.abs(elastic) ** 2).sum() + (np.abs(inertia) ** 2).sum()
     return float(np.sqrt((np.abs(elastic - inertia) ** 2).sum() / max(whole, 1e-300)))
+
+
+def _unlike(elastic: Array, inertia: Array) -> float:
+    """How far two are from being proportional."""
+    both = (np.abs(elastic) ** 2).sum() * (np.abs(inertia) ** 2).sum()
+    return float(np.sqrt(max(0.0, 1 - np.abs((np.conj(elastic) * inertia).sum()) ** 2 / max(both, 1e-300))))

@@ -1,6 +1,7 @@
 """Whether an answer can be believed: what was seen and found, against what the operator has learnt from.
 
-Each of these numbers is over its bound, so that 1 is the edge of what was learnt:
+Each of these numbers is over its bound: 1 is rare among squares like those of the training. Within a range it is 0, a tenth
+beyond 1.
 
 frequency   (Hz, of waves that come to the same in a square of the training's size and density) against the training's range
 softness    log10(1 - 2ν), likewise
@@ -24,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.errors import InputError
 from ngbrain.surrogate import residual
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet
 from ngbrain.surrogate.features import NOISE, Modality, noise_of, spoilt
@@ -39,12 +41,12 @@ ENOUGH = 1000
 PERCENTILES = (10, 50, 90)
 PARTS, AXES, FEW = 3, 12, 4
 """Along an edge; principal axes that are kept, no more than one for so many squares."""
-USUAL = 0.99
-"""Share of squares like those of the training that a bound lets pass."""
+USUAL, TOGETHER = 0.99, 0.95
+"""Shares of squares like those of the training that a bound lets pass, and that all of them do."""
 WIDE = 0.005
 """Of the training on either side that is left out of a range of moduli: the ends are single squares."""
-STEEP = 5.0
-"""How fast numbers grow beyond the ends of a range: a fifth beyond comes to twice the bound."""
+STEEP = 10.0
+"""How fast numbers grow beyond the ends of a range, of logarithms: a tenth beyond comes to the bound."""
 CONSTANT = 1e-6
 """Standard deviation below which a number says nothing."""
 SHOWN = (0.5, 0.9, 0.99)
@@ -64,7 +66,9 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
 
     training, validation   as they were computed; noise is added as in the training to the first, of `JUDGED` to the second
 
-    `threshold` is what the largest score of `USUAL` of the validation does not exceed.
+    `threshold` is what the largest score of `TOGETHER` of the validation does not exceed.
+
+    Raises `InputError` for an operator whose answers are not finite.
     """
     kind, random = operator.kind, np.random.default_rng(seed)
     ranges = _ranges(kind, training)
@@ -76,6 +80,8 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     spoils = spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
     validation = replace(validation, displacement=spoils)
     looks = _looks(operator, validation)
+    if not all(np.isfinite(look.mean).all() for look in looks):
+        raise InputError("operator", "one whose answers are not finite", "an operator whose training has not failed")
     truths = kind.targets(validation.storage, validation.loss, _units(kind, validation))
     off = np.abs(np.array([look.mean for look in looks]) - truths) / np.array([look.scale for look in looks])
     factor = np.quantile(off, COVERED, axis=(0, 2, 3)) / NORMAL
@@ -92,7 +98,7 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
         "ranges": ranges,
         "axes": axes,
         "bounds": bounds,
-        "threshold": max(1.0, float(np.quantile(largest, USUAL))),
+        "threshold": max(1.0, float(np.quantile(largest, TOGETHER))),
     }
     return {"temperature": (factor * operator.card.temperature).tolist(), "trust": trust | {"quantiles": quantiles}}
 
@@ -111,7 +117,7 @@ def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict
     seen = {"softness": np.log10(1 - 2 * look.poisson), **_percentiles(look.kind, look.mean[0], look.frequency)}
     if look.kind.name == "waves":
         seen["frequency"] = np.log(look.frequency)
-    beyond = {name: 1 + STEEP * float(np.max(np.abs(v - np.clip(v, *ranges[name])))) for name, v in seen.items()}
+    beyond = {name: STEEP * float(np.max(np.abs(v - np.clip(v, *ranges[name])))) for name, v in seen.items()}
     left, boundary = _physics(look)
     return {
         **beyond,

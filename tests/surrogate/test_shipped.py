@@ -1,0 +1,119 @@
+"""The weights that are shipped: what they are off, that they know what they do not know, and that PyTorch is not needed."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from algebraic import noisy
+
+from ngbrain.surrogate.data import DENSITY, FINE, SIDES, sample, shaken
+from ngbrain.surrogate.families import family
+from ngbrain.surrogate.features import errors, modality
+from ngbrain.surrogate.looking import Look
+from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.trust import auc, scores
+
+pytest.importorskip("onnxruntime")
+SEED = 20
+
+
+def looks(operator, rows, sigma=0.01):
+    """What the operator sees and says of samples, with noise."""
+    side = SIDES[operator.kind.name]
+    u = noisy(np.array([row.displacement for row in rows]), sigma) / side
+    nu = np.array([row.poisson for row in rows])
+    features = operator.kind.features(u, nu)
+    each = zip(u, [row.frequency for row in rows], nu, features, *operator(features), strict=True)
+    return [Look(operator.kind, *parts) for parts in each]
+
+
+def off(operator, rows, seen):
+    kind = operator.kind
+    storage, loss = np.array([row.storage for row in rows]), np.array([row.loss for row in rows])
+    unit = kind.unit(storage, np.array([row.frequency for row in rows]), DENSITY, SIDES[kind.name])
+    return errors(np.array([look.mean for look in seen]), kind.targets(storage, loss, unit))[:, 0]
+
+
+def samples(name, count, across=51):
+    kinds = ("gaussian_width", "sinc", "tumour", "inclusions")
+    return [sample(name, kinds[i % 4], SEED, "test", i, across) for i in range(count)]
+
+
+@pytest.fixture(scope="module")
+def waves():
+    return Operator.shipped("waves"), samples("waves", 8)
+
+
+def largest(operator, seen):
+    return np.array([max(scores(look, operator.card.trust).values()) for look in seen])
+
+
+@pytest.mark.parametrize("name, wanted", [("waves", 0.15), ("compression", 0.15)])
+def test_new_squares(name, wanted):
+    operator, rows = Operator.shipped(name), samples(name, 4)
+    assert operator.kind is modality(name)
+    assert np.mean(off(operator, rows, looks(operator, rows))) < wanted
+
+
+def test_twice_as_fine_a_grid(waves):
+    operator, _ = waves
+    coarse, fine = (samples("waves", 4, across) for across in (51, 101))
+    one, two = (np.mean(off(operator, rows, looks(operator, rows))) for rows in (coarse, fine))
+    assert two < 1.3 * one
+
+
+def test_a_batch_is_its_squares_one_by_one(waves):
+    operator, rows = waves
+    features = operator.kind.features(np.array([row.displacement for row in rows[:3]]), np.full(3, 0.3))
+    whole, alone = operator(features), [operator(features[[i]]) for i in range(3)]
+    for k in (0, 1):
+        np.testing.assert_allclose(whole[k], np.concatenate([each[k] for each in alone]), rtol=1e-4, atol=1e-5)
+
+
+def test_right_maps_pass_and_those_of_another_square_do_not(waves):
+    operator, rows = waves
+    seen = looks(operator, rows)
+    trust = operator.card.trust
+    right = np.array([scores(look, trust)["residual"] for look in seen])
+    wrong = [scores(Look(**{**vars(look), "mean": seen[i - 1].mean}), trust)["residual"] for i, look in enumerate(seen)]
+    assert (right <= trust["threshold"]).mean() > 0.8 and auc(right, np.array(wrong)) > 0.9
+
+
+def driven(drive=None, frequency=None, shear=None, count=8):
+    """Squares that are like those of the training but for this."""
+    y, x = np.meshgrid(*2 * (np.linspace(0, 1, FINE),), indexing="ij")
+    rows = samples("waves", count)
+    found = []
+    for i, row in enumerate(rows):
+        random = np.random.default_rng([SEED, i])
+        angle = random.uniform(0, 2 * np.pi)
+        way = (1e-3 * np.cos(angle), 1e-3 * np.sin(angle))
+        edges = {"top": way, **({"bottom": tuple(drive * part for part in way)} if drive is not None else {})}
+        fine = (shear or 6e3) * family("gaussian_width")(random, x, y) * (1 + 0.2j)
+        hertz = frequency or row.frequency
+        u = shaken(fine, hertz, row.poisson, edges, 51)
+        found.append(type(row)(u, row.storage, row.loss, hertz, row.poisson))
+    return found
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"frequency": 96.0}, {"frequency": 24.0}, {"shear": 2.4e4}, {"shear": 1.5e3}, {"drive": 0.0}, {"drive": -1.0}],
+    ids=["too fast", "too slow", "too stiff", "too soft", "clamped opposite", "both edges"],
+)
+def test_squares_unlike_the_training_are_told_from_those_like_it(waves, changes):
+    operator, rows = waves
+    usual = largest(operator, looks(operator, rows))
+    assert auc(usual, largest(operator, looks(operator, driven(**changes, count=5)))) >= 0.9
+
+
+def test_ten_per_cent_of_noise(waves):
+    operator, rows = waves
+    assert auc(largest(operator, looks(operator, rows)), largest(operator, looks(operator, rows, 0.1))) >= 0.9
+
+
+def test_no_torch():
+    code = "import sys, ngbrain.cli; from ngbrain.surrogate.shipped import Operator; Operator.shipped('waves'); print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
