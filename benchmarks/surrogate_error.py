@@ -47,7 +47,7 @@ FAMILIES = (*SMOOTH, *SHARP, "tumour")
 NOISES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 SLOW_NOISES, SLOW_FAMILIES = (0.0, 0.01, 0.05), ("gaussian_width", "inclusions")
 """What inversions are compared at."""
-MANY, FEW = 20, 3
+MANY, FEW = 20, 2
 """Samples of a family for methods of milliseconds, and for those of many seconds."""
 LEAST = 1e-3
 """Noise that an inversion is told at least."""
@@ -104,8 +104,9 @@ def refined(data: WaveData) -> dict[str, np.ndarray]:
 
 
 def inverted(data: WaveData) -> dict[str, np.ndarray]:
-    """The whole inversion with its own starts, regularisers and weights."""
-    return invert(data, in_elements(data), noise=max(data.noise or 0, LEAST)).maps
+    """The whole inversion from measured waves, smooth fields, its own weights."""
+    noise = max(data.noise or 0, LEAST)
+    return invert(data, in_elements(data), noise=noise, regulariser="smooth", uniform=False).maps
 
 
 def of_shear(data: WaveData, shear: np.ndarray) -> dict[str, np.ndarray]:

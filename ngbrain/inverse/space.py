@@ -80,7 +80,7 @@ def invert_in_space(
     Raises `InputError` for data in the plane, negative noise, a regulariser, unknowns or misfit that are none, labels or a
     device that are not there.
 
-    >>> line = np.linspace(0, 0.03, 11)
+    >>> line = np.linspace(0, 0.021, 8)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
     >>> k = 2 * np.pi * 80 * np.sqrt(1000 / (2500 + 800j))
     >>> u = 1e-5 * np.stack([np.exp(-1j * k * grid[:, i]) for i in (1, 2, 0)], axis=1)[None]

@@ -8,11 +8,13 @@ from __future__ import annotations
 import argparse
 import os
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 from ngbrain.errors import require
+from ngbrain.io.json_file import write_json
 from ngbrain.surrogate.data import MODALITIES, DataSet, generate
+from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.trust import calibrate
 
 TRAINING = {
     "gaussian_place": 500,
@@ -29,8 +31,6 @@ UNSEEN = "slices"
 JUDGES, TESTS = 25, 50
 """Samples of each family to validate and to test with."""
 ACROSS, ACROSS_TEST = 51, 101
-WIDTHS = {"waves": 32, "compression": 24}
-"""Channels of the operators."""
 
 
 def main() -> None:
@@ -40,20 +40,16 @@ def main() -> None:
     )
     parser.add_argument("modality", choices=list(MODALITIES))
     parser.add_argument("-o", dest="output", type=Path, default=Path("surrogate"), metavar="DIR")
-    parser.add_argument("--epochs", type=int, default=60)
+    parser.add_argument("--epochs", type=int, default=50)
+    parser.add_argument("--rate", type=float, default=3e-3, help="highest learning rate")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that compute data"
     )
+    parser.add_argument("--data", action="store_true", help="no training, the data alone")
     arguments = parser.parse_args()
-    for package in ("torch", "onnx"):
+    for package in () if arguments.data else ("torch", "onnx", "onnxruntime"):
         require(package, "train")
-    import torch
-
-    from ngbrain.surrogate.export import export
-    from ngbrain.surrogate.train import Settings, train
-    from ngbrain.surrogate.wavelet_operator import WaveletOperator, weights
-
     folder, name = arguments.output, arguments.modality
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {
@@ -66,17 +62,28 @@ def main() -> None:
         if not path.exists():
             print(f"{path}: {sum(counts.values())} samples", flush=True)
             generate(path, name, counts, split, arguments.seed, across, arguments.workers)
+    if not arguments.data:
+        learn(folder, name, arguments.epochs, arguments.rate, arguments.seed)
+
+
+def learn(folder: Path, name: str, epochs: int, rate: float, seed: int) -> None:
+    """Train on what is in the folder and write the weights there."""
+    import torch
+
+    from ngbrain.surrogate.export import export
+    from ngbrain.surrogate.train import Settings, train
+    from ngbrain.surrogate.wavelet_operator import WaveletOperator, weights
+
     training, validation = (DataSet.read(folder / f"{name}_{split}.h5") for split in ("train", "validation"))
-    settings = Settings(epochs=arguments.epochs, seed=arguments.seed)
-    curve: list[dict[str, float]] = []
+    settings = Settings(epochs=epochs, rate=rate, seed=seed)
 
     def tell(epoch: dict[str, float]) -> None:
         print(", ".join(f"{key} {value:.4g}" for key, value in epoch.items()), flush=True)
 
-    model = train(partial(WaveletOperator, width=WIDTHS[name]), training, validation, folder / name, settings, tell)
+    model = train(WaveletOperator, training, validation, folder / name, settings, tell)
     curve = torch.load(folder / name / "checkpoint.pt", weights_only=True)["curve"]
     card = {
-        "command": f"python -m ngbrain.surrogate {name} --epochs {settings.epochs} --seed {settings.seed}",
+        "command": f"python -m ngbrain.surrogate {name} --epochs {epochs} --rate {rate:g} --seed {seed}",
         "modality": name,
         "settings": asdict(settings),
         "weights": weights(model),
@@ -86,6 +93,8 @@ def main() -> None:
         "curve": curve,
     }
     export(model, folder, name, card)
+    card |= calibrate(Operator.of(folder, name), training, validation, seed)
+    write_json(folder / f"{name}.json", card)
 
 
 if __name__ == "__main__":

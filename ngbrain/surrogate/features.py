@@ -39,12 +39,14 @@ class Modality:
     components  of displacement
     channels    in
     answers     names of what comes out
+    estimates   channels that are first estimates of the answers, if there are any
     """
 
     name: str
     components: int
     channels: int
     answers: tuple[str, ...]
+    estimates: tuple[int, ...] = ()
 
     def features(self, u: Array, poisson: Array) -> Array:
         """Displacement (batch, n, n, components), first axis y, and ν (batch,) as channels (batch, channels, n, n), float32."""
@@ -69,7 +71,7 @@ class Modality:
 
 
 MODALITIES = {
-    "waves": Modality("waves", 2, 28, ("storage", "loss")),
+    "waves": Modality("waves", 2, 28, ("storage", "loss"), (12, 13)),
     "compression": Modality("compression", 1, 10, ("youngs",)),
 }
 

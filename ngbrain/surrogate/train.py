@@ -10,7 +10,8 @@ m̄ is m that the second term cannot move, so that scales learn what errors are 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -54,11 +55,13 @@ class Surrogate(nn.Module):
     """Features in their own units → means and ln of scales (batch, answers, n, n): an operator between its normalisers.
 
     operator  takes `Modality.channels`, gives twice the answers
+    kind      whose `estimates`, where it has some, are what the operator corrects; else it corrects the mean
     """
 
-    def __init__(self, operator: nn.Module, channels: int, answers: int) -> None:
+    def __init__(self, operator: nn.Module, kind: Modality) -> None:
         super().__init__()
-        self.operator, self.answers = operator, answers
+        channels, answers = kind.channels, len(kind.answers)
+        self.operator, self.answers, self.estimates = operator, answers, kind.estimates
         for name, size in (("centre", channels), ("spread", channels), ("middle", answers), ("width", answers)):
             self.register_buffer(name, torch.ones(1, size, 1, 1))
 
@@ -73,7 +76,8 @@ class Surrogate(nn.Module):
         """Means and ln of scales."""
         out = self.operator((features - self.centre) / self.spread)
         mean, scale = out[:, : self.answers], out[:, self.answers :]
-        return mean * self.width + self.middle, torch.clamp(scale, NARROW, 3.0) + torch.log(self.width)
+        first = features[:, self.estimates] if self.estimates else self.middle
+        return mean * self.width + first, torch.clamp(scale, NARROW, 3.0) + torch.log(self.width)
 
 
 def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
@@ -137,7 +141,7 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(settings.seed)
     kind, random = learner.kind, np.random.default_rng(settings.seed)
-    model = Surrogate(operator(kind.channels, 2 * len(kind.answers)), kind.channels, len(kind.answers))
+    model = Surrogate(operator(kind.channels, 2 * len(kind.answers)), kind)
     model.fit(*learner.seen(random.permutation(len(training))[:512], settings.noise, random))
     steps = settings.epochs * (len(training) // settings.batch)
     optimiser = torch.optim.AdamW(model.parameters(), lr=settings.rate, weight_decay=settings.decay)
@@ -156,18 +160,20 @@ def train(
     for epoch in range(len(curve), settings.epochs):
         random = np.random.default_rng([settings.seed, epoch])
         order = random.permutation(len(training))
+        batches = [order[i : i + settings.batch] for i in range(0, len(order) - settings.batch + 1, settings.batch)]
         losses = []
         model.train()
-        for first in range(0, len(order) - settings.batch + 1, settings.batch):
-            features, targets = learner.seen(order[first : first + settings.batch], settings.noise, random)
+        for features, targets in _ahead(learner, batches, settings.noise, random):
             mean, scale = model(torch.from_numpy(features))
             value = objective(mean, scale, torch.from_numpy(targets))
             optimiser.zero_grad()
             value.backward()
-            torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            optimiser.step()
+            if torch.isfinite(
+                torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            ):  # else one bad step spoils all weights
+                optimiser.step()
+                losses.append(value.item())
             schedule.step()
-            losses.append(value.item())
         off = errors(predicted(model, seen)[0], judge.maps)
         curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
         states = {"model": model.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
@@ -175,6 +181,19 @@ def train(
         write_json(folder / "curve.json", curve)
         tell(curve[-1])
     return model
+
+
+def _ahead(
+    learner: Learner, batches: Sequence[Array], noise: tuple[float, float], random: np.random.Generator
+) -> Iterator[tuple[Array, Array]]:
+    """What is seen of batches, the next one made while one is learnt."""
+    with ThreadPoolExecutor(1) as beside:
+        coming = [beside.submit(learner.seen, batches[0], noise, random)]
+        for rows in (*batches[1:], None):
+            here = coming.pop().result()
+            if rows is not None:
+                coming.append(beside.submit(learner.seen, rows, noise, random))
+            yield here
 
 
 def predicted(model: Surrogate, features: Array, batch: int = 25) -> tuple[Array, Array]:

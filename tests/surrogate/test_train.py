@@ -95,7 +95,7 @@ def test_scales_do_not_move_means():
 
 def test_normalisers_are_of_the_training_data(sets):
     learner = Learner.of(sets[0])
-    model = Surrogate(small(learner.kind.channels, 2), learner.kind.channels, len(learner.kind.answers))
+    model = Surrogate(small(learner.kind.channels, 2), learner.kind)
     features = learner.measured(0.01)
     model.fit(features, learner.maps)
     assert np.allclose(model.centre.numpy().ravel(), features.mean(axis=(0, 2, 3)), atol=1e-5)
@@ -144,7 +144,7 @@ def test_onnx_answers_as_torch_does(sets, tmp_path):
 
     kind = modality(sets[0].modality)
     learner = Learner.of(sets[0])
-    model = Surrogate(small(kind.channels, 2 * len(kind.answers)), kind.channels, len(kind.answers))
+    model = Surrogate(small(kind.channels, 2 * len(kind.answers)), kind)
     features = learner.measured(0.01)
     model.fit(features, learner.maps)
     export(model, tmp_path, kind.name, {"seed": 0})
