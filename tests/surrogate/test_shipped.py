@@ -42,7 +42,7 @@ def samples(name, count, across=51):
 
 @pytest.fixture(scope="module")
 def waves():
-    return Operator.shipped("waves"), samples("waves", 8)
+    return Operator.shipped("waves"), samples("waves", 6)
 
 
 def largest(operator, seen):
@@ -80,8 +80,8 @@ def test_right_maps_pass_and_those_of_another_square_do_not(waves):
     assert (right <= trust["threshold"]).mean() > 0.8 and auc(right, np.array(wrong)) > 0.9
 
 
-def driven(drive=None, frequency=None, shear=None, count=8):
-    """Squares that are like those of the training but for this."""
+def driven(drive=None, frequency=None, shear=None, count=4):
+    """Squares that are like those of the training but for this; their waves reach the edge opposite to the one that is shaken."""
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, FINE),), indexing="ij")
     rows = samples("waves", count)
     found = []
@@ -90,7 +90,7 @@ def driven(drive=None, frequency=None, shear=None, count=8):
         angle = random.uniform(0, 2 * np.pi)
         way = (1e-3 * np.cos(angle), 1e-3 * np.sin(angle))
         edges = {"top": way, **({"bottom": tuple(drive * part for part in way)} if drive is not None else {})}
-        fine = (shear or 6e3) * family("gaussian_width")(random, x, y) * (1 + 0.2j)
+        fine = (shear or 6e3) * family("gaussian_width")(random, x, y) * (1 + 0.1j)
         hertz = frequency or row.frequency
         u = shaken(fine, hertz, row.poisson, edges, 51)
         found.append(type(row)(u, row.storage, row.loss, hertz, row.poisson))
@@ -99,13 +99,20 @@ def driven(drive=None, frequency=None, shear=None, count=8):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"frequency": 96.0}, {"frequency": 24.0}, {"shear": 2.4e4}, {"shear": 1.5e3}, {"drive": 0.0}, {"drive": -1.0}],
+    [
+        {"frequency": 96.0},
+        {"frequency": 24.0},
+        {"shear": 2.4e4},
+        {"shear": 1.5e3},
+        {"drive": 0.0, "frequency": 45.0},
+        {"drive": -1.0, "frequency": 45.0},
+    ],
     ids=["too fast", "too slow", "too stiff", "too soft", "clamped opposite", "both edges"],
 )
 def test_squares_unlike_the_training_are_told_from_those_like_it(waves, changes):
     operator, rows = waves
     usual = largest(operator, looks(operator, rows))
-    assert auc(usual, largest(operator, looks(operator, driven(**changes, count=5)))) >= 0.9
+    assert auc(usual, largest(operator, looks(operator, driven(**changes, count=4)))) >= 0.9
 
 
 def test_ten_per_cent_of_noise(waves):
@@ -114,6 +121,9 @@ def test_ten_per_cent_of_noise(waves):
 
 
 def test_no_torch():
-    code = "import sys, ngbrain.cli; from ngbrain.surrogate.shipped import Operator; Operator.shipped('waves'); print('torch' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    """Neither for the command line nor for the operator."""
+    code = "import sys, ngbrain.cli as _, ngbrain.surrogate.shipped as s; s.Operator.shipped('waves')"
+    done = subprocess.run(
+        [sys.executable, "-c", code + "; print('torch' in sys.modules)"], capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "False"
