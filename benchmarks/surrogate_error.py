@@ -47,7 +47,7 @@ FAMILIES = (*SMOOTH, *SHARP, "tumour")
 NOISES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 SLOW_NOISES, SLOW_FAMILIES = (0.0, 0.01, 0.05), ("gaussian_width", "inclusions")
 """What inversions are compared at."""
-MANY, FEW = 20, 2
+MANY, FEW = 10, 1
 """Samples of a family for methods of milliseconds, and for those of many seconds."""
 LEAST = 1e-3
 """Noise that an inversion is told at least."""
