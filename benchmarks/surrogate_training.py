@@ -28,7 +28,7 @@ from ngbrain.surrogate.data import COLUMNS, DataSet
 
 Record = dict
 FOLDER = Path("out/surrogate")
-EPOCHS, SAMPLES = 15, (440, 1450, 2900)
+EPOCHS, SAMPLES = 8, (440, 1450, 2900)
 GAUSSIAN = ("gaussian_place", "gaussian_width")
 COLOURS = {"ngbrain:wavelet": "#0072B2", "ngbrain:Fourier": "#E69F00", "ngbrain:U-Net": "#009E73"}
 
