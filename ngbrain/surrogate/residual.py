@@ -79,7 +79,7 @@ def of_compression(u: Array, youngs: Array, poisson: float) -> tuple[float, floa
     """
     n, side = len(u), SIDES["compression"]
     axial = ngs.VoxelCoefficient((0, 0), (side, side), (side * u[..., 0]).astype(complex), linear=True)
-    shear = youngs / youngs.mean() / (2 * (1 + poisson)) * 1e4
+    shear = youngs / (2 * (1 + poisson))
     held = {"x": "bottom", "y": ".*"}
     fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
     size = np.sqrt((without_affine(u[None]) ** 2).mean())
