@@ -72,17 +72,17 @@ def answered(operator: Operator, view: View, density: float, poisson: float) -> 
     said = [_said(operator, view, places, size, poisson) for size in sorted({n for *_, n in places})]
     told = {place: each for part in said for place, each in part.items()}
     if kind.name == "waves":
-        levels = {
+        level = {
             (i, j, n): np.log(density * (2 * np.pi * view.frequency * (n - 1) * view.spacing) ** 2)
             for i, j, n in places
         }
     else:
-        levels = _levels({place: mean[0] for place, (_, mean, _) in told.items()})
+        level = levels({place: mean[0] for place, (_, mean, _) in told.items()})
     shape = (len(kind.answers), *view.counts.shape)
     total, weight, count = np.zeros(shape), np.zeros(shape), np.zeros(view.counts.shape)
     for (i, j, n), (_, mean, scale) in told.items():
         here = np.s_[:, i : i + n, j : j + n]
-        mean = np.concatenate([mean[:1] + levels[i, j, n], mean[1:]])
+        mean = np.concatenate([mean[:1] + level[i, j, n], mean[1:]])
         total[here] += mean / scale**2
         weight[here] += 1 / scale**2
         count[here[1:]] += 1
@@ -91,7 +91,7 @@ def answered(operator: Operator, view: View, density: float, poisson: float) -> 
     looks = []
     for (i, j, n), (features, _, scale) in told.items():
         here = np.s_[:, i : i + n, j : j + n]
-        blended = np.concatenate([mean[here][:1] - levels[i, j, n], mean[here][1:]])
+        blended = np.concatenate([mean[here][:1] - level[i, j, n], mean[here][1:]])
         side = (n - 1) * view.spacing
         frequency = view.frequency * side / SIDES[kind.name] * np.sqrt(density / DENSITY)
         u = view.displacement[here[1:]] / side
@@ -117,8 +117,13 @@ def _said(
     return dict(zip(own, zip(features, *operator(features), strict=True), strict=True))
 
 
-def _levels(logarithms: dict[Square, Array]) -> dict[Square, float]:
-    """What to add to the logarithms of each square, so that they agree where squares overlap, by least squares."""
+def levels(logarithms: dict[Square, Array]) -> dict[Square, float]:
+    """What to add to the logarithms of each square, so that they agree where squares overlap, by least squares.
+
+    >>> found = levels({(0, 0, 4): np.zeros((4, 4)), (0, 2, 4): np.ones((4, 4))})
+    >>> [round(value, 6) for value in found.values()]
+    [0.5, -0.5]
+    """
     places = list(logarithms)
     rows, right = [np.ones(len(places))], [0.0]
     for (a, one), (b, other) in combinations(enumerate(places), 2):
