@@ -50,7 +50,7 @@ PLANE, SPACE = "CV-G, order 4", "block, order 2"
 SIZES = ((PLANE, 12), (SPACE, 10), (SPACE, 15))
 """Elements along a side."""
 QUICK = ((PLANE, 6), (SPACE, 4))
-WEIGHTS = {PLANE: 1e3, SPACE: 1e2}
+WEIGHTS = {PLANE: 1e3, SPACE: 1e5}
 SHADES = {
     "assembly": PHASES["assemble"],
     "factor": PHASES["factor"],
