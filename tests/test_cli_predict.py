@@ -78,11 +78,14 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["solves"]["forward"] == 1 and any("up to one factor" in note for note in result["notes"])
     assert result["answers"]["youngs"]["relative_l2_error"] < 0.45
+    (shown,) = (float(note.split("shown as ")[1].split()[0]) for note in result["notes"] if "shown as" in note)
     import nibabel
 
     for name in ("youngs", "youngs_deviation"):
         image = nibabel.load(tmp_path / "out" / f"{name}.nii.gz")
         assert image.shape == (31, 31, 1) and np.isfinite(np.asarray(image.dataobj)).all()
+        if name == "youngs":
+            assert np.mean(np.asarray(image.dataobj)) == pytest.approx(1e3 * shown, rel=1e-3)
 
 
 def test_an_inversion_starts_from_it(tmp_path, capsys):
