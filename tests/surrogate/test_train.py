@@ -102,6 +102,23 @@ def test_normalisers_are_of_the_training_data(sets):
     assert np.allclose(model.width.numpy().ravel(), learner.maps.std(axis=(0, 2, 3)), rtol=1e-4, atol=1e-5)
 
 
+def test_an_operator_corrects_a_first_estimate_by_the_spread_of_the_targets(sets):
+    """Of waves the modulus that their curl tells, of compression the mean of the training."""
+    learner = Learner.of(sets[0])
+    kind, answers = learner.kind, len(learner.kind.answers)
+    constant = torch.nn.Conv2d(kind.channels, 2 * answers, 1)
+    torch.nn.init.zeros_(constant.weight)
+    torch.nn.init.constant_(constant.bias, 0.5)
+    model = Surrogate(constant, kind)
+    features = learner.measured(0.01)
+    model.fit(features, learner.maps)
+    middle, width = (f(learner.maps, axis=(0, 2, 3), keepdims=True) for f in (np.mean, np.std))
+    first = features[:, list(kind.estimates)] if kind.name == "waves" else middle
+    mean, scale = predicted(model, features)
+    assert np.allclose(mean, first + 0.5 * width, atol=1e-4)
+    assert np.allclose(scale, np.exp(0.5) * width, rtol=1e-3)
+
+
 def test_a_stopped_training_goes_on_as_if_never_stopped(sets, tmp_path):
     settings = Settings(epochs=3, batch=4)
     through = train(small, *sets, tmp_path / "through", settings)
