@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
 
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
@@ -22,25 +23,27 @@ def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -
 
     One file serves any batch and grid. Raises `MissingExtra` without onnx.
     """
-    require("onnx", "train")
-    axes = {0: "batch", 2: "ny", 3: "nx"}
-    names = ["features", "mean", "scale"]
     channels = model.centre.shape[1]
-
-    def write(part: Path) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of this way of tracing; the new one needs one more package
-            torch.onnx.export(
-                model.eval(),
-                (torch.zeros(2, channels, 51, 51),),
-                str(part),
-                dynamo=False,
-                opset_version=OPSET,
-                input_names=names[:1],
-                output_names=names[1:],
-                dynamic_axes=dict.fromkeys(names, axes),
-            )
-
     folder.mkdir(parents=True, exist_ok=True)
-    whole(folder / f"{name}.onnx", write)
+    whole(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
     write_json(folder / f"{name}.json", dict(card))
+
+
+def as_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:
+    """Write a network as ONNX for any batch and grid; `names` are those of what goes in, the first, and of what comes out.
+
+    Raises `MissingExtra` without onnx.
+    """
+    require("onnx", "train")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of this way of tracing; the new one needs one more package
+        torch.onnx.export(
+            net.eval(),
+            (torch.zeros(2, channels, 51, 51),),
+            str(file),
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=names[:1],
+            output_names=names[1:],
+            dynamic_axes={key: {0: "batch", 2: "ny", 3: "nx"} for key in names},
+        )

@@ -36,14 +36,12 @@ STEEP = 1.5
 class Modality:
     """How the operator looks at one kind of data.
 
-    components  of displacement
-    channels    in
-    answers     names of what comes out
-    estimates   channels that are first estimates of the answers, if there are any
+    channels   in
+    answers    names of what comes out
+    estimates  channels that are first estimates of the answers, if there are any
     """
 
     name: str
-    components: int
     channels: int
     answers: tuple[str, ...]
     estimates: tuple[int, ...] = ()
@@ -71,8 +69,8 @@ class Modality:
 
 
 MODALITIES = {
-    "waves": Modality("waves", 2, 28, ("storage", "loss"), (12, 13)),
-    "compression": Modality("compression", 1, 10, ("youngs",)),
+    "waves": Modality("waves", 28, ("storage", "loss"), (12, 13)),
+    "compression": Modality("compression", 10, ("youngs",)),
 }
 
 

@@ -2,7 +2,7 @@
 
 The operator's answer has a mean m and a scale s for every point of ln(modulus) and, for waves, G″/G′. With the truth t
 
-    loss = Σ_samples ‖exp m - exp t‖/‖exp t‖  (storage, and loss likewise)  +  w mean(((t - m̄)/s)²/2 + ln s)
+    loss = Σ_samples ‖exp m - exp t‖/‖exp t‖  (storage; loss with half the weight)  +  w mean(((t - m̄)/s)²/2 + ln s)
 
 m̄ is m that the second term cannot move, so that scales learn what errors are and not how to make them.
 """
@@ -168,9 +168,8 @@ def train(
             value = objective(mean, scale, torch.from_numpy(targets))
             optimiser.zero_grad()
             value.backward()
-            if torch.isfinite(
-                torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            ):  # else one bad step spoils all weights
+            slope = torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            if torch.isfinite(slope):  # else one bad step spoils all weights
                 optimiser.step()
                 losses.append(value.item())
             schedule.step()

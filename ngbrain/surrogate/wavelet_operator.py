@@ -12,13 +12,10 @@ grid, and nothing is added to x.
 
 from __future__ import annotations
 
-import warnings
-from pathlib import Path
-
 import torch
 from torch import Tensor, nn
 
-from ngbrain.errors import InputError, require
+from ngbrain.errors import InputError
 from ngbrain.surrogate.wavelets import Level, Wavelet
 
 NATIVE = 50
@@ -131,24 +128,3 @@ class WaveletOperator(nn.Module):
         for block in self.blocks:
             y = block(y, levels)
         return self.project(y).permute(2, 3, 0, 1)
-
-
-def export(net: WaveletOperator, file: str | Path) -> None:
-    """Write the network as ONNX, one file for any batch and grid: input `x`, output `y`.
-
-    Raises `MissingExtra` without onnx.
-    """
-    require("onnx", "train")
-    axes = {0: "batch", 2: "ny", 3: "nx"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of this way of tracing; the new one needs onnxscript
-        torch.onnx.export(
-            net.eval(),
-            (torch.zeros(1, net.channels_in, NATIVE + 1, NATIVE + 1),),
-            str(file),
-            dynamo=False,
-            opset_version=17,
-            input_names=["x"],
-            output_names=["y"],
-            dynamic_axes={"x": axes, "y": axes},
-        )

@@ -12,7 +12,8 @@ pytest.importorskip("pywt")
 torch.set_num_threads(1)
 
 from ngbrain.surrogate import wavelet_operator  # noqa: E402
-from ngbrain.surrogate.wavelet_operator import WaveletOperator, export, native, weights  # noqa: E402
+from ngbrain.surrogate.export import as_onnx  # noqa: E402
+from ngbrain.surrogate.wavelet_operator import WaveletOperator, native, weights  # noqa: E402
 
 
 def smooth(n: int, phase: float = 0.0):
@@ -87,7 +88,7 @@ def test_what_was_learned_on_51_points_holds_on_101():
 def test_one_onnx_file_serves_all_grids(net, tmp_path):
     runtime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
-    export(net, tmp_path / "net.onnx")
+    as_onnx(net, tmp_path / "net.onnx", net.channels_in, ["x", "y"])
     session = runtime.InferenceSession(tmp_path / "net.onnx", providers=["CPUExecutionProvider"])
     for shape in ((1, 5, 51, 51), (2, 5, 64, 64), (1, 5, 101, 101), (3, 5, 40, 61), (1, 5, 61, 26)):
         x = torch.randn(shape)
