@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("modality", choices=list(MODALITIES))
     parser.add_argument("-o", dest="output", type=Path, default=Path("surrogate"), metavar="DIR")
     parser.add_argument("--epochs", type=int, default=50)
-    parser.add_argument("--rate", type=float, default=3e-3, help="highest learning rate")
+    parser.add_argument("--rate", type=float, default=0.02, help="highest learning rate")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that compute data"

@@ -2,9 +2,11 @@
 
 The operator's answer has a mean m and a scale s for every point of ln(modulus) and, for waves, G″/G′. With the truth t
 
-    loss = Σ_samples ‖exp m - exp t‖/‖exp t‖  (storage; loss with half the weight)  +  w mean(((t - m̄)/s)²/2 + ln s)
+    loss = Σ_samples ln(‖exp m - exp t‖/‖exp t‖ + ε)  (storage; loss with half the weight)  +  w mean(((t - m̄)/s)²/2 + ln s)
 
-m̄ is m that the second term cannot move, so that scales learn what errors are and not how to make them.
+Logarithms, as a tenth less of an error is worth as much in a smooth square as in one with edges, whose errors are three times
+larger. With them and batches of 8 smooth squares were 17 % and inclusions 9 % better after four passes than without them and with
+batches of 16. m̄ is m that the second term cannot move, so that scales learn what errors are and not how to make them.
 """
 
 from __future__ import annotations
@@ -24,12 +26,15 @@ from ngbrain.errors import InputError
 from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
 from ngbrain.surrogate.data import DENSITY, DataSet
+from ngbrain.surrogate.descent import Descent
 from ngbrain.surrogate.features import NOISE, Modality, errors, modality, spoilt
 from ngbrain.surrogate.symmetries import turned
 
 Array = np.ndarray
-OF_SCALES = 0.05
-"""Weight of the scales' term."""
+FLOOR = 0.003
+"""ε: errors below it are not worth having."""
+OF_SCALES = 0.15
+"""w."""
 LOSSLESS = 0.05
 """Part of the storage that is added to a loss's norm: a body without loss has none to divide by."""
 NARROW = -7.0
@@ -38,15 +43,14 @@ NARROW = -7.0
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a training: passes over the data, samples a step, highest learning rate, decay of weights, noise from least to most.
+    """Of a training: passes over the data, samples a step, highest learning rate (of `Descent`), noise from least to most.
 
     The noise's logarithm is uniform between them.
     """
 
     epochs: int = 60
-    batch: int = 16
-    rate: float = 3e-3
-    decay: float = 1e-5
+    batch: int = 8
+    rate: float = 0.02
     noise: tuple[float, float] = NOISE
     seed: int = 0
 
@@ -84,11 +88,11 @@ def objective(mean: torch.Tensor, scale: torch.Tensor, targets: torch.Tensor) ->
     """The loss of the module's head, averaged over the batch."""
     found, true = torch.exp(mean[:, 0]), torch.exp(targets[:, 0])
     size = true.flatten(1).norm(dim=1)
-    total = ((found - true).flatten(1).norm(dim=1) / size).mean()
+    total = torch.log((found - true).flatten(1).norm(dim=1) / size + FLOOR).mean()
     if targets.shape[1] == 2:
         lossy = true * targets[:, 1]
-        off = (found * mean[:, 1] - lossy).flatten(1).norm(dim=1)
-        total = total + 0.5 * (off / (lossy.flatten(1).norm(dim=1) + LOSSLESS * size)).mean()
+        off = (found * mean[:, 1] - lossy).flatten(1).norm(dim=1) / (lossy.flatten(1).norm(dim=1) + LOSSLESS * size)
+        total = total + 0.5 * torch.log(off + FLOOR).mean()
     likely = (((targets - mean.detach()) * torch.exp(-scale)) ** 2 / 2 + scale).mean()
     return total + OF_SCALES * likely
 
@@ -144,8 +148,7 @@ def train(
     model = Surrogate(operator(kind.channels, 2 * len(kind.answers)), kind)
     model.fit(*learner.seen(random.permutation(len(training))[:512], settings.noise, random))
     steps = settings.epochs * (len(training) // settings.batch)
-    optimiser = torch.optim.AdamW(model.parameters(), lr=settings.rate, weight_decay=settings.decay)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=steps, pct_start=0.1)
+    descent = Descent(model, settings.rate, steps)
     curve: list[dict[str, float]] = []
     made_by = json.loads(json.dumps({**asdict(settings), "data": training.sha256}))
     checkpoint = folder / "checkpoint.pt"
@@ -153,8 +156,8 @@ def train(
         saved = torch.load(checkpoint, weights_only=True)
         if saved["made_by"] != made_by:
             raise InputError("checkpoint.pt", saved["made_by"], f"{made_by}, or another folder")
-        for each, state in ((model, "model"), (optimiser, "optimiser"), (schedule, "schedule")):
-            each.load_state_dict(saved[state])
+        model.load_state_dict(saved["model"])
+        descent.load_state_dict(saved["descent"])
         curve = saved["curve"]
     seen = judge.measured(0.01)
     for epoch in range(len(curve), settings.epochs):
@@ -166,16 +169,11 @@ def train(
         for features, targets in _ahead(learner, batches, settings.noise, random):
             mean, scale = model(torch.from_numpy(features))
             value = objective(mean, scale, torch.from_numpy(targets))
-            optimiser.zero_grad()
-            value.backward()
-            slope = torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            if torch.isfinite(slope):  # else one bad step spoils all weights
-                optimiser.step()
+            if descent.step(value):
                 losses.append(value.item())
-            schedule.step()
         off = errors(predicted(model, seen)[0], judge.maps)
         curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
-        states = {"model": model.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
+        states = {"model": model.state_dict(), "descent": descent.state_dict()}
         whole(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
         write_json(folder / "curve.json", curve)
         tell(curve[-1])

@@ -93,6 +93,19 @@ def test_scales_do_not_move_means():
     assert of_scale.abs().max() < 1e-7  # least where the scale is the error
 
 
+def test_a_tenth_less_is_worth_as_much_of_any_error():
+    """Of samples five times apart the means learn alike; far below the floor they learn no more."""
+
+    def slope(size: float):
+        mean = torch.full((1, 2, 4, 4), size, requires_grad=True)
+        scale, targets = torch.zeros(1, 2, 4, 4), torch.zeros(1, 2, 4, 4)
+        (found,) = torch.autograd.grad(objective(mean, scale, targets), mean)
+        return (found * size).sum().item()
+
+    assert slope(0.1) == pytest.approx(slope(0.02), rel=0.4)
+    assert slope(1e-5) < 0.05 * slope(0.02)
+
+
 def test_normalisers_are_of_the_training_data(sets):
     learner = Learner.of(sets[0])
     model = Surrogate(small(learner.kind.channels, 2), learner.kind)
