@@ -19,7 +19,7 @@ class UNet(nn.Module):
     torch.Size([1, 2, 51, 64])
     """
 
-    def __init__(self, channels_in: int, channels_out: int, width: int = 23) -> None:
+    def __init__(self, channels_in: int, channels_out: int, width: int = 31) -> None:
         super().__init__()
 
         def pair(before: int, after: int) -> nn.Sequential:
@@ -70,7 +70,7 @@ class FourierOperator(nn.Module):
     torch.Size([1, 2, 51, 64])
     """
 
-    def __init__(self, channels_in: int, channels_out: int, width: int = 15, blocks: int = 4, modes: int = 8) -> None:
+    def __init__(self, channels_in: int, channels_out: int, width: int = 20, blocks: int = 4, modes: int = 8) -> None:
         super().__init__()
 
         def point(before: int, after: int) -> nn.Conv2d:

@@ -18,6 +18,14 @@ def test_as_many_weights_as_the_operator(rival, channels):
     assert weights(rival(*channels)) == pytest.approx(weights(WaveletOperator(*channels)), rel=0.1)
 
 
+@pytest.mark.parametrize("network", [WaveletOperator, *RIVALS])
+def test_answers_begin_near_nothing(network):
+    """So that what is corrected starts as it is."""
+    torch.manual_seed(0)
+    with torch.no_grad():
+        assert 0 < network(10, 2)(torch.randn(2, 10, 51, 51)).std() < 0.4
+
+
 @pytest.mark.parametrize("rival", RIVALS)
 def test_any_grid_and_every_weight_learns(rival):
     net = rival(3, 2, width=4)
