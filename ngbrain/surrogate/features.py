@@ -7,11 +7,12 @@ the edge (Savitzky and Golay 1964, 10.1021/ac60214a047), so that they mean the s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.signal import savgol_coeffs
 
 from ngbrain.errors import InputError, nearest
@@ -24,10 +25,16 @@ CURLS = ((0.1, 5, 0.1), (0.1, 5, 0.06), (0.16, 7, 0.06), (0.22, 7, 0.1))
 LAPLACIANS = ((0.1, 5, 0.1), (0.16, 5, 0.1))
 """Half a window, the polynomial's degree in it, and half the window of the ratio's sums. At 1 % noise the first serves waves of a
 third of the edge best, the last those of an edge: the moduli of single points are then off by 3 and 6 %."""
+OF_SLOPES, OF_CURLS, OF_LAPLACIANS = ((1, 0), (0, 1)), ((1, 0), (3, 0), (1, 2)), ((2, 0), (0, 2))
+"""Derivatives along x and y that these are made of, of either component: of u_x in the mirror that swaps x and y."""
 LEAST, MOST = 1e-4, 1.0
 """Of what logarithms are taken."""
 NOISE = (0.003, 0.03)
 """What operators are trained with; cleaner fields count as that noisy."""
+GRAIN, FLAT = 0.03, 0.5
+"""Longest that noise of ultrasound is correlated across the beam, in edges, and how much less along it. Errors of speckle tracking
+are correlated over the cell of resolution, some .87 λ z/D across (Wagner et al. 1983, 10.1109/T-SU.1983.31404): 1.1 mm at 5 MHz and
+z/D = 4, in a square of 40 mm."""
 STEEP = 1.5
 """Most of a phase (rad) that is believed."""
 
@@ -39,27 +46,37 @@ class Modality:
     channels   in
     answers    names of what comes out
     estimates  channels that are first estimates of the answers, if there are any
+    grain      longest grain of the noise that it is trained with
     """
 
     name: str
     channels: int
     answers: tuple[str, ...]
     estimates: tuple[int, ...] = ()
+    grain: float = 0.0
 
     def features(self, u: Array, poisson: Array) -> Array:
         """Displacement (batch, n, n, components), first axis y, and ν (batch,) as channels (batch, channels, n, n), float32."""
-        made = _of_waves(u) if self.name == "waves" else _of_compression(u)
-        n = u.shape[1]
-        line = np.broadcast_to(np.linspace(-1, 1, n), (len(u), n, n))
-        softness = np.broadcast_to(np.log10(1 - 2 * poisson)[:, None, None], (len(u), n, n))
-        noise = np.broadcast_to(np.log10(np.maximum(noise_of(u), NOISE[0]))[:, None, None], (len(u), n, n))
-        return np.stack([*made, line, line.transpose(0, 2, 1), softness, noise], axis=1).astype(np.float32)
+        n, of = u.shape[1], _of_waves if self.name == "waves" else _of_compression
+        found = np.empty((len(u), self.channels, n, n), np.float32)
+        for channels, each in zip(found, u[:, None], strict=True):  # what is made of one field stays in the cache
+            channels[:-4] = np.concatenate(of(each))
+        found[:, -4] = np.linspace(-1, 1, n)
+        found[:, -3] = found[:, -4].swapaxes(1, 2)
+        numbers = np.stack([1 - 2 * poisson, np.maximum(noise_of(u), NOISE[0])], axis=1)
+        found[:, -2:] = np.log10(numbers)[..., None, None]
+        return found
 
     def targets(self, storage: Array, loss: Array, unit: Array) -> Array:
         """ln of the modulus in its unit, and for waves G″/G′: (batch, answers, n, n)."""
         first = np.log(storage / unit[:, None, None])
         both = [first, loss / storage] if self.name == "waves" else [first]
         return np.stack(both, axis=1).astype(np.float32)
+
+    def spoilt(self, u: Array, noise: Array, random: np.random.Generator) -> Array:
+        """What training sees of fields: `spoilt`, of ultrasound half of them with a grain of any length up to the longest."""
+        grain = self.grain * np.maximum(random.uniform(-1, 1, len(u)), 0) if self.grain else None
+        return spoilt(u, noise, random, grain)
 
     def unit(self, storage: Array, frequency: Array, density: float, side: float) -> Array:
         """Of moduli (batch,), Pa: ρω²L², or the mean of E, which compression alone does not know."""
@@ -70,7 +87,7 @@ class Modality:
 
 MODALITIES = {
     "waves": Modality("waves", 28, ("storage", "loss"), (12, 13)),
-    "compression": Modality("compression", 10, ("youngs",)),
+    "compression": Modality("compression", 10, ("youngs",), grain=GRAIN),
 }
 
 
@@ -106,11 +123,32 @@ def derivative(n: int, half: float, order: int, degree: int = DEGREE) -> Array:
 
 def partial(u: Array, half: float, along_x: int, along_y: int, degree: int = DEGREE) -> Array:
     """∂^(along_x + along_y) u of fields (…, n, n), first axis y."""
+    return partials(u, half, [(along_x, along_y)], degree)[along_x, along_y]
+
+
+def partials(
+    u: Array, half: float, ways: Iterable[tuple[int, int]], degree: int = DEGREE
+) -> dict[tuple[int, int], Array]:
+    """Several derivatives of fields (…, n, n), by their orders along x and y; in one product what has one in common.
+
+    >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
+    >>> found = partials(x**2 * y, 0.1, [(1, 1), (2, 0)])
+    >>> bool(np.allclose(found[1, 1], 2 * x) and np.allclose(found[2, 0], 2 * y))
+    True
+    """
     if np.iscomplexobj(u):  # real matrices are not made complex for it
-        parts = partial(np.stack([u.real, u.imag]), half, along_x, along_y, degree)
-        return np.asarray(parts[0] + 1j * parts[1])
+        parts = partials(np.stack([u.real, u.imag]), half, ways, degree)
+        return {way: each[0] + 1j * each[1] for way, each in parts.items()}
     n = u.shape[-1]
-    return derivative(n, half, along_y, degree) @ u @ derivative(n, half, along_x, degree).T
+    orders: dict[int, list[int]] = {}
+    for along_x, along_y in ways:
+        orders.setdefault(along_x, []).append(along_y)
+    along = u @ np.vstack([derivative(n, half, order, degree) for order in orders]).T
+    found: dict[tuple[int, int], Array] = {}
+    for i, (x, ys) in enumerate(orders.items()):
+        both = np.vstack([derivative(n, half, y, degree) for y in ys]) @ along[..., i * n : (i + 1) * n]
+        found |= {(x, y): both[..., k * n : (k + 1) * n, :] for k, y in enumerate(ys)}
+    return found
 
 
 def noise_of(u: Array) -> Array:
@@ -118,13 +156,12 @@ def noise_of(u: Array) -> Array:
 
     Median over the points, so that edges of tissue do not count as noise; the size of its parts is that of white noise.
     """
-    fields = u.transpose(0, 3, 1, 2)
-    off = fields - partial(fields, FINEST, 0, 0, 3)
-    n = u.shape[1]
+    fields, n = u.transpose(0, 3, 1, 2), u.shape[1]
+    parts = np.stack([fields.real, fields.imag] if np.iscomplexobj(u) else [fields])
+    off = np.abs(parts - partial(parts, FINEST, 0, 0, 3))
     kept = float((((np.eye(n) - derivative(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
     kept = 2 * kept - kept**2 if kept < 1 else 1.0
-    parts = np.abs(np.stack([off.real, off.imag]) if np.iscomplexobj(u) else off[None])
-    sizes = np.median(parts, axis=(-2, -1)) / 0.6745
+    sizes = np.median(off, axis=(-2, -1)) / 0.6745
     total = np.sqrt((sizes**2).sum(axis=0) / kept)
     scale = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2)))
     return np.asarray((total / np.maximum(scale, 1e-300)).mean(axis=-1))
@@ -135,16 +172,28 @@ def without_affine(u: Array) -> Array:
     return u - _affine(u)[0]
 
 
-def spoilt(u: Array, noise: Array, random: np.random.Generator) -> Array:
+def spoilt(u: Array, noise: Array, random: np.random.Generator, grain: Array | None = None) -> Array:
     """Fields (batch, n, n, components) plus η = σ · rms(component without its affine part) · (a + ib)/√2; real data take a alone.
 
     noise  σ (batch,)
+    grain  g (batch,), edges: the correlation of a is exp(-(x/g)² - (y/`FLAT` g)²), as speckle's is, that of white noise where
+           g = 0, the default
     """
     rms = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2), keepdims=True))
     a = random.standard_normal(u.shape)
     if np.iscomplexobj(u):
         a = (a + 1j * random.standard_normal(u.shape)) / np.sqrt(2)
+    if grain is not None:
+        along_y, along_x = (_blur(u.shape[1], each)[:, None] for each in (FLAT * grain, grain))
+        a = (along_y @ a.transpose(0, 3, 1, 2) @ along_x.swapaxes(-1, -2)).transpose(0, 2, 3, 1)
     return np.asarray(u + noise[:, None, None, None] * rms * a)
+
+
+def _blur(n: int, reach: Array) -> Array:
+    """Gaussian filters (batch, n, n) that leave the size of white noise as it is and correlate it over `reach` (batch,)."""
+    x = np.linspace(0, 1, n)
+    rows = np.exp(-2 * ((x[:, None] - x) / np.maximum(reach, 1e-9)[:, None, None]) ** 2)
+    return np.asarray(rows / np.sqrt((rows**2).sum(axis=2, keepdims=True)))
 
 
 def errors(mean: Array, targets: Array) -> Array:
@@ -160,41 +209,70 @@ def errors(mean: Array, targets: Array) -> Array:
 def _affine(u: Array) -> tuple[Array, Array]:
     """Best a + bx + cy of fields, and the coefficients (3, batch, components) on the unit square."""
     n = u.shape[1]
+    q, r = _planes(n)
+    along = q.T @ u.transpose(1, 2, 0, 3).reshape(n * n, -1)
+    fitted = (q @ along).reshape(n, n, len(u), -1).transpose(2, 0, 1, 3)
+    return fitted, solve_triangular(r, along).reshape(3, len(u), -1)
+
+
+@cache
+def _planes(n: int) -> tuple[Array, Array]:
+    """Orthonormal planes (n², 3), and what 1, x and y are of them (3, 3)."""
     y, x = np.meshgrid(*2 * (np.linspace(0, 1, n),), indexing="ij")
-    basis = np.column_stack([np.ones(n * n), x.ravel(), y.ravel()])
-    flat = u.transpose(1, 2, 0, 3).reshape(n * n, -1)
-    found = np.linalg.lstsq(basis, flat, rcond=None)[0]
-    return (basis @ found).reshape(n, n, len(u), -1).transpose(2, 0, 1, 3), found.reshape(3, len(u), -1)
+    q, r = np.linalg.qr(np.column_stack([np.ones(n * n), x.ravel(), y.ravel()]))
+    return q, r
 
 
 def _of_waves(u: Array) -> list[Array]:
     """Parts of u and its gradient, and the modulus that waves would tell where it was uniform: from their curl, and from all."""
     fields = u.transpose(3, 0, 1, 2) / np.sqrt((np.abs(u) ** 2).mean(axis=(1, 2, 3)))[:, None, None]
-    ux, uy = fields
-    slopes = np.stack([partial(each, SMALL, *way) for each in fields for way in ((1, 0), (0, 1))])
-    slopes = slopes / np.sqrt((np.abs(slopes) ** 2).mean(axis=(0, 2, 3)))[:, None, None]
-    made = [part for each in (*fields, *slopes) for part in (each.real, each.imag)]
-    for half, degree, around in CURLS:
-        curl = partial(uy, half, 1, 0, degree) - partial(ux, half, 0, 1, degree)
-        bent = partial(uy, half, 3, 0, degree) + partial(uy, half, 1, 2, degree)
-        bent = bent - partial(ux, half, 2, 1, degree) - partial(ux, half, 0, 3, degree)
-        made += _modulus([curl], [bent], around)
-    for half, degree, around in LAPLACIANS:
-        bends = [partial(each, half, 2, 0, degree) + partial(each, half, 0, 2, degree) for each in fields]
-        made += _modulus(fields, bends, around)
-    return made
+    parts = np.stack([fields.real, fields.imag])
+    found = _derivatives(np.stack([_mirror(parts[:, 0]), parts[:, 1]]))
+    plain = found[SMALL, DEGREE]
+    slopes = np.stack([*(_mirror(plain[way][0]) for way in OF_SLOPES[::-1]), *(plain[way][1] for way in OF_SLOPES)])
+    slopes = slopes / np.sqrt((slopes**2).sum(axis=1).mean(axis=(0, 2, 3)))[:, None, None]
+    told = []
+    for half, degree, _ in CURLS:
+        curl, third, mixed = (found[half, degree][way] for way in OF_CURLS)
+        bent = third + mixed
+        told.append(_products(curl[1] - _mirror(curl[0]), bent[1] - _mirror(bent[0])))
+    for half, degree, _ in LAPLACIANS:
+        along_x, along_y = (found[half, degree][way] for way in OF_LAPLACIANS)
+        bent = along_x + along_y
+        told.append(_products(parts[:, 0], _mirror(bent[0])) + _products(parts[:, 1], bent[1]))
+    both = (each for way in (parts.swapaxes(0, 1), slopes) for each in way.reshape(-1, *u.shape[:3]))
+    return [*both, *_moduli(told)]
 
 
-def _modulus(fields: Sequence[Array], bends: Sequence[Array], around: float) -> list[Array]:
-    """ln |r| and arg r of r = -Σ |q|² / Σ conj(q) ∇²q over a window: least squares for 1/r, as noise is in ∇²q rather than in q."""
-    above = sum(_mean(np.abs(q) ** 2, around) for q in fields)
-    below = sum(_mean(np.conj(q) * bent, around) for q, bent in zip(fields, bends, strict=True))
-    r = -above / np.where(np.abs(below) > 0, below, 1e-300)
-    return [np.log(np.clip(np.abs(r), LEAST, MOST)), np.clip(np.angle(r), -STEEP, STEEP)]
+def _derivatives(fields: Array) -> dict[tuple[float, int], dict[tuple[int, int], Array]]:
+    """What `_of_waves` needs of fields, by half a window and degree."""
+    ways: dict[tuple[float, int], dict[tuple[int, int], None]] = {(SMALL, DEGREE): dict.fromkeys(OF_SLOPES)}
+    for settings, needed in ((CURLS, OF_CURLS), (LAPLACIANS, OF_LAPLACIANS)):
+        for half, degree, _ in settings:
+            ways.setdefault((half, degree), {}).update(dict.fromkeys(needed))
+    return {key: partials(fields, key[0], orders, key[1]) for key, orders in ways.items()}
 
 
-def _mean(field: Array, around: float) -> Array:
-    return partial(field, around, 0, 0, 0)
+def _mirror(field: Array) -> Array:
+    return field.swapaxes(-1, -2)
+
+
+def _products(q: Array, bent: Array) -> Array:
+    """|q|² and both parts of conj(q) ∇²q, of parts (2, …)."""
+    return np.stack([(q**2).sum(axis=0), (q * bent).sum(axis=0), q[0] * bent[1] - q[1] * bent[0]])
+
+
+def _moduli(told: list[Array]) -> list[Array]:
+    """ln |r| and arg r of r = -Σ |q|² / Σ conj(q) ∇²q over windows: least squares for 1/r, as noise is in ∇²q rather than in q."""
+    arounds = [around for *_, around in (*CURLS, *LAPLACIANS)]
+    made: dict[int, list[Array]] = {}
+    for around in set(arounds):
+        own = [i for i, each in enumerate(arounds) if each == around]
+        above, real, imaginary = partial(np.stack([told[i] for i in own], axis=1), around, 0, 0, 0)
+        size = above / np.maximum(np.sqrt(real**2 + imaginary**2), 1e-300)
+        size, angle = np.log(np.clip(size, LEAST, MOST)), np.clip(np.arctan2(imaginary, -real), -STEEP, STEEP)
+        made |= {i: [size[k], angle[k]] for k, i in enumerate(own)}
+    return [each for i in range(len(told)) for each in made[i]]
 
 
 def _of_compression(u: Array) -> list[Array]:

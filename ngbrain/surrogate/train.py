@@ -45,7 +45,7 @@ NARROW = -7.0
 class Settings:
     """Of a training: passes over the data, samples a step, highest learning rate (of `Descent`), noise from least to most.
 
-    The noise's logarithm is uniform between them.
+    The noise's logarithm is uniform between them; its grain is the modality's.
     """
 
     epochs: int = 60
@@ -116,7 +116,7 @@ class Learner:
         """Features and targets of samples, turned and spoilt at random."""
         u, maps = turned(self.data.modality, self.data.displacement[rows], self.maps[rows], random)
         sigma = np.exp(random.uniform(np.log(noise[0]), np.log(noise[1]), len(rows)))
-        return self.kind.features(spoilt(u, sigma, random), self.data.poisson[rows]), maps
+        return self.kind.features(self.kind.spoilt(u, sigma, random), self.data.poisson[rows]), maps
 
     def measured(self, noise: float, seed: int = 0) -> Array:
         """Features of all, as they lie, with that noise."""

@@ -28,7 +28,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.surrogate import residual
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet
-from ngbrain.surrogate.features import NOISE, Modality, noise_of, spoilt
+from ngbrain.surrogate.features import NOISE, Modality, noise_of
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Operator
 from ngbrain.surrogate.symmetries import turned
@@ -64,7 +64,7 @@ def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
 def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: int = 0) -> dict[str, Any]:
     """What a card has to know beside the training itself: `temperature` (answers,), and `trust` with ranges, bounds and threshold.
 
-    training, validation   as they were computed; noise is added as in the training to the first, of `JUDGED` to the second
+    training, validation   as they were computed; noise is added as in the training, to the second of `JUDGED`
 
     `threshold` is what the largest score of `TOGETHER` of the validation does not exceed.
 
@@ -74,10 +74,10 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     ranges = _ranges(kind, training)
     some = np.sort(random.permutation(len(training))[:ENOUGH])
     u, _ = turned(kind.name, training.displacement[some], training.storage[some, None], random)
-    u = spoilt(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
+    u = kind.spoilt(u, np.exp(random.uniform(np.log(NOISE[0]), np.log(NOISE[1]), len(some))), random)
     axes = _axes(kind, u, training.poisson[some])
     noise = np.concatenate([noise_of(each[None]) for each in u])
-    spoils = spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
+    spoils = kind.spoilt(validation.displacement, np.full(len(validation), JUDGED), random)
     validation = replace(validation, displacement=spoils)
     looks = _looks(operator, validation)
     if not all(np.isfinite(look.mean).all() for look in looks):

@@ -5,7 +5,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.data import sample, shaken
-from ngbrain.surrogate.features import derivative, modality, noise_of, partial, without_affine
+from ngbrain.surrogate.features import FLAT, GRAIN, derivative, modality, noise_of, partial, spoilt, without_affine
 
 
 @pytest.mark.parametrize("n", [26, 51, 64])
@@ -60,6 +60,45 @@ def test_noise_is_found(name, sigma):
     noise = (a + 1j * b) / np.sqrt(2) if name == "waves" else a
     assert noise_of(u + sigma * rms * noise)[0] == pytest.approx(sigma, rel=0.1)
     assert noise_of(u)[0] < 0.003
+
+
+def correlation(noise, lag, axis):
+    """Of noise (batch, n, n, …) at points that are so many apart."""
+    n = noise.shape[axis]
+    one, other = (np.take(noise, np.arange(n - lag) + shift, axis) for shift in (0, lag))
+    return (one * np.conj(other)).real.mean() / (np.abs(noise) ** 2).mean()
+
+
+def test_grained_noise_is_as_large_as_white_noise_and_correlated_over_its_grain(rng):
+    u = np.zeros((40, 51, 51, 1))
+    u[...] = (np.linspace(-1, 1, 51) ** 2)[:, None, None]
+    sigma = np.full(40, 0.1)
+    rms = np.sqrt((without_affine(u) ** 2).mean())
+    noise = (spoilt(u, sigma, rng, np.full(40, 0.08)) - u) / (0.1 * rms)
+    assert np.sqrt((noise**2).mean()) == pytest.approx(1, abs=0.02)
+    assert np.abs((noise**2).mean(axis=(0, 1, 3)) - 1).max() < 0.15  # as large at the edges
+    assert correlation(noise, 4, axis=2) == pytest.approx(np.exp(-1), abs=0.05)
+    assert correlation(noise, 4, axis=1) == pytest.approx(np.exp(-1 / FLAT**2), abs=0.05)
+    white, same = (spoilt(u, sigma, np.random.default_rng(0), grain) for grain in (None, np.zeros(40)))
+    assert np.array_equal(white, same)
+
+
+def test_training_sees_a_grain_in_half_of_what_ultrasound_measures_and_in_no_waves(rng):
+    u = sample("compression", "sinc", 0, "test", 0, 51).displacement[None].repeat(60, axis=0)
+    sigma = np.full(60, 0.02)
+    noise = modality("compression").spoilt(u, sigma, rng) - u
+    rough = np.array([correlation(each[None], 1, axis=2) for each in noise])
+    assert 0.3 < (rough > 0.06).mean() < 0.55 and rough.max() == pytest.approx(np.exp(-((0.02 / GRAIN) ** 2)), abs=0.1)
+    u = u * [1, 1j]
+    one, same = (f(u, sigma, np.random.default_rng(0)) for f in (modality("waves").spoilt, spoilt))
+    assert np.array_equal(one, same)
+
+
+def test_grained_noise_is_found_though_not_all_of_it():
+    u = sample("compression", "inclusions", 0, "test", 1, 51).displacement[None]
+    found = [noise_of(spoilt(u, np.array([0.1]), np.random.default_rng(1), np.array([g])))[0] for g in (0, GRAIN)]
+    assert found[0] == pytest.approx(0.1, rel=0.1)
+    assert found[1] == pytest.approx(0.08, rel=0.1)
 
 
 def test_unknown_modalities_are_refused():

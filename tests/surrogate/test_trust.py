@@ -7,7 +7,7 @@ import pytest
 from algebraic import algebraic, few, noisy
 
 from ngbrain.errors import InputError
-from ngbrain.surrogate.features import modality
+from ngbrain.surrogate.features import GRAIN, modality, spoilt
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Card, Operator
 from ngbrain.surrogate.trust import auc, calibrate, scores
@@ -91,9 +91,18 @@ def test_a_fifth_beyond_the_highest_and_the_lowest_frequency_is_well_over_the_bo
 
 def test_noise():
     operator, data = algebraic(), with_noise(few("waves", "validation"))
-    spoilt = with_noise(few("waves", "validation"), 0.1)
-    plain, noise = ([scores(look, operator.card.trust) for look in looks(operator, each)] for each in (data, spoilt))
+    noisier = with_noise(few("waves", "validation"), 0.1)
+    plain, noise = ([scores(look, operator.card.trust) for look in looks(operator, each)] for each in (data, noisier))
     assert all(after["noise"] > 4 * before["noise"] for before, after in zip(plain, noise, strict=True))
+
+
+def test_noise_with_the_longest_grain():
+    """It looks smoother than it is, and is told all the same."""
+    operator, data = algebraic("compression"), few("compression", "validation")
+    count = len(data.displacement)
+    u = spoilt(data.displacement, np.full(count, 0.1), np.random.default_rng(0), np.full(count, GRAIN))
+    found = [scores(look, operator.card.trust) for look in looks(operator, replace(data, displacement=u))]
+    assert min(each["noise"] for each in found) > 1.5
 
 
 def test_compression():
