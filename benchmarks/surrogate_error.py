@@ -1,13 +1,15 @@
 """Error against time for a map: the trained operator, two steps of Gauss-Newton after it, inversions, and direct methods.
 
 Test samples of `ngbrain.surrogate.data` (families that the operator has learnt, seeds that it has not seen), on 51 × 51 points,
-with noise η = σ · rms(component without its affine part). Moduli as the data's rheology has them: the error of a wave is that of
-G′ (of E where nothing is lost), of a compression that of E over its mean; all are in `errors`. The inversions use elements of
-their own, not those the data were made with. CPU time of one thread, of one map, of everything that follows reading the data.
+with noise η = σ · rms(component without its affine part), white or, of compression, with the longest grain that the training has
+(`grain`, edges). Moduli as the data's rheology has them: the error of a wave is that of G′ (of E where nothing is lost), of a
+compression that of E over its mean; all are in `errors`. `parts` has that of the first modulus within .03 of the edge of sharp
+families' jumps, and of what is farther away, each over the truth's norm there. The inversions use elements of their own, not those
+the data were made with. CPU time of one thread, of one map, of everything that follows reading the data.
 
     python benchmarks/surrogate_error.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/surrogate_error.py --chart FILE.png < records.json
-    python benchmarks/surrogate_error.py --table < records.json      mean errors, %
+    python benchmarks/surrogate_error.py --table < records.json      mean errors, %; of sharp families at edges / on plateaus too
 """
 
 from __future__ import annotations
@@ -15,14 +17,14 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from _command import main
 from _front import figure
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import NgbrainError
@@ -39,7 +41,7 @@ from ngbrain.inverse.starts import at_maps
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.data import DENSITY, SIDES, sample
 from ngbrain.surrogate.families import SHARP, SMOOTH
-from ngbrain.surrogate.features import spoilt
+from ngbrain.surrogate.features import GRAIN, spoilt
 from ngbrain.surrogate.predict import predict
 from ngbrain.surrogate.shipped import Operator
 
@@ -52,6 +54,11 @@ SLOWEST = 0.01
 """What inversions are compared at; noise for the one of all points, which takes minutes."""
 MANY, FEW = 10, 1
 """Samples of a family for methods of milliseconds, and for those of many seconds."""
+GRAINED = (0.01, 0.05)
+"""Noise of compression that has a grain too."""
+PARTS = ("edge", "plateau")
+NEAR, JUMP = 0.03, 0.05
+"""Distance to a jump of the truth, in edges, and the least of its logarithm from one point to the next."""
 LEAST = 1e-3
 """Noise that an inversion is told at least."""
 COLOURS = {
@@ -66,11 +73,11 @@ COLOURS = {
 }
 
 
-def measured(modality: str, family: str, index: int, noise: float) -> WaveData:
+def measured(modality: str, family: str, index: int, noise: float, grain: float = 0.0) -> WaveData:
     """A test sample as wave data, with its truth; ultrasound has the axial component alone."""
     one = sample(modality, family, SEED, "test", index, ACROSS)
     seed = [index, round(1000 * noise)]
-    u = spoilt(one.displacement[None], np.array([noise]), np.random.default_rng(seed))[0]
+    u = spoilt(one.displacement[None], np.array([noise]), np.random.default_rng(seed), np.array([grain]))[0]
     if modality == "compression":
         u = np.concatenate([np.full_like(u, np.nan), u], axis=-1)
     line = np.linspace(0, SIDES[modality], ACROSS)
@@ -197,19 +204,27 @@ def measure(quick: bool) -> list[Record]:
     records = []
     for modality in QUICK:
         of_surrogate(measured(modality, "sinc", 0, 0.01))  # loads what it needs
-        for family, noise, index in product(FAMILIES, NOISES[:2] if quick else NOISES, range(many)):
-            data = measured(modality, family, index, noise)
+        for family, (noise, grain), index in product(FAMILIES, conditions(modality, quick), range(many)):
+            data = measured(modality, family, index, noise, grain)
             methods = dict(QUICK[modality])
-            if family in SLOW_FAMILIES[: 1 if quick else None] and noise in SLOW_NOISES and index < few:
+            slow = family in SLOW_FAMILIES[: 1 if quick else None] and noise in SLOW_NOISES and index < few
+            if slow and not grain:
                 methods |= {k: v for k, v in SLOW.items() if noise == SLOWEST or v is not inverted}
-            records += [row(modality, family, noise, index, data, *each) for each in methods.items()]
+            told = {"modality": modality, "family": family, "noise": noise, "grain": grain, "sample": index}
+            records += [row(told, data, *each) for each in methods.items()]
     return records
 
 
-def row(modality: str, family: str, noise: float, index: int, data: WaveData, name: str, method: Callable) -> Record:
+def conditions(modality: str, quick: bool) -> list[tuple[float, float]]:
+    """Noise and its grain."""
+    white = [(noise, 0.0) for noise in (NOISES[:2] if quick else NOISES)]
+    return white + [(noise, GRAIN) for noise in GRAINED[: 1 if quick else None] if modality == "compression"]
+
+
+def row(told: Record, data: WaveData, name: str, method: Callable) -> Record:
     """What a method makes of a sample."""
-    made: Record = {"method": name, "order": 0, "ndof": 2 * ACROSS**2, "modality": modality, "family": family}
-    made |= {"noise": noise, "sample": index, "poisson": data.poisson, "frequency": float(data.frequency[0])}
+    made: Record = {"method": name, "order": 0, "ndof": 2 * ACROSS**2, **told}
+    made |= {"poisson": data.poisson, "frequency": float(data.frequency[0])}
     begun = time.process_time()
     try:
         maps = method(data)
@@ -218,34 +233,55 @@ def row(modality: str, family: str, noise: float, index: int, data: WaveData, na
             "reason": str(error),
             "error": 1.0,
             "errors": {},
+            "parts": {},
             "cpu_s": time.process_time() - begun,
             "converged": False,
         }
     cpu = time.process_time() - begun
-    errors = {}
+    errors, parts = {}, {}
     for key, truth in data.truth_views.items():
         found = maps[key]
         known = np.isfinite(found)
-        if modality == "compression":
+        if told["modality"] == "compression":
             found, truth = found / np.mean(found[known]), truth / np.mean(truth[known])
-        errors[key] = float(np.linalg.norm((found - truth)[known]) / np.linalg.norm(truth[known]))
+        errors[key] = relative(found, truth, known)
+        if told["family"] in SHARP and not parts:
+            near = beside_jumps(truth.reshape(ACROSS, ACROSS)).ravel()
+            parts = {"edge": relative(found, truth, known & near), "plateau": relative(found, truth, known & ~near)}
     first = errors.get("storage", errors.get("youngs", 1.0))
-    return made | {"error": first, "errors": errors, "cpu_s": cpu, "converged": True}
+    return made | {"error": first, "errors": errors, "parts": parts, "cpu_s": cpu, "converged": True}
 
 
-def mean(records: list[Record], **of: object) -> float:
-    """Mean error of those records."""
-    chosen = [r["error"] for r in records if all(r[key] == value for key, value in of.items())]
-    return float(np.mean(chosen)) if chosen else np.nan
+def relative(found: np.ndarray, truth: np.ndarray, where: np.ndarray) -> float:
+    """‖found - truth‖/‖truth‖ at some points."""
+    return float(np.linalg.norm((found - truth)[where]) / np.linalg.norm(truth[where]))
+
+
+def beside_jumps(truth: np.ndarray) -> np.ndarray:
+    """Points (n, n) within `NEAR` of the middle between neighbours of which one is another material."""
+    n = len(truth)
+    apart = np.ones((2 * n - 1, 2 * n - 1), bool)
+    steps = np.log(truth)
+    apart[1::2, ::2] = np.abs(np.diff(steps, axis=0)) < JUMP
+    apart[::2, 1::2] = np.abs(np.diff(steps, axis=1)) < JUMP
+    return distance_transform_edt(apart)[::2, ::2] <= 2 * (n - 1) * NEAR + 1e-9
+
+
+def mean(records: list[Record], part: str | None = None, **of: object) -> float:
+    """Mean error of those records, or of a part of it; of white noise if nothing else is said."""
+    of = {"grain": 0.0, **of}
+    chosen = [r for r in records if all(r[key] == value for key, value in of.items())]
+    values = [r["error"] if part is None else r["parts"].get(part, 1.0) for r in chosen]
+    return float(np.mean(values)) if values else np.nan
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Error over time at three noises, and the operator's error over noise."""
-    plt, made, grid = figure(11, 7.5, 2, 2)
+    """Error over time at three noises; the operator's error over noise, white or grained; at edges, and on plateaus."""
+    plt, made, grid = figure(16, 7.5, 2, 3)
     shades = {0.0: ("o", "no noise"), 0.01: ("s", "1 %"), 0.05: ("^", "5 %")}
-    for (left, right), modality in zip(grid, QUICK, strict=True):
-        ours = [r for r in records if r["modality"] == modality and r["family"] in SLOW_FAMILIES]
-        few = [r for r in ours if r["sample"] < FEW]
+    for (left, middle, right), modality in zip(grid, QUICK, strict=True):
+        every = [r for r in records if r["modality"] == modality]
+        few = [r for r in every if r["family"] in SLOW_FAMILIES and r["sample"] < FEW and not r["grain"]]
         for method, colour in COLOURS.items():
             for noise, (marker, _) in shades.items():
                 rows = [r for r in few if r["method"] == method and r["noise"] == noise]
@@ -256,21 +292,34 @@ def chart(records: list[Record], png: str) -> None:
                 left.plot(x, y, "x" if failed else marker, color=colour, ms=8, mfc=colour if noise else "none")
             if any(r["method"] == method for r in few):
                 left.plot([], [], "-", lw=5, color=colour, label=method.partition(":")[2])
-        left.set(
-            xscale="log", yscale="log", xlabel="CPU time of a map, one thread (s)", ylabel="mean relative error, %"
-        )
+        left.set(xscale="log", xlabel="CPU time of a map, one thread (s)")
         left.set_title(f"{modality}: Gaussian spots and sharp inclusions")
-        left.legend(fontsize=8)
+        ours = [r for r in every if r["method"] == "ngbrain:surrogate"]
+        grained = sorted({r["noise"] for r in ours if r["grain"]})
         for family in FAMILIES:
-            rows = [r for r in records if r["modality"] == modality and r["family"] == family]
-            line = [100 * mean(rows, method="ngbrain:surrogate", noise=noise) for noise in NOISES]
-            right.plot([100 * n for n in NOISES], line, "o-" if family in SMOOTH else "s--", ms=4, label=family)
-        right.axhline(2, color="#b22222", lw=1, ls=":", label="asked for, Gaussian, 1 %")
-        right.set(xlabel="noise, %", ylabel="mean relative error, %", yscale="log")
-        right.set_title(f"{modality}: the trained operator, {MANY} samples each")
-        right.legend(fontsize=7, ncols=2)
-        for axes in (left, right):
+            rows = [r for r in ours if r["family"] == family]
+            line = [100 * mean(rows, noise=noise) for noise in NOISES]
+            style = "o-" if family in SMOOTH else "s--"
+            (drawn,) = middle.plot([100 * n for n in NOISES], line, style, ms=4, label=family)
+            points = [100 * mean(rows, noise=noise, grain=GRAIN) for noise in grained]
+            middle.plot([100 * n for n in grained], points, "*", ms=10, mfc="none", color=drawn.get_color())
+            if family not in SHARP:
+                continue
+            for part, dash in zip(PARTS, ("s--", "s-"), strict=True):
+                line = [100 * mean(rows, part, noise=noise) for noise in NOISES]
+                label = f"{family}, {part}"
+                right.plot([100 * n for n in NOISES], line, dash, ms=4, label=label, color=drawn.get_color())
+        if grained:
+            middle.plot([], [], "k*", ms=10, mfc="none", label=f"grain of {GRAIN} edges")
+        middle.axhline(2, color="#b22222", lw=1, ls=":", label="asked for, Gaussian, 1 %")
+        middle.set_title(f"{modality}: the trained operator, {MANY} samples each")
+        right.set_title(f"{modality}: within {NEAR} edges of a jump, and farther away")
+        for axes in (left, middle, right):
+            axes.set(yscale="log", ylabel="mean relative error, %")
+            axes.legend(fontsize=8, ncols=1 if axes is left else 2)
             axes.grid(True, which="both", alpha=0.25)
+        for axes in (middle, right):
+            axes.set(xlabel="noise, %")
     for marker, text in shades.values():
         grid[0][0].plot([], [], marker, color="k", mfc="none" if text == "no noise" else "k", label=text)
     grid[0][0].legend(fontsize=8)
@@ -281,24 +330,40 @@ def chart(records: list[Record], png: str) -> None:
 def line(r: Record) -> str:
     """A record to read."""
     errors = ", ".join(f"{name} {100 * value:.3g} %" for name, value in r["errors"].items()) or r["reason"]
-    return f"{r['modality']} {r['family']} {r['sample']} {100 * r['noise']:g} % {r['method']:<26} {errors}, {r['cpu_s']:.3f} s"
+    errors += "".join(f", {part} {100 * value:.3g} %" for part, value in r["parts"].items())
+    noise = f"{100 * r['noise']:g} %" + (" grained" if r["grain"] else "")
+    return f"{r['modality']} {r['family']} {r['sample']} {noise} {r['method']:<26} {errors}, {r['cpu_s']:.3f} s"
 
 
 def table(records: list[Record]) -> str:
-    """Mean errors of families at each noise for quick methods, and of the slow comparison."""
+    """Mean errors of families at each noise, white and grained, for quick methods; of the slow comparison; and of parts."""
     lines = []
+
+    def cells(rows: list[Record], conditions: Iterable[tuple[float, float]], part: str | None = None) -> str:
+        found = (mean(rows, part, noise=noise, grain=grain) for noise, grain in conditions)
+        return " | ".join(f"{100 * each:.2f}" for each in found)
+
     for modality, methods in QUICK.items():
-        for method in methods:
-            for family in FAMILIES:
-                rows = [r for r in records if (r["modality"], r["method"], r["family"]) == (modality, method, family)]
-                cells = [f"{100 * mean(rows, noise=noise):.2f}" for noise in NOISES]
-                lines.append(f"| {modality} | {method} | {family} | {' | '.join(cells)} |")
+        every = [r for r in records if r["modality"] == modality]
+        noises = conditions(modality, quick=False)
+        for method, family in product(methods, FAMILIES):
+            rows = [r for r in every if (r["method"], r["family"]) == (method, family)]
+            lines.append(f"| {modality} | {method} | {family} | {cells(rows, noises)} |")
+            if family in SHARP:
+                parts = (f"| {modality} | {method} | {family}, {p} | {cells(rows, noises, p)} |" for p in PARTS)
+                lines.extend(parts)
         for method in (*methods, *SLOW):
-            rows = [r for r in records if (r["modality"], r["method"]) == (modality, method)]
-            rows = [r for r in rows if r["family"] in SLOW_FAMILIES and r["sample"] < FEW]
-            cells = [f"{100 * mean(rows, noise=noise):.2f}" for noise in SLOW_NOISES]
+            rows = [r for r in every if r["method"] == method and r["family"] in SLOW_FAMILIES and r["sample"] < FEW]
+            rows = [r for r in rows if not r["grain"]]
             cpu = np.median([r["cpu_s"] for r in rows])
-            lines.append(f"| {modality} | {method} | the same {len(rows)} | {' | '.join(cells)} | {cpu:.3g} s |")
+            lines.append(
+                f"| {modality} | {method} | the same {len(rows)} | {cells(rows, product(SLOW_NOISES, [0.0]))} | {cpu:.3g} s |"
+            )
+            for part in PARTS:
+                sharp = [r for r in rows if r["family"] in SHARP]
+                lines.append(
+                    f"| {modality} | {method} | of them sharp, {part} | {cells(sharp, product(SLOW_NOISES, [0.0]), part)} |"
+                )
     return "\n".join(lines)
 
 
