@@ -1,4 +1,4 @@
-"""How weights are moved: Muon on those that are matrices, AdamW on biases, one schedule for both.
+"""How weights are moved: Muon on those of layers, which are matrices, AdamW on biases and all else, one schedule for both.
 
 Muon steps along UVᵀ of the averaged gradient UΣVᵀ, so that all directions in a matrix learn alike. In four passes over 2900
 waves (width 24) the operator came to errors that were lower than AdamW's alone by 26 % for Gaussian spots, 13 % for inclusions and
@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 MATRICES, BIASES = 0.01, 0.2
-"""Decay of matrices; learning rate of what is no matrix, over that of matrices."""
+"""Decay of matrices; learning rate of all else, over that of matrices."""
 LONGEST = 3.0
 """Gradients are cut to this length."""
 
@@ -77,12 +77,11 @@ class Descent:
 
 
 def _matrices(module: nn.Module) -> Iterator[tuple[nn.Parameter, slice]]:
-    """Weights of more than one axis, and the rows of each matrix in them: one for each group of channels."""
+    """Weights of layers, and the rows of each matrix in them: one for each group of channels."""
     for part in module.modules():
-        for p in part.parameters(recurse=False):
-            if p.requires_grad and p.ndim > 1:
-                rows = len(p) // getattr(part, "groups", 1)
-                yield from ((p, slice(first, first + rows)) for first in range(0, len(p), rows))
+        if isinstance(part, nn.Linear | nn.Conv2d) and part.weight.requires_grad:
+            rows = len(part.weight) // getattr(part, "groups", 1)
+            yield from ((part.weight, slice(first, first + rows)) for first in range(0, len(part.weight), rows))
 
 
 def _matrix(values: torch.Tensor, rows: slice) -> torch.Tensor:

@@ -74,6 +74,15 @@ def test_groups_are_matrices_of_their_own():
     )
 
 
+def test_what_is_no_layers_moves_entry_by_entry():
+    """The first step of AdamW is as long for each, whatever its slope."""
+    net = Net()
+    step = stepped(net, (net.bare * torch.logspace(-2, 2, 72).reshape(9, 2, 2, 2)).sum() + net(torch.ones(4, 6)))[
+        "bare"
+    ]
+    assert (step < 0).float().mean() > 0.9 and step.abs().std() < 0.01 * step.abs().mean()
+
+
 def test_a_slope_that_is_not_finite_leaves_the_weights():
     net, x = Net(), torch.randn(16, 6)
     descent = Descent(net, 0.02, 50)
