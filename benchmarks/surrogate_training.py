@@ -1,11 +1,13 @@
-"""Three networks of equal size learn the same: wavelet operator, Fourier operator, U-Net; and how much data the first needs.
+"""What decides how well an operator learns: the kind of network, its width, its levels, or how much data it is given.
 
-Compression as ultrasound sees it (`ngbrain.surrogate.data`), 2900 samples of seven families, or fewer; 1 % noise in validation,
-whose samples nobody has trained with. Every training passes over as many maps, with the settings of the shipped operator but for
-that number. `error` is the mean over the two Gaussian families, `errors` has all of them, `curve` those after every epoch. CPU
-time of the training, one thread.
+Three networks of equal size, the wavelet operator, a Fourier operator and a U-Net; the first with other widths, levels and numbers
+of samples. Waves, and compression as ultrasound sees it (`ngbrain.surrogate.data`): 2900 samples of seven families, or fewer; 1 %
+noise in validation, whose samples nobody has trained with. Every training passes over as many maps, with the settings of the
+shipped operator but for that number, which is about a twentieth of its own: what is compared is not yet at its best. `error` is the
+mean over the two Gaussian families of the first modulus, `errors` has all of them, `curve` those after every epoch. CPU time of the
+training, one thread.
 
-Needs PyTorch and data: python -m ngbrain.surrogate compression -o out/surrogate --data
+Needs PyTorch and data: python -m ngbrain.surrogate waves -o out/surrogate --data, and so for compression
 
     python benchmarks/surrogate_training.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/surrogate_training.py --chart FILE.png < records.json
@@ -15,41 +17,58 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from _command import main
 from _front import figure
 
 from ngbrain.surrogate.data import COLUMNS, DataSet
+from ngbrain.surrogate.features import modality
 
 Record = dict
 FOLDER = Path("out/surrogate")
-EPOCHS, SAMPLES = 8, (440, 1450, 2900)
+MODALITIES = ("waves", "compression")
+EPOCHS, ALL = 3, 2900
 GAUSSIAN = ("gaussian_place", "gaussian_width")
-COLOURS = {"ngbrain:wavelet": "#0072B2", "ngbrain:Fourier": "#E69F00", "ngbrain:U-Net": "#009E73"}
+
+
+class Run(NamedTuple):
+    """One training; levels are the wavelet operator's."""
+
+    network: str
+    width: int
+    levels: int | None = None
+    samples: int = ALL
+
+
+BASE = Run("wavelet", 16, 3)
+PANELS = {
+    "networks of equal size": [BASE, Run("Fourier", 10), Run("U-Net", 15)],
+    "width": [BASE, Run("wavelet", 24, 3), Run("wavelet", 32, 3)],
+    "levels": [Run("wavelet", 16, 2), BASE, Run("wavelet", 16, 4)],
+    "training samples": [BASE._replace(samples=440), BASE._replace(samples=1450), BASE],
+}
+"""What is compared, and with what."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73")
 
 
 def measure(quick: bool) -> list[Record]:
-    """A record for each network, and for each number of samples."""
+    """A record for each run and modality."""
     import torch
 
-    from ngbrain.surrogate.baselines import FourierOperator, UNet
-    from ngbrain.surrogate.wavelet_operator import WaveletOperator
-
     torch.set_num_threads(1)
-    training, validation = (DataSet.read(FOLDER / f"compression_{split}.h5") for split in ("train", "validation"))
-    epochs = EPOCHS
-    if quick:
-        training, validation, epochs = spread(training, 70), spread(validation, 14), 2
-    networks = {"ngbrain:wavelet": WaveletOperator, "ngbrain:Fourier": FourierOperator, "ngbrain:U-Net": UNet}
-    records = [row(name, network, training, validation, epochs) for name, network in networks.items()]
-    for count in SAMPLES[:0] if quick else SAMPLES[:-1]:
-        fewer = spread(training, count)
-        records.append(row("ngbrain:wavelet", WaveletOperator, fewer, validation, epochs * len(training) // count))
+    records = []
+    for name in MODALITIES:
+        training, validation = (DataSet.read(FOLDER / f"{name}_{split}.h5") for split in ("train", "validation"))
+        every = list(dict.fromkeys(run for runs in PANELS.values() for run in runs))
+        if quick:
+            training, validation = spread(training, 70), spread(validation, 14)
+            every = [run._replace(samples=70) for run in every if run.samples == ALL]
+        records += [row(run, training, validation, 2 if quick else EPOCHS) for run in every]
     return records
 
 
@@ -59,55 +78,89 @@ def spread(data: DataSet, count: int) -> DataSet:
     return replace(data, **{key: getattr(data, key)[rows] for key in COLUMNS})
 
 
-def row(name: str, network: Callable[[int, int], Any], training: DataSet, validation: DataSet, epochs: int) -> Record:
-    """Train and judge."""
+def network(run: Run) -> Any:
+    """What makes it, by its channels in and out."""
+    from ngbrain.surrogate.baselines import FourierOperator, UNet
+    from ngbrain.surrogate.wavelet_operator import WaveletOperator
+
+    if run.network == "wavelet":
+        return partial(WaveletOperator, width=run.width, levels=run.levels)
+    return partial({"Fourier": FourierOperator, "U-Net": UNet}[run.network], width=run.width)
+
+
+def row(run: Run, training: DataSet, validation: DataSet, epochs: int) -> Record:
+    """Train with some of the samples, for as many maps as `epochs` of all are, and judge."""
     from ngbrain.surrogate.train import Settings, train
     from ngbrain.surrogate.wavelet_operator import weights
 
+    epochs = round(epochs * len(training) / run.samples)
     begun = time.process_time()
     curve: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as folder:
-        model = train(network, training, validation, Path(folder), Settings(epochs=epochs), curve.append)
+        some = spread(training, run.samples)
+        model = train(network(run), some, validation, Path(folder), Settings(epochs=epochs), curve.append)
     cpu = time.process_time() - begun
-    last = {key.removeprefix("youngs "): value for key, value in curve[-1].items() if key.startswith("youngs ")}
-    made: Record = {"method": name, "order": 0, "ndof": weights(model), "samples": len(training), "epochs": epochs}
-    made |= {"error": float(np.mean([last[family] for family in GAUSSIAN])), "errors": last, "cpu_s": cpu}
-    return made | {"converged": True, "curve": [{"maps": each["epoch"] * len(training), **each} for each in curve]}
+    first = modality(training.modality).answers[0]
+    told = [{"maps": each["epoch"] * run.samples, **errors_of(each, first)} for each in curve]
+    made: Record = {
+        "method": f"ngbrain:{run.network}",
+        "order": 0,
+        "ndof": weights(model),
+        "modality": training.modality,
+    }
+    made |= {**run._asdict(), "epochs": epochs, "error": gaussian(told[-1]), "errors": told[-1], "cpu_s": cpu}
+    return made | {"converged": bool(np.isfinite(gaussian(told[-1]))), "curve": told}
+
+
+def errors_of(epoch: dict[str, float], answer: str) -> dict[str, float]:
+    """Of the families, by their names."""
+    prefix = f"{answer} "
+    return {key.removeprefix(prefix): value for key, value in epoch.items() if key.startswith(prefix)}
+
+
+def gaussian(errors: dict[str, float]) -> float:
+    """Mean over the Gaussian families."""
+    return float(np.mean([errors[family] for family in GAUSSIAN]))
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Validation error over maps seen, for networks and numbers of samples."""
-    plt, made, (left, right) = figure(10, 4, 2)
+    """Validation error over maps seen: a row for each modality, a panel for each thing that is changed."""
+    modalities = list(dict.fromkeys(r["modality"] for r in records))
+    plt, made, grid = figure(4 * len(PANELS), 3.6 * len(modalities), len(PANELS), len(modalities), squeeze=False)
     most = max(r["samples"] for r in records)
-    for r in records:
-        maps = [each["maps"] / 1000 for each in r["curve"]]
-        errors = [100 * np.mean([each[f"youngs {family}"] for family in GAUSSIAN]) for each in r["curve"]]
-        if r["samples"] == most:
-            label = f"{r['method'].partition(':')[2]}, {r['ndof'] / 1000:.0f} 000 weights, {r['cpu_s'] / 60:.0f} min"
-            left.plot(maps, errors, "-", color=COLOURS[r["method"]], label=label)
-        if r["method"] == "ngbrain:wavelet":
-            right.plot(
-                maps,
-                errors,
-                "-",
-                lw=0.6 + r["samples"] / 1500,
-                color=COLOURS[r["method"]],
-                label=f"{r['samples']} samples",
-            )
-    for axes, title in ((left, "networks of equal size"), (right, "numbers of training samples")):
-        axes.set(
-            xlabel="thousand maps seen", ylabel="mean relative error, Gaussian spots, %", yscale="log", title=title
-        )
-        axes.grid(True, which="both", alpha=0.25)
-        axes.legend(fontsize=8)
+    for line_of, name in zip(grid, modalities, strict=True):
+        done = {Run(*(r[key] for key in Run._fields)): r for r in records if r["modality"] == name}
+        for axes, (title, runs) in zip(line_of, PANELS.items(), strict=True):
+            for run, colour in zip(runs, COLOURS, strict=True):
+                r = done.get(run._replace(samples=min(run.samples, most)))
+                if r is None:
+                    continue
+                maps, errors = zip(*((each["maps"] / 1000, 100 * gaussian(each)) for each in r["curve"]), strict=True)
+                axes.plot(maps, errors, ".-", color=colour, label=f"{label(title, r)}: {100 * r['error']:.1f} %")
+            axes.set(xlabel="thousand maps seen", yscale="log", title=f"{name}: {title}")
+            axes.set_ylabel("error, Gaussian spots, %")
+            axes.grid(True, which="both", alpha=0.25)
+            if axes.lines:
+                axes.legend(fontsize=8)
     made.savefig(png, dpi=130)
     plt.close(made)
 
 
+def label(panel: str, r: Record) -> str:
+    """What sets a run apart in a panel."""
+    size = f"{r['ndof'] / 1000:.0f} 000 weights"
+    return {
+        "networks of equal size": f"{r['network']}, {size}, {r['cpu_s'] / 60:.0f} min",
+        "width": f"{r['width']}, {size}",
+        "levels": f"{r['levels']}, {size}",
+    }.get(panel, f"{r['samples']}")
+
+
 def line(r: Record) -> str:
     """A record to read."""
-    errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in r["errors"].items())
-    return f"{r['method']:<16} {r['ndof']} weights, {r['samples']} samples, {r['epochs']} epochs, {r['cpu_s']:.0f} s: {errors}"
+    errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in r["errors"].items() if name != "maps")
+    text = f"{r['modality']} {r['network']}, width {r['width']}, levels {r['levels']}, {r['samples']} samples"
+    return f"{text}, {r['ndof']} weights, {r['epochs']} epochs, {r['cpu_s']:.0f} s: {100 * r['error']:.2f} %; {errors}"
 
 
 if __name__ == "__main__":
