@@ -7,7 +7,8 @@ misstated   a frequency that is a fifth off what it is said to be: tissue 1.44 t
             displacement can tell; shown for honesty
 modulus     a background twice beyond the ends of what was learnt; for compression, contrasts of 6 to 10
 boundary    the edge opposite the driven one held; both driven against one another; a plate that sticks to the square
-noise       10 %
+noise       10 %, white and with the longest grain of the training
+grained     1 % with that grain: no outsider, as half of the compression was learnt so; shown for honesty
 unseen      slices of a brain, a family that was held out whole
 
 `auc` is how often the largest score of an outsider is above that of an insider; `flagged` how many of each are. `coverage` of
@@ -32,7 +33,7 @@ from _front import figure
 from ngbrain.surrogate import data as made
 from ngbrain.surrogate.data import DENSITY, FINE, FREQUENCY, SHEAR, SIDES, Sample, sample, shaken
 from ngbrain.surrogate.families import SHARP, SMOOTH, family
-from ngbrain.surrogate.features import errors, spoilt
+from ngbrain.surrogate.features import GRAIN, errors, spoilt
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Operator
 from ngbrain.surrogate.trust import auc, scores
@@ -108,7 +109,7 @@ def misstated(drawn: Drawn, factor: float) -> Drawn:
     return lambda i: replace(drawn(i), frequency=drawn(i).frequency * factor)
 
 
-OUTSIDERS: dict[str, dict[str, tuple[Drawn, float]]] = {
+OUTSIDERS: dict[str, dict[str, tuple[Drawn, float] | tuple[Drawn, float, float]]] = {
     "waves": {
         "frequency 24 Hz": (waves(frequency=lambda r: FREQUENCY[0] / 1.25), NOISE),
         "frequency 96 Hz": (waves(frequency=lambda r: FREQUENCY[1] * 1.2), NOISE),
@@ -126,18 +127,24 @@ OUTSIDERS: dict[str, dict[str, tuple[Drawn, float]]] = {
         "boundary: plate that sticks": (compression(held={"x": "bottom|top", "y": "bottom|top"}), NOISE),
         "boundary: sides held": (compression(held={"x": "bottom|left|right", "y": "bottom|top"}), NOISE),
         "noise 10 %": (usual("compression"), 0.1),
+        "noise 10 %, grained": (usual("compression"), 0.1, GRAIN),
+        "as learnt: grained": (usual("compression"), NOISE, GRAIN),
         "unseen: brain slices": (lambda i: sample("compression", "slices", 0, "test", i, ACROSS), NOISE),
     },
 }
+"""How they are drawn, their noise, and its grain where it has one."""
+UNASKED = ("misstated", "unseen", "as learnt")
 
 
-def seen(operator: Operator, drawn: Drawn, noise: float, many: int) -> tuple[list[Look], np.ndarray, np.ndarray]:
+def seen(
+    operator: Operator, many: int, drawn: Drawn, noise: float, grain: float = 0.0
+) -> tuple[list[Look], np.ndarray, np.ndarray]:
     """What the operator says of samples; errors of the first answer; and how many deviations it is off, (answers, …)."""
     kind, looks, off, far = operator.kind, [], [], []
     for i in range(many):
         one = drawn(i)
         random = np.random.default_rng([i, round(1000 * noise)])
-        u = spoilt(one.displacement[None], np.array([noise]), random) / SIDES[kind.name]
+        u = spoilt(one.displacement[None], np.array([noise]), random, np.array([grain])) / SIDES[kind.name]
         features = kind.features(u, np.array([one.poisson]))
         mean, scale = operator(features)
         unit = kind.unit(one.storage[None], np.array([one.frequency]), DENSITY, SIDES[kind.name])
@@ -160,7 +167,7 @@ def measure(quick: bool) -> list[Record]:
             each = [scores(look, trust) for look in looks]
             return np.array([max(numbers.values()) for numbers in each]), each
 
-        looks, off, far = seen(operator, usual(name), NOISE, 2 * many)
+        looks, off, far = seen(operator, 2 * many, usual(name), NOISE)
         inside, numbers = judged(looks)
         base: Record = {
             "method": "ngbrain:surrogate",
@@ -169,7 +176,7 @@ def measure(quick: bool) -> list[Record]:
             "modality": name,
             "converged": True,
         }
-        finer = seen(operator, usual(name, 101), NOISE, many)[1].mean() / off[:many].mean()
+        finer = seen(operator, many, usual(name, 101), NOISE)[1].mean() / off[:many].mean()
         base |= speed(operator)
         coverage = {
             str(level): [float((far[:, k] < NormalDist().inv_cdf(0.5 + level / 2)).mean()) for k in range(far.shape[1])]
@@ -186,9 +193,9 @@ def measure(quick: bool) -> list[Record]:
                 "finer": float(finer),
             }
         )
-        for who, (drawn, noise) in outsiders.items():
+        for who, outsider in outsiders.items():
             begun = time.process_time()
-            looks, off, _ = seen(operator, drawn, noise, many)
+            looks, off, _ = seen(operator, many, *outsider)
             outside, others = judged(looks)
             single = {
                 key: auc(np.array([n[key] for n in numbers]), np.array([n[key] for n in others])) for key in numbers[0]
@@ -221,13 +228,7 @@ def chart(records: list[Record], png: str) -> None:
     plt, plot, (left, right) = figure(11, 4.6, 2, width_ratios=(1.7, 1))
     rows = [r for r in records if "auc" in r][::-1]
     for i, r in enumerate(rows):
-        colour = (
-            "#999999"
-            if "misstated" in r["who"] or "unseen" in r["who"]
-            else "#0072B2"
-            if r["auc"] >= 0.9
-            else "#D55E00"
-        )
+        colour = "#999999" if r["who"].startswith(UNASKED) else "#0072B2" if r["auc"] >= 0.9 else "#D55E00"
         left.barh(i, r["auc"], color=colour, height=0.7)
         text = f"{r['auc']:.2f}, {100 * r['flagged']:.0f} % flagged, error {100 * r['error']:.0f} %"
         left.text(0.02, i, text, va="center", fontsize=7.5, color="white")
