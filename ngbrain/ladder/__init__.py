@@ -1,0 +1,85 @@
+"""Model no more than a scene needs: from the cheapest model up, until what is missing is within the tolerances that are asked for.
+
+    from ngbrain.scene.loading import Loading
+    result = ngbrain.solve(Loading.from_toml("palpation.toml"))
+    result["answers"], result["model"], result["left_out"]
+
+`rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change, `bodies` and `waves` what a model is.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ngsolve import ngsglobals
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.io import versions, write_json
+from ngbrain.ladder.bodies import Bench
+from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
+from ngbrain.ladder.rungs import Model, axes_of, cheapest
+from ngbrain.scene.loading import Loading
+from ngbrain.threads import threads as using
+
+__all__ = ["Bench", "Climb", "Loading", "Rung", "climb", "solve"]
+
+
+def solve(
+    scene: Loading,
+    folder: str | Path | None = None,
+    model: Model | None = None,
+    richest: Model | None = None,
+    threads: int = 1,
+    tell: Callable[[Rung], None] = lambda _: None,
+) -> dict[str, Any]:
+    """The answers that a scene asks for, by the cheapest model that is good enough; returns what `result.json` holds.
+
+    scene     what is loaded, and what is asked how accurately
+    folder    where `result.json` goes; None writes nothing
+    model     axis → level, of those that are not to be chosen: others stay at their cheapest, and nothing is climbed
+    richest   axis → level that the climb does not pass; None: all there are
+    tell      called after every rung
+
+    `answers` (SI units) and `error`, the relative change that all steps left would make together, by the question's name; `model`;
+    `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
+    Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
+
+    >>> from ngbrain.scene.loading import Ask, Given, Stuff
+    >>> given = [Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -1e-4))]
+    >>> scene = Loading(stuff=[Stuff(mu=1000.0, poisson=0.3)], given=given, ask=[Ask(boundary="top", tolerance=0.5)])
+    >>> result = solve(scene, richest={"mesh": "0"})
+    >>> result["model"]["strain"], result["error"]["force on top, end"] < 0.5
+    ('linear', True)
+    """
+    started = time.perf_counter()
+    ngsglobals.msg_level = 0
+    with using(threads):
+        found = climb(scene, richest, tell) if model is None else stand(scene, _whole(scene, model))
+    result = {
+        "verb": "solve",
+        "title": scene.title,
+        "versions": versions(),
+        "seed": 0,
+        "threads": threads,
+        "scene": scene.to_dict(),
+        **described(found, scene),
+        "time_s": time.perf_counter() - started,
+    }
+    if folder is not None:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        write_json(Path(folder) / "result.json", result)
+    return result
+
+
+def _whole(scene: Loading, model: Model) -> dict[str, str]:
+    """The model with the cheapest level of the axes that it does not name; `InputError` for what no scene has."""
+    axes = axes_of(scene)
+    for name, level in model.items():
+        if name not in axes:
+            raise InputError("model", repr(name), nearest(name, list(axes)))
+        if level not in axes[name].levels:
+            raise InputError(f"model[{name!r}]", repr(level), f"one of {', '.join(axes[name].levels)}")
+    return {**cheapest(axes), **model}

@@ -1,0 +1,263 @@
+"""What a model is of a scene: materials, supports, loads, elements; and how it is solved."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.loads import Load, Traction, Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.relaxing import Relaxing
+from ngbrain.forward.static import Static
+from ngbrain.forward.supports import Support
+from ngbrain.ladder.pieces import Meshes
+from ngbrain.ladder.quantities import State, along, answer
+from ngbrain.ladder.rungs import Model
+from ngbrain.ladder.waves import shaken
+from ngbrain.materials import Branch, HolzapfelGasserOgden, NeoHooke, Ogden, OgdenBranches, Viscous
+from ngbrain.materials.base import Law
+from ngbrain.scene.loading import GRAVITY, Loading, Stuff
+
+Array = np.ndarray
+SMALL = 1e-4
+"""Load factor at which strains are small enough to be linear to four digits."""
+FIBRES_ALONE = 1e-6
+"""Part of the modulus that Holzapfel's law keeps where its fibres are added to another one."""
+RAMP, HOLD = 6, 8
+"""Steps of time in a ramp, and in a hold, which get longer."""
+REMEMBERS = ("prony", "flowing")
+"""Levels of time that have a memory."""
+
+
+class Bench:
+    """A scene's meshes, kept, and its bodies for any model."""
+
+    def __init__(self, scene: Loading) -> None:
+        self.scene, self._meshes = scene, Meshes(scene.piece)
+
+    def mesh(self, model: Model) -> ngs.Mesh:
+        """The model's mesh."""
+        return self._meshes.at(int(model["mesh"]), model.get("space") == "plane")
+
+    @property
+    def nested(self) -> bool:
+        """Whether elements are unions of those of the next finer mesh."""
+        return self.scene.piece.shape == "block"
+
+    @cached_property
+    def largest(self) -> str:
+        """The region with the largest volume."""
+        mesh = self._meshes.at(0, plane=False)
+        volumes = {name: ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in sorted(set(mesh.GetMaterials()))}
+        return max(volumes, key=lambda name: volumes[name])
+
+    def stuff(self, region: str, model: Model) -> Stuff:
+        """What a region is made of: with one tissue for all, that with the largest volume. Raises `InputError` for none."""
+        found = [stuff for stuff in self.scene.stuff if re.fullmatch(stuff.region, region)]
+        if not found:
+            raise InputError("stuff", f"none for region {region!r}", "one whose region matches it")
+        if model.get("tissue") == "one":
+            return self.stuff(self.largest, {})
+        return found[-1]
+
+    def static(self, model: Model, t: float) -> Static:
+        """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
+        law = (
+            _elastic(_at_once) if model.get("time", "instantaneous") == "instantaneous" else _elastic(self._relaxed(t))
+        )
+        return Static(*self._parts(model, law), form=form_of(model))
+
+    def relaxing(self, model: Model) -> Relaxing:
+        """The body with its memory."""
+        return Relaxing(*self._parts(model, _hereditary if model["time"] == "prony" else _flowing), form=form_of(model))
+
+    def state(self, model: Model, body: Static, x: Array) -> State:
+        """What is asked of a body that stands for the model."""
+        linear = model["strain"] == "linear"
+        return State(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
+
+    def thickness_of(self, model: Model) -> float:
+        """Of a section (m), as thick as what bears its load; 1 of a body in space."""
+        piece = self.scene.piece
+        if model.get("space") != "plane":
+            return 1.0
+        return piece.plate[1] if piece.plate else piece.size[1]
+
+    def time(self, when: str) -> float:
+        """Of a question (s)."""
+        course = self.scene.course
+        return course.ramp if when == "ramp" else course.elapsed
+
+    def _relaxed(self, t: float) -> Callable[[OgdenBranches], OgdenBranches]:
+        return lambda branches: relaxed(branches, self.scene.course.ramp, t)
+
+    def _parts(
+        self, model: Model, law: Callable[[OgdenBranches], Law | Viscous]
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load]]:
+        mesh, scene = self.mesh(model), self.scene
+        plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
+        materials, weights = {}, {}
+        for region in sorted(set(mesh.GetMaterials())):
+            stuff = self.stuff(region, model)
+            made: Any = law(stuff.branches)
+            if stuff.k1 is not None and model.get("fibres") == "all":
+                soft = FIBRES_ALONE * stuff.branches.initial_modulus
+                made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, stuff.fibre)
+            materials[region], weights[region] = Material(made, stuff.bulk), stuff.density
+        supports: dict[str, Support] = {}
+        for given in scene.given:
+            if not any(re.fullmatch(given.boundary, name) for name in names):
+                if plane:  # the faces in front and behind
+                    continue
+                raise InputError("given.boundary", repr(given.boundary), f"one of {', '.join(sorted(names))}")
+            parts = [value if axis in given.along else None for axis, value in zip("xyz", given.by, strict=True)]
+            supports[given.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
+        loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
+        if scene.course.gravity:
+            density = mesh.MaterialCF(weights)
+            loads.append(Weight(density * GRAVITY * ngs.CF(along(scene.course.gravity, plane))))
+        return mesh, materials, supports, loads
+
+
+def form_of(model: Model) -> str:
+    """Displacements of the order alone, or one order higher over pressures of the order."""
+    k = int(model["order"])
+    return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
+
+
+def relaxed(branches: OgdenBranches, ramp: float, t: float) -> OgdenBranches:
+    """The elastic tissue with the stress that small strains have at t, which grew evenly in `ramp` and then stayed.
+
+    A branch of modulus μ and time τ has μ (τ/T)(1 - e^(-T/τ)) e^(-(t - T)/τ) left.
+    """
+    shares = []
+    for mu, eta in zip(branches.mu[branches.stay :], branches.eta, strict=True):
+        tau = eta / mu
+        shares.append(mu * tau / ramp * -math.expm1(-ramp / tau) * math.exp(-(t - ramp) / tau))
+    return OgdenBranches((*branches.mu[: branches.stay], *shares), branches.alpha, ())
+
+
+def _at_once(branches: OgdenBranches) -> OgdenBranches:
+    return OgdenBranches(branches.mu, branches.alpha, ())
+
+
+def _elastic(constants: Callable[[OgdenBranches], OgdenBranches]) -> Callable[[OgdenBranches], Law]:
+    def law(branches: OgdenBranches) -> Law:
+        made = constants(branches)
+        kept = [(m, a) for m, a in zip(made.mu, made.alpha, strict=True) if m > 0]
+        return _terms([m for m, _ in kept], [a for _, a in kept])
+
+    return law
+
+
+def _terms(mu: list[float], alpha: list[float]) -> Law:
+    """Ogden terms as one law; Neo-Hooke where all exponents are 2, which costs half."""
+    return NeoHooke(sum(mu)) if all(a == 2 for a in alpha) else Ogden(mu, alpha)
+
+
+def _hereditary(branches: OgdenBranches) -> Viscous:
+    stay = branches.stay
+    relaxing = zip(branches.mu[stay:], branches.alpha[stay:], branches.eta, strict=True)
+    return Viscous(
+        _terms(list(branches.mu[:stay]), list(branches.alpha[:stay])),
+        tuple(Branch(_terms([mu], [alpha]), eta / mu) for mu, alpha, eta in relaxing),
+    )
+
+
+def _flowing(branches: OgdenBranches) -> Viscous:
+    return branches.law()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a model says.
+
+    answers   one for each question, SI units
+    states    question's time → state, of a body without memory
+    ndof      unknowns
+    cost_s    computing time (s)
+    """
+
+    answers: Array
+    states: dict[str, State]
+    ndof: int
+    cost_s: float
+
+
+def solve(bench: Bench, model: Model) -> Solution:
+    """The model's answers. Raises `SolverError` where it has none."""
+    begun = time.process_time()
+    if bench.scene.course.frequency is not None:
+        parts = (
+            bench.mesh(model),
+            lambda region: bench.stuff(region, model),
+            form_of(model),
+            bench.thickness_of(model),
+        )
+        answers, ndof = shaken(bench.scene, model, *parts)
+        states = dict[str, State]()
+    elif model.get("time") in REMEMBERS:
+        answers, states, ndof = _through_time(bench, model)
+    else:
+        states = _at_rest(bench, model)
+        answers = answers_of(bench.scene, states)
+        ndof = next(iter(states.values())).body.fes.ndof
+    return Solution(answers, states, ndof, time.process_time() - begun)
+
+
+def answers_of(scene: Loading, states: Mapping[str, State]) -> Array:
+    """Of all questions."""
+    return np.array([answer(ask, states[ask.when]) for ask in scene.ask])
+
+
+def _at_rest(bench: Bench, model: Model) -> dict[str, State]:
+    found: dict[str, State] = {}
+    alike = model.get("time", "instantaneous") == "instantaneous"
+    for when in dict.fromkeys(ask.when for ask in bench.scene.ask):
+        if found and alike:
+            found[when] = next(iter(found.values()))
+            continue
+        body = bench.static(model, bench.time(when))
+        if model["strain"] == "linear":
+            x = linear_state(body)
+        else:
+            body.solve()
+            x = body.state
+        found[when] = bench.state(model, body, x)
+    return found
+
+
+def linear_state(body: Static) -> Array:
+    """The first Newton step from rest under a small load, which is the solution of the linear problem."""
+    rest = np.zeros(body.fes.ndof)
+    step = body.factorise(body.load(rest, 0.0), rest)
+    lifted = body.load(rest, SMALL)
+    return lifted - step(body.residual(lifted)[0])
+
+
+def _through_time(bench: Bench, model: Model) -> tuple[Array, dict[str, State], int]:
+    """Answers are found on the way, as the body does not keep its past."""
+    scene, course = bench.scene, bench.scene.course
+    size = SMALL if model["strain"] == "linear" else 1.0
+    body, answers = bench.relaxing(model), np.zeros(len(scene.ask))
+    times = list(np.linspace(0, course.ramp, RAMP + 1))
+    hold = course.elapsed - course.ramp
+    if hold > 1e-9 * course.ramp and any(ask.when == "end" for ask in scene.ask):
+        times += list(course.ramp + np.geomspace(min(course.ramp, hold / HOLD), hold, HOLD))
+
+    def seen(t: float) -> None:
+        for i, ask in enumerate(scene.ask):
+            if abs(t - bench.time(ask.when)) < 1e-9 * t:
+                answers[i] = answer(ask, bench.state(model, body, body.state))
+
+    body.run(times, size * np.minimum(np.array(times) / course.ramp, 1.0), seen)
+    return answers, {}, body.fes.ndof

@@ -1,0 +1,193 @@
+"""From the cheapest model up to the first one whose estimates of what is missing are within the tolerances."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import SolverError
+from ngbrain.ladder.bodies import Bench, Model, Solution, solve
+from ngbrain.ladder.estimates import BY, LARGE, Estimate, relative
+from ngbrain.ladder.rungs import Axis, axes_of, cheapest
+from ngbrain.scene.loading import Loading
+
+Array = np.ndarray
+MOST = 1e3
+"""Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
+
+
+@dataclass(eq=False)
+class Rung:
+    """A model on the way.
+
+    estimates   axis → what its next step would change
+    missing     what all steps would change together, relative, for each question
+    taken       the axis that was climbed from here; empty where the climb ended
+    cost_s      computing time (s) up to and with this rung's estimates
+    """
+
+    model: dict[str, str]
+    answers: Array
+    ndof: int
+    estimates: dict[str, Estimate]
+    missing: Array
+    taken: str = ""
+    cost_s: float = 0.0
+
+
+@dataclass(eq=False)
+class Climb:
+    """All rungs, the last one chosen; what all solutions and estimates cost; what the ladder doubts of its answer."""
+
+    rungs: list[Rung]
+    axes: dict[str, Axis]
+    flags: list[str]
+
+    @property
+    def error(self) -> Array:
+        """What the ladder says is missing from the chosen model, relative, for each question."""
+        return self.chosen.missing
+
+    @property
+    def chosen(self) -> Rung:
+        """The last rung."""
+        return self.rungs[-1]
+
+
+class Keeper:
+    """Solves each model once, and counts the time."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench, self.kept = bench, dict[tuple[tuple[str, str], ...], Solution]()
+
+    def __call__(self, model: Model) -> Solution:
+        """The model's solution."""
+        key = tuple(sorted(model.items()))
+        if key not in self.kept:
+            self.kept[key] = solve(self.bench, model)
+        return self.kept[key]
+
+
+def climb(
+    scene: Loading,
+    richest: Model | None = None,
+    tell: Callable[[Rung], None] = lambda _: None,
+    keeper: Keeper | None = None,
+) -> Climb:
+    """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer."""
+    axes = axes_of(scene, richest)
+    keeper = keeper or Keeper(Bench(scene))
+    tolerances = np.array([ask.tolerance for ask in scene.ask])
+    model, rungs, begun = cheapest(axes), list[Rung](), time.process_time()
+    refused: dict[str, str] = {}
+    while True:
+        open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
+        rung = _rung(keeper, model, open_axes)
+        rung.cost_s = time.process_time() - begun
+        rungs.append(rung)
+        if np.all(rung.missing <= tolerances) or not open_axes:
+            break
+        rung.taken = max(open_axes, key=lambda name: _worth(axes[name], rung, tolerances))
+        tell(rung)
+        richer = {**model, rung.taken: axes[rung.taken].above(model[rung.taken]) or ""}
+        try:
+            keeper(richer)
+            model = richer
+        except SolverError as error:
+            refused[rung.taken] = str(error)
+    tell(rungs[-1])
+    flags = [f"{name}: {each.doubt}" for name, each in rungs[-1].estimates.items() if each.doubt]
+    flags += [f"{name}: {why}" for name, why in refused.items()]
+    flags += _at_the_top(axes, rungs, tolerances)
+    if np.any(rungs[-1].missing > tolerances):
+        flags.append("what is missing is more than the tolerance")
+    return Climb(rungs, axes, flags)
+
+
+def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
+    """A model with what the next steps of some axes would change."""
+    found = keeper(model)
+    estimates = {name: estimate(keeper, model, axis) for name, axis in above.items()}
+    changes = [np.abs(each.change) * above[name].tail for name, each in estimates.items()]
+    return Rung(dict(model), found.answers, found.ndof, estimates, sum(changes, np.zeros(len(found.answers))))
+
+
+def stand(scene: Loading, model: Model) -> Climb:
+    """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
+    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    begun = time.process_time()
+    rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
+    rung.cost_s = time.process_time() - begun
+    return Climb([rung], axes, [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt])
+
+
+def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
+    """What the axis' next step would change; a large change is doubted until it is solved for."""
+    i = axis.levels.index(model[axis.name])
+    richer = {**model, axis.name: axis.levels[i + 1]}
+    found = BY[axis.by[i]](keeper.bench, model, richer, keeper)
+    if not found.doubt and np.max(np.abs(found.change)) > LARGE and found.how != "solved":
+        return Estimate(
+            found.change, found.how, f"a change of {np.max(np.abs(found.change)):.0%} is not one of first order"
+        )
+    return found
+
+
+def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
+    """Of the axis' next step: what it gains, in tolerances, over what it costs."""
+    gain = np.abs(rung.estimates[axis.name].change) * axis.tail / tolerances
+    return float(np.max(np.minimum(gain, MOST))) / axis.growth[axis.levels.index(rung.model[axis.name])]
+
+
+def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> list[str]:
+    """Elements that were as fine as they get, and the last step to them changed more than the tolerance."""
+    flags = []
+    for name in ("order", "mesh"):
+        if name not in axes or axes[name].above(rungs[-1].model[name]):
+            continue  # it has an estimate
+        for before, after in pairwise(rungs):
+            if before.taken == name and after.model[name] == axes[name].levels[-1]:
+                last = np.abs(relative(before.answers, after.answers)) * (axes[name].tail - 1)
+                if np.any(last > tolerances):
+                    flags.append(f"{name}: the last step may leave {np.max(last):.0%}, and there is none above")
+    return flags
+
+
+def described(climb: Climb, scene: Loading) -> dict[str, Any]:
+    """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
+    return {
+        "answers": {ask.name: float(value) for ask, value in zip(scene.ask, climb.chosen.answers, strict=True)},
+        "error": {ask.name: float(value) for ask, value in zip(scene.ask, climb.error, strict=True)},
+        "model": climb.chosen.model,
+        "left_out": [
+            {
+                "what": climb.axes[name].left_out[climb.axes[name].levels.index(climb.chosen.model[name])],
+                "axis": name,
+                "change": [float(c) for c in each.change],
+                "how": each.how,
+                "doubt": each.doubt,
+            }
+            for name, each in climb.chosen.estimates.items()
+        ],
+        "flags": climb.flags,
+        "rungs": [
+            {
+                "model": rung.model,
+                "answers": rung.answers.tolist(),
+                "ndof": rung.ndof,
+                "missing": rung.missing.tolist(),
+                "taken": rung.taken,
+                "cost_s": rung.cost_s,
+                "estimates": {
+                    name: {"change": each.change.tolist(), "how": each.how, "doubt": each.doubt}
+                    for name, each in rung.estimates.items()
+                },
+            }
+            for rung in climb.rungs
+        ],
+    }

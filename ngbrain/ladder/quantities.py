@@ -1,0 +1,128 @@
+"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.static import Static
+from ngbrain.scene.loading import Ask
+
+Array = np.ndarray
+PLANE = (0, 2)
+"""Axes of the body that a section has."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A body in a state.
+
+    body       `Static` or `Relaxing`
+    x          its unknowns
+    factor     the load factor that they belong to; small and linear strains are 1/factor times as large
+    linear     whether strains count as small
+    thickness  of a section (m), else 1
+    """
+
+    body: Static
+    x: Array
+    factor: float
+    linear: bool
+    thickness: float = 1.0
+
+    @property
+    def plane(self) -> bool:
+        """Whether it is a section."""
+        return self.body.mesh.dim == 2
+
+    def stand(self) -> None:
+        """Put the body there."""
+        self.body.load(self.x, self.factor)
+        self.body.state = self.x
+
+    def displacement(self) -> ngs.CoefficientFunction:
+        """At full load (m)."""
+        return self.body.u / self.factor
+
+
+def answer(ask: Ask, state: State) -> float:
+    """The number that is asked for, in SI units."""
+    state.stand()
+    if ask.quantity == "force":
+        return _force(ask, state)
+    return _displacement(ask, state) if ask.quantity == "displacement" else _strain(ask, state)
+
+
+def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
+    """A vector's components that a mesh has."""
+    return tuple(vector[i] for i in PLANE) if plane else tuple(vector)
+
+
+def _force(ask: Ask, state: State) -> float:
+    body = state.body
+    way = ngs.CF(along(ask.unit, state.plane))
+    return float(body.conjugate(way, ask.boundary)) * state.thickness / state.factor
+
+
+def _displacement(ask: Ask, state: State) -> float:
+    return float(
+        np.dot(state.displacement()(point_in(state.body.mesh, ask, state.plane)), along(ask.unit, state.plane))
+    )
+
+
+def point_in(mesh: ngs.Mesh, ask: Ask, plane: bool) -> ngs.MeshPoint:
+    """The question's point; `InputError` for one outside."""
+    try:
+        found = mesh(*along(ask.point or (0.0, 0.0, 0.0), plane))
+    except Exception as error:
+        raise InputError("ask.point_mm", [1e3 * c for c in ask.point or ()], "a point in the body") from error
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Values at points, and the volumes that they stand for."""
+
+    values: Array
+    weights: Array
+
+
+def percentile(measured: Measured, percent: float) -> float:
+    """The value below which this part of the volume has its own."""
+    order = np.argsort(measured.values)
+    weights = measured.weights[order]
+    share = np.cumsum(weights)
+    return float(np.interp(percent / 100 * share[-1], share - weights / 2, measured.values[order]))
+
+
+def _strain(ask: Ask, state: State) -> float:
+    """Of the largest principal strain."""
+    body = state.body
+    points, weights = within(body.mesh, ask)
+    F = body.kinematics.gradient(state.displacement(), ngs.Grad(body.u) / state.factor)
+    gradient = np.array(F.Compile()(points)).reshape(-1, 3, 3)
+    if state.linear:
+        strain = (gradient + gradient.transpose(0, 2, 1)) / 2 - np.eye(3)
+    else:
+        strain = (gradient.transpose(0, 2, 1) @ gradient - np.eye(3)) / 2
+    return percentile(Measured(np.linalg.eigvalsh(strain)[:, -1], weights), ask.percentile)
+
+
+def within(mesh: ngs.Mesh, ask: Ask) -> tuple[Array, Array]:
+    """Quadrature points in the question's regions, within its distance, and the volumes that they stand for."""
+    (shape,) = {element.type for element in mesh.Elements()}
+    rule = ngs.IntegrationRule(shape, 2)
+    points = mesh.MapToAllElements({shape: rule}, ngs.VOL)
+    inside = mesh.MaterialCF({ask.region: 1.0}, default=0.0)
+    if ask.within is not None:
+        centre = along(ask.point or (), mesh.dim == 2)
+        away = sum((x - c) ** 2 for x, c in zip((ngs.x, ngs.y, ngs.z), centre, strict=False))
+        inside = inside * ngs.IfPos(ask.within**2 - away, 1.0, 0.0)
+    volume = inside * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+    weights = np.tile(np.array(rule.weights), mesh.ne) * np.abs(np.array(volume(points)).ravel())
+    if not (weights > 0).any():
+        raise InputError("ask.region", repr(ask.region), "a region and a distance that hold some of the body")
+    return points[weights > 0], weights[weights > 0]

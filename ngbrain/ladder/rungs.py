@@ -1,0 +1,125 @@
+"""The axes along which a model may be richer, as data: their levels from the cheapest to the richest, and what a step costs.
+
+A model says a level for each axis of its scene. No axis knows another: what a level means is for `bodies` to say, and how far a
+step would move the answers for `estimates`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.scene.loading import Loading
+
+Model = Mapping[str, str]
+"""Axis → level."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One way to model more.
+
+    levels   from cheap to rich
+    left_out what the level below the next one leaves out, in words, one for each step
+    by       how a step is estimated: see `estimates`
+    growth   how many times the computing time a step takes, roughly
+    tail     what all further steps of this kind would add, over what the next one does
+    """
+
+    name: str
+    levels: tuple[str, ...]
+    left_out: tuple[str, ...]
+    by: tuple[str, ...]
+    growth: tuple[float, ...]
+    tail: float = 1.0
+
+    def above(self, level: str) -> str | None:
+        """The next richer level."""
+        i = self.levels.index(level) + 1
+        return self.levels[i] if i < len(self.levels) else None
+
+
+AXES = {
+    axis.name: axis
+    for axis in (
+        Axis("tissue", ("one", "each"), ("that tissues differ",), ("step",), (1.2,)),
+        Axis("fibres", ("none", "all"), ("fibres",), ("step",), (1.5,)),
+        Axis("strain", ("linear", "finite"), ("that strains and turns are finite",), ("step",), (5.0,)),
+        Axis(
+            "time",
+            ("instantaneous", "relaxed", "prony", "flowing"),
+            ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
+            ("step", "coarse", "coarse"),
+            (1.0, 12.0, 3.0),
+        ),
+        Axis(
+            "pressure",
+            ("none", "unknown"),
+            ("pressures of their own in nearly incompressible tissue",),
+            ("step",),
+            (2.0,),
+        ),
+        Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("linear",), (20.0,)),
+        Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("step",) * 2, (5.0, 5.0), 1.3),
+        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("halved",) * 2, (10.0, 10.0), 1.6),
+    )
+}
+"""Of bodies under loads."""
+
+
+def _solved(axis: Axis) -> Axis:
+    """The same, with its steps estimated by taking them: a wave is one solve."""
+    return replace(axis, by=("solve",) * len(axis.by))
+
+
+OF_WAVES = {
+    axis.name: axis
+    for axis in (
+        _solved(AXES["tissue"]),
+        Axis("inertia", ("none", "all"), ("inertia",), ("solve",), (1.0,)),
+        Axis("loss", ("none", "all"), ("loss",), ("solve",), (1.5,)),
+        _solved(AXES["pressure"]),
+        _solved(AXES["space"]),
+        Axis("order", ("1", "2", "3", "4"), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
+        replace(AXES["mesh"], by=("section",) * 2),
+    )
+}
+"""Of bodies that are shaken."""
+
+
+def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
+    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none."""
+    waves = scene.course.frequency is not None
+    known = OF_WAVES if waves else AXES
+    for name, level in (richest or {}).items():
+        if name not in known:
+            raise InputError("richest", repr(name), nearest(name, list(known)))
+        if level not in known[name].levels:
+            raise InputError(f"richest[{name!r}]", repr(level), f"one of {', '.join(known[name].levels)}")
+    idle = {
+        "tissue": len(scene.stuff) < 2,
+        "fibres": all(stuff.k1 is None for stuff in scene.stuff),
+        "time": not any(stuff.branches.eta for stuff in scene.stuff),
+        "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
+        "space": scene.piece.shape != "block",
+    }
+    found = {}
+    for name, axis in known.items():
+        if idle.get(name):
+            continue
+        last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
+        if last > 1 or name in ("order", "mesh", "space"):
+            shorter = {part: getattr(axis, part)[: last - 1] for part in ("left_out", "by", "growth")}
+            found[name] = replace(axis, levels=axis.levels[:last], **shorter)
+    return found
+
+
+def cheapest(axes: Mapping[str, Axis]) -> dict[str, str]:
+    """The model to begin with."""
+    return {name: axis.levels[0] for name, axis in axes.items()}
+
+
+def richest(axes: Mapping[str, Axis]) -> dict[str, str]:
+    """Everything that there is."""
+    return {name: axis.levels[-1] for name, axis in axes.items()}

@@ -1,0 +1,107 @@
+"""What a model is of a body that is shaken: `Harmonic`, and the amplitudes that are asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.ladder.quantities import Measured, along, percentile, point_in, within
+from ngbrain.ladder.rungs import Model
+from ngbrain.materials import Shearing
+from ngbrain.scene.loading import Ask, Loading, Stuff
+
+Array = np.ndarray
+PHASES = 16
+"""Moments of a period over which a strain is the largest."""
+
+
+def modulus(stuff: Stuff, omega: float, loss: bool) -> complex:
+    """G*(ω) (Pa) = μ (1 + i loss) + Σ μ_k iωτ_k/(1 + iωτ_k) of what stays and of the branches; its real part without loss.
+
+    >>> modulus(Stuff(mu=1000.0, loss=0.2), 300.0, True)
+    (1000+200j)
+    """
+    branches = stuff.branches
+    total = sum(branches.mu[: branches.stay]) * complex(1, stuff.loss)
+    for mu, eta in zip(branches.mu[branches.stay :], branches.eta, strict=True):
+        turned = 1j * omega * eta / mu
+        total += mu * turned / (1 + turned)
+    return total if loss else complex(total.real)
+
+
+def shaken(
+    scene: Loading, model: Model, mesh: ngs.Mesh, stuff: Callable[[str], Stuff], form: str, thickness: float
+) -> tuple[Array, int]:
+    """Answers of a scene's questions, and unknowns."""
+    frequency, plane = scene.course.frequency or 0.0, mesh.dim == 2
+    regions = {region: stuff(region) for region in sorted(set(mesh.GetMaterials()))}
+    omega = 2 * np.pi * frequency
+    moduli = {name: modulus(each, omega, model.get("loss") == "all") for name, each in regions.items()}
+    # A real and an imaginary field: NGSolve takes no complex constants by region.
+    G = mesh.MaterialCF({name: G.real for name, G in moduli.items()})
+    if any(G.imag for G in moduli.values()):
+        G = G + 1j * mesh.MaterialCF({name: each.imag for name, each in moduli.items()})
+    given = [g for g in scene.given if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
+    held = {axis: "|".join(g.boundary for g in given if axis in g.along) for axis in "xyz"}
+    names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
+    body = Harmonic(
+        mesh,
+        Shearing(G),
+        [
+            Wave(
+                frequency if model["inertia"] == "all" else 0.0,
+                {g.boundary: along(g.by, plane) for g in given if any(g.by)},
+                {pull.boundary: along(pull.traction, plane) for pull in scene.pull or ()},
+            )
+        ],
+        bulk=mesh.MaterialCF({name: each.bulk for name, each in regions.items()}),
+        density=mesh.MaterialCF({name: each.density for name, each in regions.items()}),
+        form=form,
+        held={mine: held[own] for mine, own in names.items() if held[own]},
+    )
+    (gfu,) = body.solve()
+    return np.array([_amplitude(ask, body, gfu, thickness) for ask in scene.ask]), body.fes.ndof
+
+
+def _amplitude(ask: Ask, body: Harmonic, gfu: ngs.GridFunction, thickness: float) -> float:
+    plane = body.mesh.dim == 2
+    u = body.split(gfu)[0]
+    if ask.quantity == "displacement":
+        return abs(complex(np.dot(u(point_in(body.mesh, ask, plane)), along(ask.unit, plane))))
+    if ask.quantity == "force":
+        return abs(_force(ask, body, gfu)) * thickness
+    return percentile(_strains(ask, body, u), ask.percentile)
+
+
+def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
+    """The body's forces on a boundary, along the question's direction: its work for a motion of the boundary."""
+    (wave,) = body.waves
+    form = ngs.BilinearForm(body.fes)
+    trial, test = body.fes.TnT()
+    form += body.terms(wave.omega, trial, test, lambda work: work)
+    motion = ngs.GridFunction(body.fes)
+    part = motion.components[0] if body.mixed else motion
+    boundary = body.mesh.Boundaries(ask.boundary)
+    part.Set(ngs.CF(along(ask.unit, body.mesh.dim == 2)), definedon=boundary, dual=True)
+    form.Assemble()
+    product = gfu.vec.CreateVector()
+    product.data = form.mat * gfu.vec
+    return complex(np.dot(motion.vec.FV().NumPy(), product.FV().NumPy()))
+
+
+def _strains(ask: Ask, body: Harmonic, u: ngs.CoefficientFunction) -> Measured:
+    """Largest principal strains over a period."""
+    mesh = body.mesh
+    points, weights = within(mesh, ask)
+    grad = ngs.Grad(u)
+    values = np.array(ngs.CF(tuple(grad[i, j] for i in range(mesh.dim) for j in range(mesh.dim)))(points))
+    gradient = np.zeros((len(values), 3, 3), complex)
+    gradient[:, : mesh.dim, : mesh.dim] = values.reshape(-1, mesh.dim, mesh.dim)
+    strain = (gradient + gradient.transpose(0, 2, 1)) / 2
+    phases: Sequence[complex] = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
+    largest = np.max([np.linalg.eigvalsh((strain * phase).real)[:, -1] for phase in phases], axis=0)
+    return Measured(largest, weights)

@@ -1,0 +1,245 @@
+# ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
+"""A body under loads as plain data: what it is made of, how it is held and loaded, and what is asked how accurately.
+
+Beside `Scene`, which is an operation with a blade: here loads and displacements are given, from a piece of tissue under a plate to
+a head that is tilted or shaken. The body's own axes are x, y and z (up).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError
+from ngbrain.fields import Section, choice, number, pattern, read_toml, table, text, to_toml
+from ngbrain.materials import BRAIN, OgdenBranches
+
+GRAVITY = 9.81
+"""m/s²."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece(Section):
+    """The body: a block of tissue with its foot in the plane z = 0 and its middle at x = y = 0, or the idealised head.
+
+    size          of the block along x, y and z (m)
+    plate         sides along x and y (m) of a rectangle in the middle of the block's top, boundary "plate"
+    lesion        radius (m) of a ball of its own region "lesion", with its centre `at` (m)
+    slot          width between its walls (x) and depth (m) of a cut through the whole top, boundaries "wall_minus", "wall_plus"
+    cell          size (m) of the coarsest elements
+
+    A block has the region "tissue" and the boundaries left, right (x), front, back (y), bottom, top (z).
+    """
+
+    shape: str = choice("shape", "block", ["block", "head"])
+    size: tuple[float, float, float] = number("size_mm", (0.06, 0.06, 0.04), size=3)
+    plate: tuple[float, float] | None = number("plate_mm", None, size=2)
+    lesion: float | None = number("lesion_mm", None)
+    at: tuple[float, float, float] = number("at_mm", (0.0, 0.0, 0.02), signed=True, size=3)
+    slot: tuple[float, float] | None = number("slot_mm", None, size=2)
+    cell: float = number("cell_mm", 0.015, least=0.5)
+
+    def _check(self, path: str, scene: Loading) -> None:
+        x, y, z = self.size
+        if self.shape == "head":
+            for name in ("plate", "lesion", "slot"):
+                self._need(getattr(self, name) is None, path, name, "this key left out: only a block has it")
+            return
+        plate, slot = self.plate or (0.0, 0.0), self.slot or (0.0, 0.0)
+        self._need(plate[0] < x and plate[1] < y, path, "plate", f"less than the block's {1e3 * x:g} by {1e3 * y:g}")
+        self._need(not (self.plate and self.slot), path, "slot", "this key or plate_mm, not both: they share the top")
+        self._need(slot[0] < x / 2 and slot[1] < z, path, "slot", f"less than half of {1e3 * x:g}, and {1e3 * z:g}")
+        r = self.lesion or 0.0
+        inside = abs(self.at[0]) + r < x / 2 and abs(self.at[1]) + r < y / 2 and r < self.at[2] < z - r
+        self._need(not r or inside, path, "lesion", "a ball inside the block, around at_mm")
+
+    @property
+    def largest(self) -> float:
+        """Its longest side (m)."""
+        return max(self.size) if self.shape == "block" else 0.168
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stuff(Section):
+    """What the regions that match a pattern are made of: `constants` of the catalogue or moduli of one's own.
+
+    mu, alpha    shear moduli (Pa) and Ogden exponents, of what stays first, then of relaxing branches; alpha 2 is Neo-Hooke
+    eta          viscosities (Pa s) of the branches
+    poisson      Poisson's ratio for fast small strain: bulk modulus K = 2μ₀(1 + ν)/3(1 - 2ν)
+    density      kg/m³
+    loss         G″/G′ of waves, for tissue without branches
+    k1, k2       fibres of Holzapfel, Gasser and Ogden: stiffness (Pa), and how fast it grows
+    fibre        their direction
+    """
+
+    region: str = pattern("region", ".*")
+    constants: str | None = choice("constants", None, BRAIN)
+    mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
+    alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
+    eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
+    poisson: float = number("poisson", 0.49, least=0.0)
+    density: float = number("density_kg_m3", 1040.0)
+    loss: float = number("loss", 0.0, least=0.0)
+    k1: float | None = number("k1_Pa", None)
+    k2: float = number("k2", 1.0)
+    fibre: tuple[float, float, float] | None = number("fibre", None, signed=True, size=3)
+
+    def _check(self, path: str, scene: Loading) -> None:
+        mu, alpha, eta = self.mu or (), self.alpha or (), self.eta or ()
+        self._need(bool(self.constants) != bool(mu), path, "mu", "this key or constants, a name in the catalogue")
+        self._need(not (self.constants and (alpha or eta)), path, "alpha", "this key left out beside constants")
+        self._need(len(alpha) in (0, len(mu)) and all(alpha), path, "alpha", f"{len(mu)} values, none of them 0")
+        self._need(not mu or len(eta) < len(mu), path, "eta", f"fewer values than mu_Pa, {len(mu)}")
+        self._need(self.poisson < 0.5, path, "poisson", "less than 0.5")
+        self._need((self.k1 is None) == (self.fibre is None), path, "fibre", "a direction to go with k1_Pa")
+        self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
+
+    @property
+    def branches(self) -> OgdenBranches:
+        """Its constants as Ogden terms, with exponent 2 where none is given."""
+        if self.constants:
+            return BRAIN[self.constants]
+        mu = self.mu or ()
+        return OgdenBranches(mu, self.alpha or (2.0,) * len(mu), self.eta or ())
+
+    @property
+    def bulk(self) -> float:
+        """Bulk modulus K (Pa)."""
+        return 2 * self.branches.initial_modulus * (1 + self.poisson) / (3 * (1 - 2 * self.poisson))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Given(Section):
+    """A displacement (m) that a boundary is moved by, all of it or some components; 0 holds it. Components left out are free.
+
+    along   components that are given, out of "xyz"
+    """
+
+    boundary: str = pattern("boundary")
+    by: tuple[float, float, float] = number("by_mm", (0.0, 0.0, 0.0), signed=True, size=3)
+    along: str = choice("along", "xyz", ["x", "y", "z", "xy", "xz", "yz", "xyz"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull(Section):
+    """A dead load (Pa) on a boundary."""
+
+    boundary: str = pattern("boundary")
+    traction: tuple[float, float, float] = number("traction_Pa", signed=True, size=3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course(Section):
+    """How loads and displacements grow: evenly in `ramp` (s), then they stay until `elapsed` (s); or a wave's frequency (Hz).
+
+    gravity     direction in which the body's weight acts once it is turned, from where it did not matter: the load that is
+                asked for is ρg times this vector
+    """
+
+    ramp: float = number("ramp_s", 1.0)
+    elapsed: float = number("elapsed_s", 10.0)
+    frequency: float | None = number("frequency_Hz", None)
+    gravity: tuple[float, float, float] | None = number("gravity", None, signed=True, size=3)
+
+    def _check(self, path: str, scene: Loading) -> None:
+        self._need(self.elapsed >= self.ramp, path, "elapsed", f"at least {self.ramp:g}, course.ramp_s")
+        wanted = "this key left out: waves have displacements and tractions alone"
+        self._need(self.frequency is None or self.gravity is None, path, "gravity", wanted)
+
+
+QUANTITIES = ("force", "displacement", "strain")
+"""What can be asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask(Section):
+    """A question, with the relative error that its answer may have.
+
+    quantity    force: of a boundary, along a direction (N); displacement: of a point, along a direction (m); strain: a percentile
+                of the largest principal strain (Green-Lagrange) in the regions that match a pattern, within a distance of a point
+                if one is given. Of a wave: the amplitude of each
+    when        end: at the end; ramp: when the loads have just got their size
+    """
+
+    quantity: str = choice("quantity", "force", QUANTITIES)
+    boundary: str = pattern("boundary", ".*")
+    direction: tuple[float, float, float] = number("direction", (0.0, 0.0, 1.0), signed=True, size=3)
+    point: tuple[float, float, float] | None = number("point_mm", None, signed=True, size=3)
+    region: str = pattern("region", ".*")
+    within: float | None = number("within_mm", None)
+    percentile: float = number("percentile", 95.0)
+    when: str = choice("when", "end", ["end", "ramp"])
+    tolerance: float = number("tolerance", 0.05)
+
+    def _check(self, path: str, scene: Loading) -> None:
+        self._need(any(self.direction), path, "direction", "a direction: not all 0")
+        needs_point = self.quantity == "displacement" or self.within is not None
+        self._need(self.point is not None or not needs_point, path, "point", "a point to go with it")
+        self._need(self.percentile <= 100, path, "percentile", "at most 100")
+        of_wave = scene.course.frequency is not None and self.when == "ramp"
+        self._need(not of_wave, path, "when", "'end': the amplitude of a wave has no ramp")
+        self._need(1e-4 <= self.tolerance <= 1, path, "tolerance", "a relative error of 0.0001 to 1")
+
+    @property
+    def unit(self) -> tuple[float, ...]:
+        """The direction, of length 1."""
+        size = math.hypot(*self.direction)
+        return tuple(component / size for component in self.direction)
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        if self.quantity == "force":
+            return f"force on {self.boundary}, {self.when}"
+        if self.quantity == "displacement":
+            return f"displacement at {', '.join(f'{1e3 * c:g}' for c in self.point or ())} mm, {self.when}"
+        return f"strain p{self.percentile:g} in {self.region}, {self.when}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loading(Section):
+    """A body under loads. Whatever is wrong with it raises `InputError`.
+
+    >>> scene = Loading(
+    ...     stuff=[Stuff(mu=1000.0)],
+    ...     given=[Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -1e-3))],
+    ...     ask=[Ask(boundary="top", tolerance=0.05)],
+    ... )
+    >>> scene.ask[0].name, Loading.from_dict(scene.to_dict()) == scene
+    ('force on top, end', True)
+    """
+
+    title: str = text("title", "", "one line of text", lambda raw: True)
+    piece: Piece = table(Piece, Piece)
+    stuff: tuple[Stuff, ...] = table(Stuff, size=0)
+    given: tuple[Given, ...] = table(Given, size=0)
+    pull: tuple[Pull, ...] | None = table(Pull, None, size=0)
+    course: Course = table(Course, Course)
+    ask: tuple[Ask, ...] = table(Ask, size=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("piece", "course"):
+            getattr(self, name)._check(name, self)
+        for name in ("stuff", "ask"):
+            for i, part in enumerate(getattr(self, name), 1):
+                part._check(f"{name}#{i}", self)
+
+    @classmethod
+    def from_dict(cls, data: Any, file: str | Path | None = None) -> Loading:
+        """From TOML's keys and units; `file` is for messages."""
+        try:
+            return cls.read(data)
+        except InputError as error:
+            raise InputError(error.field, error.value, error.wanted, file) from None
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Loading:
+        """From a file."""
+        return cls.from_dict(read_toml(path), path)
+
+    def to_toml(self) -> str:
+        """As the text of a file; reading it gives the same scene back."""
+        return to_toml(self.to_dict())
