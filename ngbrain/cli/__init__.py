@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.cli.invert import add_invert
+from ngbrain.cli.ladder import add_solve
 from ngbrain.cli.mesh import add_mesh
 from ngbrain.cli.predict import add_predict
 from ngbrain.errors import InputError, MissingExtra, SolverError, require
@@ -80,9 +81,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     retract.set_defaults(verb=_retract)
     mesh = add_mesh(verbs)
-    invert, predict = add_invert(verbs), add_predict(verbs)
+    invert, predict, loaded = add_invert(verbs), add_predict(verbs), add_solve(verbs)
     folders = (
-        (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted")
+        (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
+        (loaded, "solved"),
     )  # fmt: skip
     for verb, folder in folders:
         kind = "FILE" if verb is mesh else "DIR"
@@ -94,9 +96,9 @@ def _parser() -> argparse.ArgumentParser:
         verb.add_argument(
             "--threads",
             type=_positive,
-            default=1 if verb in (invert, predict) else os.cpu_count() or 1,
+            default=1 if verb in (invert, predict, loaded) else os.cpu_count() or 1,
             metavar="N",
-            help="for assembly (1)" if verb in (invert, predict) else "processes side by side",
+            help="for assembly (1)" if verb in (invert, predict, loaded) else "processes side by side",
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser

@@ -1,0 +1,66 @@
+"""What the cheapest adequate model says of a loaded body, as one page that opens alone: answers, what was left out, the way there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ngbrain.report.page import write_page
+from ngbrain.report.style import figure, png, style
+
+UNITS = {"force": ("N", 1.0), "displacement": ("mm", 1e3), "strain": ("%", 100.0)}
+"""First word of a question's name → unit, and how many of it are one SI unit."""
+LEAST, MOST = 1e-3, 10.0
+"""Per cent below which, and times above which changes are drawn there."""
+
+
+def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
+    """Write the page of a result of `ngbrain.ladder.solve`. Raises `MissingExtra` where matplotlib or jinja2 is not installed."""
+    return write_page(
+        Path(path),
+        "ladder.html",
+        {"way": _way(result)},
+        result=result,
+        answers=answers(result),
+        left_out=left_out(result),
+    )
+
+
+def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Question, answer with its unit, what is missing from it and what may be (per cent)."""
+    rows = []
+    for ask, (name, value) in zip(result["scene"]["ask"], result["answers"].items(), strict=True):
+        unit, per_si = UNITS[name.split()[0]]
+        rows.append(
+            (name, f"{value * per_si:.4g} {unit}", f"{result['error'][name]:.2%}", f"{ask.get('tolerance', 0.05):.2%}")
+        )
+    return rows
+
+
+def left_out(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """What the model lacks, the largest change that it would make, how that was found, and why to doubt it."""
+    found = sorted(result["left_out"], key=lambda each: -max(map(abs, each["change"])))
+    return [(each["what"], f"{max(map(abs, each['change'])):.2%}", each["how"], each["doubt"]) for each in found]
+
+
+def _way(result: Mapping[str, Any]) -> bytes:
+    """What each model left out, over the time spent."""
+    with style():
+        made = figure(4.2)
+        axis = made.add_axes((0.09, 0.13, 0.89, 0.84))
+        rungs = result["rungs"]
+        cost = [rung["cost_s"] for rung in rungs]
+        missing = [max(100 * min(max(rung["missing"], default=0.0), MOST), LEAST) for rung in rungs]
+        axis.step(cost, missing, where="post", color="#0072B2", lw=1.5)
+        axis.plot(cost, missing, "o", color="#0072B2")
+        axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)
+        for x, y, rung in zip(cost, missing, rungs, strict=True):
+            axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
+        tolerance = 100 * min(ask["tolerance"] for ask in result["scene"]["ask"])
+        axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
+        axis.set(xlabel="computing time, estimates included (s)", ylabel="estimated to be missing (%)")
+        axis.set(yscale="log", ylim=(0.5 * min(*missing, tolerance), 2 * max(*missing, tolerance)))
+        axis.set_xlim(0, 1.15 * cost[-1])
+        return png(made)
