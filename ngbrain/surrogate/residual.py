@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.surrogate.data import SIDES, shaken
-from ngbrain.surrogate.features import FINEST, partial, without_affine
+from ngbrain.surrogate.features import FINEST, NOISE, noise_of, partial, without_affine
 
 Array = np.ndarray
 BUMPS = 13
@@ -72,10 +72,12 @@ def works(u: Array, modulus: Array) -> tuple[Array, Array]:
 
 
 def of_compression(u: Array, youngs: Array, poisson: float) -> tuple[float, float]:
-    """The misfit inside, and how uneven the motion of the two plates is; both relative to the rms of u less its affine part.
+    """The misfit inside, relative to the rms of u less its affine part; and how uneven the motion of the two plates is, over noise.
 
     u       (n, n, 1), axial, first axis y, in edges
     youngs  (n, n), any unit
+
+    The second is 1 for plates that move as a whole, whatever the noise (`noise_of`, at least the least of the training).
     """
     n, side = len(u), SIDES["compression"]
     axial = ngs.VoxelCoefficient((0, 0), (side, side), (side * u[..., 0]).astype(complex), linear=True)
@@ -84,7 +86,8 @@ def of_compression(u: Array, youngs: Array, poisson: float) -> tuple[float, floa
     fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
     size = np.sqrt((without_affine(u[None]) ** 2).mean())
     plates = np.sqrt(max(float(np.var(u[end])) for end in (0, -1)))
-    return float(np.sqrt(((fitted - u[..., 0]) ** 2).mean()) / size), float(plates / size)
+    noise = max(float(noise_of(u[None])[0]), NOISE[0])
+    return float(np.sqrt(((fitted - u[..., 0]) ** 2).mean()) / size), float(plates / size / noise)
 
 
 @cache

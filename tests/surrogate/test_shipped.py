@@ -120,6 +120,12 @@ def test_ten_per_cent_of_noise(waves):
     assert auc(largest(operator, looks(operator, rows)), largest(operator, looks(operator, rows, 0.1))) >= 0.9
 
 
+@pytest.mark.parametrize("name", ["waves", "compression"])
+def test_twice_the_noise_that_bounds_are_found_with_is_still_within_the_training(name):
+    operator, rows = Operator.shipped(name), samples(name, 4)
+    assert largest(operator, looks(operator, rows, 0.02)).max() < operator.card.trust["threshold"]
+
+
 def test_no_torch():
     """Neither for the command line nor for the operator."""
     code = "import sys, ngbrain.cli as _, ngbrain.surrogate.shipped as s; s.Operator.shipped('waves')"
