@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -39,7 +40,7 @@ from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.starts import at_maps
 from ngbrain.io.waves import WaveData
-from ngbrain.surrogate.data import DENSITY, SIDES, sample
+from ngbrain.surrogate.data import DENSITY, SIDES, Sample, sample
 from ngbrain.surrogate.families import SHARP, SMOOTH
 from ngbrain.surrogate.features import GRAIN, spoilt
 from ngbrain.surrogate.predict import predict
@@ -75,7 +76,7 @@ COLOURS = {
 
 def measured(modality: str, family: str, index: int, noise: float, grain: float = 0.0) -> WaveData:
     """A test sample as wave data, with its truth; ultrasound has the axial component alone."""
-    one = sample(modality, family, SEED, "test", index, ACROSS)
+    one = clean(modality, family, index)
     seed = [index, round(1000 * noise)]
     u = spoilt(one.displacement[None], np.array([noise]), np.random.default_rng(seed), np.array([grain]))[0]
     if modality == "compression":
@@ -95,6 +96,12 @@ def measured(modality: str, family: str, index: int, noise: float, grain: float 
         noise=noise or None,
         truth={"shear" if modality == "waves" else "youngs": truth.ravel()},
     )
+
+
+@lru_cache(MANY)
+def clean(modality: str, family: str, index: int) -> Sample:
+    """A test sample without noise."""
+    return sample(modality, family, SEED, "test", index, ACROSS)
 
 
 def of_surrogate(data: WaveData) -> dict[str, np.ndarray]:

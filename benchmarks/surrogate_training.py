@@ -49,7 +49,7 @@ BASE = Run("wavelet", 16, 3)
 PANELS = {
     "networks of equal size": [BASE, Run("Fourier", 10), Run("U-Net", 15)],
     "width": [BASE, Run("wavelet", 24, 3), Run("wavelet", 32, 3)],
-    "levels": [Run("wavelet", 16, 2), BASE, Run("wavelet", 16, 4)],
+    "levels": [Run("wavelet", 16, 2), BASE],
     "training samples": [BASE._replace(samples=440), BASE._replace(samples=1450), BASE],
 }
 """What is compared, and with what."""
@@ -131,7 +131,7 @@ def chart(records: list[Record], png: str) -> None:
     for line_of, name in zip(grid, modalities, strict=True):
         done = {Run(*(r[key] for key in Run._fields)): r for r in records if r["modality"] == name}
         for axes, (title, runs) in zip(line_of, PANELS.items(), strict=True):
-            for run, colour in zip(runs, COLOURS, strict=True):
+            for run, colour in zip(runs, COLOURS, strict=False):
                 r = done.get(run._replace(samples=min(run.samples, most)))
                 if r is None:
                     continue
