@@ -44,7 +44,7 @@ def named() -> dict[str, Case]:
         )
 
     def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot) -> Loading:
-        given = (FOOT, Given(boundary="left|right"), Given(boundary="wall_plus", by=(mm / 1000, 0, 0)))
+        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0)))
         asks = (
             Ask(boundary="wall_plus", direction=(1, 0, 0)),
             Ask(quantity="strain", point=(0, 0, 0.03), within=0.02, percentile=90),
@@ -158,6 +158,6 @@ def drawn(seed: int) -> Case:
     else:
         depth = float(random.uniform(0.012, 0.028))
         piece = Piece(slot=(float(random.uniform(0.002, 0.006)), depth), cell=CELL)
-        given = (FOOT, Given(boundary="left|right"), Given(boundary="wall_plus", by=(far, 0, 0)))
+        given = (FOOT, Given(boundary="wall_plus", by=(far, 0, 0)))
         ask = Ask(boundary="wall_plus", direction=(1, 0, 0))
     return Case(Loading(piece=piece, stuff=tuple(tissues), given=given, course=course, ask=(ask,)), RICH)

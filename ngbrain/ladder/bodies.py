@@ -19,7 +19,7 @@ from ngbrain.forward.material import Material
 from ngbrain.forward.relaxing import Relaxing
 from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Support
-from ngbrain.ladder.pieces import Meshes
+from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import State, along, answer
 from ngbrain.ladder.rungs import Model
 from ngbrain.ladder.waves import shaken
@@ -42,11 +42,12 @@ class Bench:
     """A scene's meshes, kept, and its bodies for any model."""
 
     def __init__(self, scene: Loading) -> None:
-        self.scene, self._meshes = scene, Meshes(scene.piece)
+        self.scene, part = scene, near(scene.piece)
+        self._meshes = {"whole": Meshes(scene.piece)} | ({"near": Meshes(part)} if part else {})
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh."""
-        return self._meshes.at(int(model["mesh"]), model.get("space") == "plane")
+        return self._meshes[model.get("extent", "whole")].at(int(model["mesh"]), model.get("space") == "plane")
 
     @property
     def nested(self) -> bool:
@@ -56,7 +57,7 @@ class Bench:
     @cached_property
     def largest(self) -> str:
         """The region with the largest volume."""
-        mesh = self._meshes.at(0, plane=False)
+        mesh = self._meshes["whole"].at(0, plane=False)
         volumes = {name: ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in sorted(set(mesh.GetMaterials()))}
         return max(volumes, key=lambda name: volumes[name])
 
@@ -121,6 +122,8 @@ class Bench:
                 raise InputError("given.boundary", repr(given.boundary), f"one of {', '.join(sorted(names))}")
             parts = [value if axis in given.along else None for axis, value in zip("xyz", given.by, strict=True)]
             supports[given.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
+        if model.get("extent") == "near":
+            supports |= {name: 0 for name in CUT if name in names}
         loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
         if scene.course.gravity:
             density = mesh.MaterialCF(weights)

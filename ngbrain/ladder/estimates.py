@@ -106,7 +106,7 @@ def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 
 
 def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """On elements half as large: by Newton steps, if the coarse ones are their unions and strains finite, else of the linear body."""
+    """On elements half as large: by Newton steps, if coarse ones are their unions; where strains are small, the linear body's."""
     if model["strain"] == "linear":
         return linear(bench, model, richer, solved)
     if bench.nested:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import netgen.meshing as meshing
 import netgen.occ as occ
@@ -15,6 +16,31 @@ FINER = 2.0
 """Elements at a plate, a lesion or a slot are finer by this factor."""
 FAR = 0.6
 """Growth of elements away from there (Netgen's grading)."""
+
+
+CUT = ("left", "right", "front", "back")
+"""Sides of a block that a region of interest is held at."""
+REACH = 3.0
+"""A region of interest reaches so many times as far from the middle as what is in it does."""
+WORTH = 0.8
+"""Part of the block's width from which on there is nothing to gain by one."""
+
+
+def near(piece: Piece) -> Piece | None:
+    """The part of a block around its plate, slot or lesion; None where that is nearly all of it.
+
+    >>> near(Piece(size=(0.1, 0.1, 0.04), plate=(0.02, 0.02))).size, near(Piece())
+    ((0.06, 0.06, 0.04), None)
+    """
+    if piece.shape != "block" or not (piece.plate or piece.slot or piece.lesion):
+        return None
+    x, y, z = piece.size
+    plate, slot, ball = piece.plate or (0.0, 0.0), piece.slot or (0.0, 0.0), piece.lesion or 0.0
+    # A slot goes through along y, and is as deep as its strains reach.
+    half_x = max(plate[0] / 2, slot[1], abs(piece.at[0]) * bool(ball) + ball)
+    half_y = y / 2 if piece.slot else max(plate[1] / 2, abs(piece.at[1]) * bool(ball) + ball)
+    smaller = (min(x, 2 * REACH * half_x), min(y, 2 * REACH * half_y), z)
+    return replace(piece, size=smaller) if smaller[0] * smaller[1] < WORTH * x * y else None
 
 
 class Meshes:

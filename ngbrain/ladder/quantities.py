@@ -75,10 +75,9 @@ def _displacement(ask: Ask, state: State) -> float:
 
 def point_in(mesh: ngs.Mesh, ask: Ask, plane: bool) -> ngs.MeshPoint:
     """The question's point; `InputError` for one outside."""
-    try:
-        found = mesh(*along(ask.point or (0.0, 0.0, 0.0), plane))
-    except Exception as error:
-        raise InputError("ask.point_mm", [1e3 * c for c in ask.point or ()], "a point in the body") from error
+    found = mesh(*along(ask.point or (0.0, 0.0, 0.0), plane))
+    if found.nr < 0:
+        raise InputError("ask.point_mm", [1e3 * c for c in ask.point or ()], "a point in the body")
     return found
 
 

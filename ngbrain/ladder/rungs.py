@@ -6,10 +6,12 @@ step would move the answers for `estimates`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.ladder.pieces import CUT, near
 from ngbrain.scene.loading import Loading
 
 Model = Mapping[str, str]
@@ -60,6 +62,7 @@ AXES = {
             ("step",),
             (2.0,),
         ),
+        Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("linear",), (2.0,)),
         Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("linear",), (20.0,)),
         Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("step",) * 2, (5.0, 5.0), 1.3),
         Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("halved",) * 2, (10.0, 10.0), 1.6),
@@ -103,6 +106,7 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
         "time": not any(stuff.branches.eta for stuff in scene.stuff),
         "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
         "space": scene.piece.shape != "block",
+        "extent": _uncuttable(scene),
     }
     found = {}
     for name, axis in known.items():
@@ -113,6 +117,17 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             shorter = {part: getattr(axis, part)[: last - 1] for part in ("left_out", "by", "growth")}
             found[name] = replace(axis, levels=axis.levels[:last], **shorter)
     return found
+
+
+def _uncuttable(scene: Loading) -> bool:
+    """Whether there is no region of interest, or what is given or asked lies beyond it."""
+    part = near(scene.piece)
+    if part is None or scene.course.gravity is not None:
+        return True
+    patterns = [each.boundary for each in scene.given] + [each.boundary for each in scene.pull or ()]
+    patterns += [ask.boundary for ask in scene.ask if ask.quantity == "force"]
+    beyond = [ask.point for ask in scene.ask if ask.point and any(abs(ask.point[i]) > part.size[i] / 2 for i in (0, 1))]
+    return bool(beyond) or any(re.fullmatch(pattern, side) for pattern in patterns for side in CUT)
 
 
 def cheapest(axes: Mapping[str, Axis]) -> dict[str, str]:

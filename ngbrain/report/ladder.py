@@ -1,4 +1,4 @@
-"""What the cheapest adequate model says of a loaded body, as one page that opens alone: answers, what was left out, the way there."""
+"""What the cheapest adequate model says of a loaded body, as one page that opens alone: answers, what is left out, the way."""
 
 from __future__ import annotations
 

@@ -1,0 +1,80 @@
+"""The climb: it stops where it may, goes on where it must, and says what it left out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ngbrain
+from ngbrain.errors import InputError
+from ngbrain.ladder.bodies import Bench
+from ngbrain.ladder.climb import Keeper, climb
+from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.rungs import axes_of, cheapest, richest
+from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
+
+CUBE = Piece(size=(0.02, 0.02, 0.02), cell=0.02)
+BOUNDS = {"order": "2", "mesh": "1"}
+
+
+def squeezed(mm: float, stuff: Stuff, tolerance: float = 0.05) -> Loading:
+    """A cube between plates that hold it."""
+    given = (Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -mm / 1000)))
+    return Loading(piece=CUBE, stuff=(stuff,), given=given, ask=(Ask(boundary="top", tolerance=tolerance),))
+
+
+def test_small_strains_stay_linear_and_large_ones_do_not() -> None:
+    budday = Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.45)
+    assert climb(squeezed(0.02, budday), BOUNDS).chosen.model["strain"] == "linear"
+    assert climb(squeezed(4, budday), BOUNDS).chosen.model["strain"] == "finite"
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.05])
+def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
+    scene = squeezed(1, Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.3), tolerance)
+    found = climb(scene, BOUNDS)
+    rich = Keeper(Bench(scene))(richest(axes_of(scene, BOUNDS)))
+    off = np.abs(relative(found.chosen.answers, rich.answers))
+    assert off.max() <= tolerance
+    assert found.chosen.model != richest(found.axes)
+    assert found.error.max() <= tolerance
+
+
+def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
+    found = climb(squeezed(2, Stuff(mu=(1e3,))), BOUNDS)
+    assert found.rungs[0].model == cheapest(found.axes)
+    for before, after in zip(found.rungs, found.rungs[1:], strict=False):
+        changed = {name for name in before.model if before.model[name] != after.model[name]}
+        assert changed == {before.taken}
+        assert after.cost_s > before.cost_s
+    assert found.chosen.taken == ""
+
+
+def test_a_course_without_end_is_said_where_nothing_is_richer() -> None:
+    found = climb(squeezed(2, Stuff(mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
+    assert any(flag.startswith("mesh") for flag in found.flags)
+
+
+def test_a_model_that_is_given_is_not_left() -> None:
+    scene = squeezed(2, Stuff(mu=(1e3,)))
+    result = ngbrain.solve(scene, model={"strain": "finite"})
+    assert result["model"] == {**cheapest(axes_of(scene)), "strain": "finite"}
+    assert len(result["rungs"]) == 1
+    assert {each["axis"] for each in result["left_out"]} == set(result["model"]) - {"strain"}
+    with pytest.raises(InputError, match="strian"):
+        ngbrain.solve(scene, model={"strian": "finite"})
+    with pytest.raises(InputError, match="linear, finite"):
+        ngbrain.solve(scene, model={"strain": "large"})
+
+
+def test_axes_are_those_that_mean_something() -> None:
+    plain = squeezed(1, Stuff(mu=(1e3,)))
+    assert set(axes_of(plain)) == {"strain", "pressure", "space", "order", "mesh"}
+    relaxing = replace(plain, stuff=(Stuff(mu=(1e3, 1e3), eta=(1e3,)),))
+    assert "time" in axes_of(relaxing)
+    wave = replace(plain, course=Course(frequency=50.0), stuff=(Stuff(mu=(1e3,), loss=0.1),))
+    assert set(axes_of(wave)) == {"inertia", "loss", "pressure", "space", "order", "mesh"}
+    assert richest(axes_of(plain, BOUNDS))["order"] == "2"
+    for bound in ({"oder": "1"}, {"order": "9"}):
+        with pytest.raises(InputError, match=r"oder|9"):
+            axes_of(plain, bound)

@@ -1,0 +1,84 @@
+"""Estimates against changes that are known: where a step is linear, and where it is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngbrain.ladder.bodies import Bench
+from ngbrain.ladder.climb import Keeper, estimate
+from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.rungs import axes_of, cheapest
+from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
+
+CUBE = Piece(size=(0.02, 0.02, 0.02), cell=0.02)
+SQUEEZED = (Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -1e-3)))
+FORCE = (Ask(boundary="top"),)
+
+
+def both(scene: Loading, model: dict[str, str], axis: str) -> tuple[float, float]:
+    """Estimated and true change of the first answer."""
+    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    model = {**cheapest(axes), **model}
+    richer = {**model, axis: axes[axis].above(model[axis])}
+    found = estimate(keeper, model, axes[axis])
+    true = relative(keeper(model).answers, keeper(richer).answers)
+    return float(found.change[0]), float(true[0])
+
+
+@pytest.mark.parametrize("axis", ["order", "pressure", "mesh", "space"])
+def test_a_step_of_the_linear_body_is_foretold_exactly(axis: str) -> None:
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=SQUEEZED, ask=FORCE)
+    estimated, true = both(scene, {"order": "2"} if axis == "space" else {}, axis)
+    assert abs(true) > 0.05
+    assert estimated == pytest.approx(true, rel=1e-5)
+
+
+def test_other_tissues_are_foretold_where_they_differ() -> None:
+    piece = Piece(size=(0.02, 0.02, 0.02), lesion=0.006, at=(0, 0, 0.01), cell=0.02)
+    scene = Loading(piece=piece, stuff=(Stuff(mu=(1e3,)), Stuff(region="lesion", mu=(5e3,))), given=SQUEEZED, ask=FORCE)
+    estimated, true = both(scene, {}, "tissue")
+    assert abs(true) > 0.05
+    assert estimated == pytest.approx(true, rel=1e-4)
+
+
+@pytest.mark.parametrize("alpha", [-19.0, 2.0, 12.0])
+def test_finite_strains_are_foretold_by_their_residual(alpha: float) -> None:
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -2e-3)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(alpha,), poisson=0.4),), given=given, ask=FORCE)
+    estimated, true = both(scene, {"space": "solid", "order": "2"}, "strain")
+    assert abs(true) > 0.03
+    assert estimated == pytest.approx(true, rel=0.15)
+
+
+def test_half_as_large_elements_are_foretold_where_strains_are_finite() -> None:
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, 4e-3)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.4),), given=given, ask=FORCE)
+    estimated, true = both(scene, {"strain": "finite"}, "mesh")
+    assert abs(true) > 0.05
+    assert estimated == pytest.approx(true, rel=0.3)
+
+
+def test_relaxation_is_foretold_by_the_history_of_the_load() -> None:
+    tissue, course = Stuff(mu=(400.0, 600.0), eta=(1200.0,), poisson=0.3), Course(ramp=1.0, elapsed=4.0)
+    scene = Loading(piece=CUBE, stuff=(tissue,), given=SQUEEZED, course=course, ask=FORCE)
+    estimated, true = both(scene, {}, "time")
+    assert estimated == pytest.approx(true, rel=1e-6)
+    assert true > 0.1  # a press is a negative force
+
+
+def test_a_change_that_is_large_is_doubted() -> None:
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -6e-3)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(-25.0,)),), given=given, ask=FORCE)
+    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    found = estimate(keeper, cheapest(axes), axes["strain"])
+    assert found.doubt
+    small = replace(scene, given=(SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -1e-5))))
+    assert not estimate(Keeper(Bench(small)), cheapest(axes), axes["strain"]).doubt
+
+
+def test_a_fold_is_no_estimate() -> None:
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0.0, 0.0, -0.03)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=given, ask=FORCE)
+    found = estimate(Keeper(Bench(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
+    assert np.isinf(found.change).all() and "fold" in found.doubt
