@@ -1,0 +1,77 @@
+"""Relaxing bodies under loads over time against closed forms."""
+
+import numpy as np
+import pytest
+
+from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward.loads import Traction
+from ngbrain.forward.material import Material
+from ngbrain.forward.relaxing import Relaxing
+from ngbrain.materials import Maxwell, NeoHooke, Ogden, Prony, Viscous
+from ngbrain.mesh import block
+
+SIDE, MU, G, TAU = 0.02, 1e3, 0.6, 2.0
+STIFF = 1e3
+"""K/μ."""
+FREE = {"bottom": (None, None, 0), "left": (0, None, None), "front": (None, 0, None)}
+TIMES = np.array([0.0, 0.5, 1.0, 1.5, 2.5, 4.0, 8.0])
+RAMP = np.minimum(TIMES, 1.0)
+
+
+def bar(law, down=None, loads=()):
+    supports = FREE if down is None else {**FREE, "top": (None, None, -down)}
+    mesh = block((SIDE, SIDE, SIDE), SIDE)
+    return Relaxing(mesh, {"tissue": Material(law, STIFF * MU)}, supports, loads, form="P2/P1")
+
+
+LAWS = {
+    "prony": Prony(NeoHooke(MU), [G], [TAU]),
+    "flowing": Viscous(NeoHooke((1 - G) * MU), (Maxwell(NeoHooke(G * MU), G * MU * TAU),)),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_small_strains_relax_after_a_ramp_as_the_convolution_says(name):
+    strain = 1e-4
+    body = bar(LAWS[name], strain * SIDE)
+    forces = np.array(body.run(TIMES, RAMP, lambda t: -body.force("top")[2]))
+    t = TIMES[1:]
+    left = TAU * (np.exp(-(t - np.minimum(t, 1)) / TAU) - np.exp(-t / TAU))
+    exact = 3 * MU * strain * SIDE**2 * ((1 - G) * np.minimum(t, 1) + G * left)
+    assert forces == pytest.approx(exact, rel=2e-3)
+
+
+def test_a_dead_load_creeps_as_a_standard_solid_does():
+    strain = 1e-4
+    pull = Traction("top", (0, 0, 3 * MU * strain))
+    body = bar(LAWS["prony"], loads=[pull])
+    times = np.array([0, 1e-6, 0.5, 1, 1.5, 2, 3, 4, 6, 8, 12])
+    u = np.array(body.run(times, np.minimum(times / 1e-6, 1), lambda t: body.u(body.mesh(0, 0, SIDE))[2]))
+    # ε = σ/3μ (1 + g/(1 - g) (1 - exp(-(1 - g) t/τ)))
+    exact = strain * SIDE * (1 + G / (1 - G) * (1 - np.exp(-(1 - G) * times[1:] / TAU)))
+    assert u == pytest.approx(exact, rel=5e-3)
+
+
+def test_in_the_end_it_is_the_elastic_body_of_what_stays():
+    stays = Ogden(400.0, -8.0)
+    body = bar(Viscous(stays, (Maxwell(NeoHooke(600.0), 60.0),)), 0.2 * SIDE)
+    force = -body.run([0, 1, 200], [0, 1, 1], lambda t: body.force("top")[2])[-1]
+    elastic = bar(Viscous(stays), 0.2 * SIDE)
+    assert force == pytest.approx(-elastic.run([0, 1], [0, 1], lambda t: elastic.force("top")[2])[-1], rel=1e-4)
+
+
+def test_a_step_too_far_is_halved_and_an_impossible_one_given_up():
+    body = bar(LAWS["flowing"], 0.75 * SIDE)
+    steps = []
+    body.run([0, 1], [0, 1], steps.append)
+    assert steps == [1.0]
+    assert body.min_det(body.state) > 0
+    with pytest.raises(ConvergenceError, match="time step"):
+        bar(LAWS["flowing"], 1.2 * SIDE).run([0, 1], [0, 1], lambda t: t)
+
+
+def test_times_have_to_increase():
+    body = bar(LAWS["prony"], 1e-5)
+    for times, factors in (([0, 1, 1], [0, 1, 1]), ([0, 1], [0, 1, 1]), ([0], [0])):
+        with pytest.raises(InputError, match="times"):
+            body.run(times, factors, lambda t: t)

@@ -1,0 +1,50 @@
+"""The verb `solve`: one scene from a file to a result and a page."""
+
+import json
+
+import pytest
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+from ngbrain.cli import main
+
+SCENE = """
+[piece]
+size_mm = [20, 20, 20]
+cell_mm = 20
+[[stuff]]
+mu_Pa = [400, 600]
+eta_Pa_s = 1200
+poisson = 0.3
+[[given]]
+boundary = "bottom"
+[[given]]
+boundary = "top"
+by_mm = [0, 0, -0.1]
+[[ask]]
+boundary = "top"
+tolerance = 0.3
+"""
+
+
+def test_a_scene_is_solved_and_told(tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    assert main(["solve", str(file), "-o", str(tmp_path / "out"), "-q"]) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["verb"] == "solve" and result["error"]["force on top, end"] <= 0.3
+    assert result["model"]["time"] == "relaxed" and result["model"]["strain"] == "linear"
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "What this model left out" in page and "that strains and turns are finite" in page
+    assert "http" not in page.replace("http-equiv", "")
+    assert main(["solve", str(file), "-o", str(tmp_path / "out")]) == 0
+    assert "left out" in capsys.readouterr().out
+
+
+def test_bad_input_is_one_line(tmp_path, capsys):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE.replace("mu_Pa", "mu_kPa"))
+    assert main(["solve", str(file), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "mu_kPa" in said and said.count("\n") == 1 and not (tmp_path / "out").exists()
