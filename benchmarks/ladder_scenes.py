@@ -40,8 +40,9 @@ def measure(quick: bool) -> list[Record]:
     records: list[Record] = []
     for name, case in cases().items():
         if not quick or name in QUICK:
-            records += of_scene(name, case)
-            print(line(records[-1]), flush=True)
+            made = of_scene(name, case)
+            records += made
+            print(*map(line, made), sep="\n", flush=True)
     return records
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from ngbrain.ladder.rungs import Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
+SLOW = 3.0
+"""Crossings of a shear wave in whose time loads may grow without a word on inertia."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -103,7 +106,7 @@ def climb(
     tell(rungs[-1])
     flags = [f"{name}: {each.doubt}" for name, each in rungs[-1].estimates.items() if each.doubt]
     flags += [f"{name}: {why}" for name, why in refused.items()]
-    flags += _at_the_top(axes, rungs, tolerances)
+    flags += _at_the_top(axes, rungs, tolerances) + _too_fast(scene)
     if np.any(rungs[-1].missing > tolerances):
         flags.append("what is missing is more than the tolerance")
     return Climb(rungs, axes, flags)
@@ -123,7 +126,8 @@ def stand(scene: Loading, model: Model) -> Climb:
     begun = time.process_time()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = time.process_time() - begun
-    return Climb([rung], axes, [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt])
+    doubts = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
+    return Climb([rung], axes, doubts + _too_fast(scene))
 
 
 def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
@@ -156,6 +160,16 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
                 if np.any(last > tolerances):
                     flags.append(f"{name}: the last step may leave {np.max(last):.0%}, and there is none above")
     return flags
+
+
+def _too_fast(scene: Loading) -> list[str]:
+    """Loads that grow about as fast as a shear wave crosses the body: no model of loaded bodies has inertia, only waves do."""
+    if scene.course.frequency is not None:
+        return []
+    across = max(scene.piece.largest / math.sqrt(s.branches.initial_modulus / s.density) for s in scene.stuff)
+    if scene.course.ramp > SLOW * across:
+        return []
+    return [f"inertia: loads grow in {scene.course.ramp:.2g} s, a shear wave crosses the body in {across:.2g} s"]
 
 
 def described(climb: Climb, scene: Loading) -> dict[str, Any]:

@@ -78,3 +78,11 @@ def test_axes_are_those_that_mean_something() -> None:
     for bound in ({"oder": "1"}, {"order": "9"}):
         with pytest.raises(InputError, match=r"oder|9"):
             axes_of(plain, bound)
+
+
+def test_loads_as_fast_as_waves_are_said() -> None:
+    slow = squeezed(0.01, Stuff(mu=(1e3,)))
+    fast = replace(slow, course=Course(ramp=0.02, elapsed=0.02))
+    bounds = {"order": "1", "mesh": "0", "space": "plane"}
+    assert not climb(slow, bounds).flags
+    assert any("inertia" in flag for flag in climb(fast, bounds).flags)
