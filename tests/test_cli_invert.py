@@ -123,6 +123,7 @@ def test_data_in_space(tmp_path, capsys):
     assert "Storage modulus" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 1.0)  # two of them
     points = grid(16, 8, 8, spacing=3e-3)
