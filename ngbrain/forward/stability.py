@@ -19,22 +19,33 @@ CREASE = 0.65
 Suo 2009, 10.1063/1.3211917): beyond it, solutions depend on the mesh."""
 SHARE = 0.05
 """Share of a body or its free surface pressed beyond that which is more than corners."""
-NEAREST = 6
-"""Eigenvalues nearest to zero among which the smallest is looked for."""
+NEAREST, FEW = 6, 30
+"""Eigenvalues nearest to zero among which the smallest is looked for; unknowns up to which all are."""
 
 
 def softest(body: Static) -> tuple[float, ngs.GridFunction]:
-    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Static.softest`)."""
+    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Static.softest`).
+
+    A body that is held everywhere has none: inf, and no motion.
+    """
     solve, (u, v) = body.tangent(), body.u.space.TnT()
     mass = ngs.BilinearForm(body.kinematics.weight() * ngs.InnerProduct(u, v) * ngs.dx).Assemble().mat
     rows, columns, values = mass.COO()
     n, free = body.fes.ndof, np.fromiter(body.fes.FreeDofs(), float, body.fes.ndof)
     M = scipy.sparse.csr_array((np.array(values), (np.array(rows), np.array(columns))), (n, n))
     M = M * free[:, None] * free
+    motion, moving = ngs.GridFunction(body.u.space), np.flatnonzero(free * body.is_u)
+    if not moving.size:
+        return np.inf, motion
+    if moving.size <= FEW:  # as many as there are
+        compliance = np.array([solve(M[:, [i]].toarray().ravel())[moving] for i in moving]).T
+        values, motions = np.linalg.eig(compliance)
+        values = 1 / values.real
+        motion.vec.FV().NumPy()[moving] = motions[:, np.argmin(values)].real
+        return float(np.min(values)), motion
     inverse = scipy.sparse.linalg.LinearOperator((n, n), solve)
     start = np.random.default_rng(0).standard_normal(n) * free * body.is_u
     values, motions = scipy.sparse.linalg.eigsh(M, NEAREST, M, sigma=0, OPinv=inverse, v0=start)
-    motion = ngs.GridFunction(body.u.space)
     motion.vec.FV().NumPy()[:] = motions[body.is_u, np.argmin(values)]
     return float(np.min(values)), motion
 

@@ -347,3 +347,19 @@ def test_a_factor_is_asked_for_what_it_is_to_solve():
     path = Asked()
     _, record = follow(path, Newton(rtol=1e-12, xtol=1e-12), np.zeros(1))
     assert record.converged and min(path.asked) > 0
+
+
+def test_the_softest_motion_of_few_unknowns_is_found_whole(monkeypatch):
+    cube = block((0.02, 0.02, 0.02), 0.02)
+    down = {"bottom": 0, "top": (0, 0, -2e-3)}
+    body = Static(cube, {".*": Material(NeoHooke(1e3), 3e3)}, down, form="P2")
+    body.solve()
+    few, motion = body.softest()
+    monkeypatch.setattr("ngbrain.forward.stability.FEW", 0)
+    many, same = body.softest()
+    assert few == pytest.approx(many, rel=1e-8)
+    a, b = (each.vec.FV().NumPy() for each in (motion, same))
+    assert abs(a @ b) == pytest.approx(np.linalg.norm(a) * np.linalg.norm(b), rel=1e-6)
+    held = Static(cube, {".*": Material(NeoHooke(1e3), 3e3)}, down, form="P1")
+    held.solve()
+    assert np.isinf(held.softest()[0])
