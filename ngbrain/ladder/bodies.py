@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -188,33 +189,38 @@ class Solution:
     states    question's time → state, of a body without memory
     ndof      unknowns
     cost_s    computing time (s)
+    doubts    what the solvers warned of
     """
 
     answers: Array
     states: dict[str, State]
     ndof: int
     cost_s: float
+    doubts: tuple[str, ...] = ()
 
 
 def solve(bench: Bench, model: Model) -> Solution:
     """The model's answers. Raises `SolverError` where it has none."""
-    begun = time.process_time()
-    if bench.scene.course.frequency is not None:
-        parts = (
-            bench.mesh(model),
-            lambda region: bench.stuff(region, model),
-            form_of(model),
-            bench.thickness_of(model),
-        )
-        answers, ndof = shaken(bench.scene, model, *parts)
-        states = dict[str, State]()
-    elif model.get("time") in REMEMBERS:
-        answers, states, ndof = _through_time(bench, model)
-    else:
-        states = _at_rest(bench, model)
-        answers = answers_of(bench.scene, states)
-        ndof = next(iter(states.values())).body.fes.ndof
-    return Solution(answers, states, ndof, time.process_time() - begun)
+    begun, states = time.process_time(), dict[str, State]()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if bench.scene.course.frequency is not None:
+            answers, ndof = shaken(
+                bench.scene,
+                model,
+                bench.mesh(model),
+                lambda region: bench.stuff(region, model),
+                form_of(model),
+                bench.thickness_of(model),
+            )
+        elif model.get("time") in REMEMBERS:
+            answers, ndof = _through_time(bench, model)
+        else:
+            states = _at_rest(bench, model)
+            answers = answers_of(bench.scene, states)
+            ndof = next(iter(states.values())).body.fes.ndof
+    doubts = tuple(dict.fromkeys(str(warning.message) for warning in caught))
+    return Solution(answers, states, ndof, time.process_time() - begun, doubts)
 
 
 def answers_of(scene: Loading, states: Mapping[str, State]) -> Array:
@@ -247,7 +253,7 @@ def linear_state(body: Static) -> Array:
     return lifted - step(body.residual(lifted)[0])
 
 
-def _through_time(bench: Bench, model: Model) -> tuple[Array, dict[str, State], int]:
+def _through_time(bench: Bench, model: Model) -> tuple[Array, int]:
     """Answers are found on the way, as the body does not keep its past."""
     scene, course = bench.scene, bench.scene.course
     size = SMALL if model["strain"] == "linear" else 1.0
@@ -263,4 +269,4 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, dict[str, State], 
                 answers[i] = answer(ask, bench.state(model, body, body.state))
 
     body.run(times, size * np.minimum(np.array(times) / course.ramp, 1.0), seen)
-    return answers, {}, body.fes.ndof
+    return answers, body.fes.ndof

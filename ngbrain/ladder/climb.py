@@ -104,9 +104,8 @@ def climb(
         except SolverError as error:
             refused[rung.taken] = str(error)
     tell(rungs[-1])
-    flags = [f"{name}: {each.doubt}" for name, each in rungs[-1].estimates.items() if each.doubt]
+    flags = _doubts(keeper, rungs[-1], scene) + _at_the_top(axes, rungs, tolerances)
     flags += [f"{name}: {why}" for name, why in refused.items()]
-    flags += _at_the_top(axes, rungs, tolerances) + _too_fast(scene)
     if np.any(rungs[-1].missing > tolerances):
         flags.append("what is missing is more than the tolerance")
     return Climb(rungs, axes, flags)
@@ -126,8 +125,13 @@ def stand(scene: Loading, model: Model) -> Climb:
     begun = time.process_time()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = time.process_time() - begun
-    doubts = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
-    return Climb([rung], axes, doubts + _too_fast(scene))
+    return Climb([rung], axes, _doubts(keeper, rung, scene))
+
+
+def _doubts(keeper: Keeper, rung: Rung, scene: Loading) -> list[str]:
+    """Of its estimates, of the solvers, and of loads that are too fast."""
+    of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
+    return [*of_estimates, *keeper(rung.model).doubts, *_too_fast(scene)]
 
 
 def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
@@ -176,13 +180,13 @@ def described(climb: Climb, scene: Loading) -> dict[str, Any]:
     """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
     return {
         "answers": {ask.name: float(value) for ask, value in zip(scene.ask, climb.chosen.answers, strict=True)},
-        "error": {ask.name: float(value) for ask, value in zip(scene.ask, climb.error, strict=True)},
+        "error": dict(zip((ask.name for ask in scene.ask), _plain(climb.error), strict=True)),
         "model": climb.chosen.model,
         "left_out": [
             {
                 "what": climb.axes[name].left_out[climb.axes[name].levels.index(climb.chosen.model[name])],
                 "axis": name,
-                "change": [float(c) for c in each.change],
+                "change": _plain(each.change),
                 "how": each.how,
                 "doubt": each.doubt,
             }
@@ -194,14 +198,19 @@ def described(climb: Climb, scene: Loading) -> dict[str, Any]:
                 "model": rung.model,
                 "answers": rung.answers.tolist(),
                 "ndof": rung.ndof,
-                "missing": rung.missing.tolist(),
+                "missing": _plain(rung.missing),
                 "taken": rung.taken,
                 "cost_s": rung.cost_s,
                 "estimates": {
-                    name: {"change": each.change.tolist(), "how": each.how, "doubt": each.doubt}
+                    name: {"change": _plain(each.change), "how": each.how, "doubt": each.doubt}
                     for name, each in rung.estimates.items()
                 },
             }
             for rung in climb.rungs
         ],
     }
+
+
+def _plain(values: Array) -> list[float | None]:
+    """As JSON has them: what is not known is null."""
+    return [float(value) if np.isfinite(value) else None for value in values]

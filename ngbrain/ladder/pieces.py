@@ -18,6 +18,8 @@ FAR = 0.6
 """Growth of elements away from there (Netgen's grading)."""
 
 
+OF_SECTION = ("left", "right", "bottom", "top", "plate", "wall_minus", "wall_plus")
+"""Boundaries that a block's section has too."""
 CUT = ("left", "right", "front", "back")
 """Sides of a block that a region of interest is held at."""
 REACH = 3.0

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.ladder.pieces import CUT, near
+from ngbrain.ladder.pieces import CUT, OF_SECTION, near
 from ngbrain.scene.loading import Loading
 
 Model = Mapping[str, str]
@@ -105,7 +105,7 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(stuff.branches.eta for stuff in scene.stuff),
         "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
-        "space": scene.piece.shape != "block",
+        "space": scene.piece.shape != "block" or _out_of_plane(scene),
         "extent": _uncuttable(scene),
     }
     found = {}
@@ -117,6 +117,12 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             shorter = {part: getattr(axis, part)[: last - 1] for part in ("left_out", "by", "growth")}
             found[name] = replace(axis, levels=axis.levels[:last], **shorter)
     return found
+
+
+def _out_of_plane(scene: Loading) -> bool:
+    """Whether a load or a force asked for is on faces that the section does not have."""
+    patterns = [each.boundary for each in scene.pull or ()] + [a.boundary for a in scene.ask if a.quantity == "force"]
+    return any(not any(re.fullmatch(pattern, name) for name in OF_SECTION) for pattern in patterns)
 
 
 def _uncuttable(scene: Loading) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ngbrain.report.page import write_page
 from ngbrain.report.style import figure, png, style
@@ -29,20 +31,36 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
 
 
 def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """Question, answer with its unit, what is missing from it and what may be (per cent)."""
+    """Question, answer with its unit, what is missing from it and what may be."""
     rows = []
     for ask, (name, value) in zip(result["scene"]["ask"], result["answers"].items(), strict=True):
         unit, per_si = UNITS[name.split()[0]]
-        rows.append(
-            (name, f"{value * per_si:.4g} {unit}", f"{result['error'][name]:.2%}", f"{ask.get('tolerance', 0.05):.2%}")
-        )
+        rows.append((name, f"{value * per_si:.4g} {unit}", percent(result["error"][name]), percent(ask["tolerance"])))
     return rows
 
 
 def left_out(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """What the model lacks, the largest change that it would make, how that was found, and why to doubt it."""
-    found = sorted(result["left_out"], key=lambda each: -max(map(abs, each["change"])))
-    return [(each["what"], f"{max(map(abs, each['change'])):.2%}", each["how"], each["doubt"]) for each in found]
+    rows = [(each["what"], _largest(each["change"]), each["how"], each["doubt"]) for each in result["left_out"]]
+    return [(what, percent(change), *rest) for what, change, *rest in sorted(rows, key=lambda row: -(row[1] or np.inf))]
+
+
+def percent(share: float | None) -> str:
+    """In words, None for what is not known.
+
+    >>> percent(0.0123), percent(None)
+    ('1.2 %', 'unknown')
+    """
+    return "unknown" if share is None else f"{100 * share:.2g} %"
+
+
+def _largest(change: Sequence[float | None]) -> float | None:
+    return None if None in change else max(abs(c or 0.0) for c in change)
+
+
+def _worst(rung: Mapping[str, Any]) -> float:
+    found = _largest(rung["missing"])
+    return MOST if found is None else found
 
 
 def _way(result: Mapping[str, Any]) -> bytes:
@@ -52,7 +70,7 @@ def _way(result: Mapping[str, Any]) -> bytes:
         axis = made.add_axes((0.09, 0.13, 0.89, 0.84))
         rungs = result["rungs"]
         cost = [rung["cost_s"] for rung in rungs]
-        missing = [max(100 * min(max(rung["missing"], default=0.0), MOST), LEAST) for rung in rungs]
+        missing = [max(100 * min(_worst(rung), MOST), LEAST) for rung in rungs]
         axis.step(cost, missing, where="post", color="#0072B2", lw=1.5)
         axis.plot(cost, missing, "o", color="#0072B2")
         axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)

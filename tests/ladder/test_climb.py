@@ -70,6 +70,7 @@ def test_a_model_that_is_given_is_not_left() -> None:
 def test_axes_are_those_that_mean_something() -> None:
     plain = squeezed(1, Stuff(mu=(1e3,)))
     assert set(axes_of(plain)) == {"strain", "pressure", "space", "order", "mesh"}
+    assert "space" not in axes_of(replace(plain, ask=(Ask(boundary="front"),)))
     relaxing = replace(plain, stuff=(Stuff(mu=(1e3, 1e3), eta=(1e3,)),))
     assert "time" in axes_of(relaxing)
     wave = replace(plain, course=Course(frequency=50.0), stuff=(Stuff(mu=(1e3,), loss=0.1),))
@@ -86,3 +87,12 @@ def test_loads_as_fast_as_waves_are_said() -> None:
     bounds = {"order": "1", "mesh": "0", "space": "plane"}
     assert not climb(slow, bounds).flags
     assert any("inertia" in flag for flag in climb(fast, bounds).flags)
+
+
+def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
+    scene = squeezed(30, Stuff(mu=(1e3,)))
+    result = ngbrain.solve(scene, model={"order": "1"})
+    strain = next(each for each in result["left_out"] if each["axis"] == "strain")
+    assert strain["change"] == [None] and "fold" in strain["doubt"] and result["error"] == {"force on top, end": None}
+    far = ngbrain.solve(squeezed(11, Stuff(mu=(1e3,), poisson=0.3)), model={"order": "2", "strain": "finite"})
+    assert any("compressed" in flag for flag in far["flags"])
