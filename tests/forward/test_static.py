@@ -14,6 +14,7 @@ from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
+from ngbrain.mesh import block
 from ngbrain.solvers import linear
 from ngbrain.solvers.continuation import follow
 from ngbrain.solvers.newton import Newton
