@@ -360,6 +360,5 @@ def test_the_softest_motion_of_few_unknowns_is_found_whole(monkeypatch):
     assert nearest == pytest.approx(whole, rel=1e-8)
     a, b = (each.vec.FV().NumPy() for each in (motion, same))
     assert abs(a @ b) == pytest.approx(np.linalg.norm(a) * np.linalg.norm(b), rel=1e-6)
-    held = Static(block((0.02, 0.02, 0.02), 0.02), tissue, down, form="P1")
-    held.solve()
+    held = Static(MakeStructured3DMesh(nx=1, ny=1, nz=1), tissue, {".*": 0}, form="P1")
     assert np.isinf(held.softest()[0])
