@@ -53,7 +53,13 @@ class Bench:
     @property
     def nested(self) -> bool:
         """Whether elements are unions of those of the next finer mesh."""
-        return self.scene.piece.shape == "block"
+        return self.scene.piece.shape != "head"
+
+    @cached_property
+    def longest(self) -> float:
+        """The body's longest side (m)."""
+        points = [vertex.point for vertex in self._meshes["whole"].at(0, plane=False).vertices]
+        return float(np.ptp(points, axis=0).max())
 
     @cached_property
     def largest(self) -> str:

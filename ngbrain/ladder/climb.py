@@ -104,7 +104,7 @@ def climb(
         except SolverError as error:
             refused[rung.taken] = str(error)
     tell(rungs[-1])
-    flags = _doubts(keeper, rungs[-1], scene) + _at_the_top(axes, rungs, tolerances)
+    flags = _doubts(keeper, rungs[-1]) + _at_the_top(axes, rungs, tolerances)
     flags += [f"{name}: {why}" for name, why in refused.items()]
     if np.any(rungs[-1].missing > tolerances):
         flags.append("what is missing is more than the tolerance")
@@ -125,13 +125,13 @@ def stand(scene: Loading, model: Model) -> Climb:
     begun = time.process_time()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = time.process_time() - begun
-    return Climb([rung], axes, _doubts(keeper, rung, scene))
+    return Climb([rung], axes, _doubts(keeper, rung))
 
 
-def _doubts(keeper: Keeper, rung: Rung, scene: Loading) -> list[str]:
+def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
     """Of its estimates, of the solvers, and of loads that are too fast."""
     of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
-    return [*of_estimates, *keeper(rung.model).doubts, *_too_fast(scene)]
+    return [*of_estimates, *keeper(rung.model).doubts, *_too_fast(keeper.bench)]
 
 
 def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
@@ -166,14 +166,13 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
     return flags
 
 
-def _too_fast(scene: Loading) -> list[str]:
+def _too_fast(bench: Bench) -> list[str]:
     """Loads that grow about as fast as a shear wave crosses the body: no model of loaded bodies has inertia, only waves do."""
-    if scene.course.frequency is not None:
+    course = bench.scene.course
+    across = bench.longest * max(math.sqrt(s.density / s.branches.initial_modulus) for s in bench.scene.stuff)
+    if course.frequency is not None or course.ramp > SLOW * across:
         return []
-    across = max(scene.piece.largest / math.sqrt(s.branches.initial_modulus / s.density) for s in scene.stuff)
-    if scene.course.ramp > SLOW * across:
-        return []
-    return [f"inertia: loads grow in {scene.course.ramp:.2g} s, a shear wave crosses the body in {across:.2g} s"]
+    return [f"inertia: loads grow in {course.ramp:.2g} s, a shear wave crosses the body in {across:.2g} s"]
 
 
 def described(climb: Climb, scene: Loading) -> dict[str, Any]:

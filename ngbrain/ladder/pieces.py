@@ -9,6 +9,7 @@ import netgen.meshing as meshing
 import netgen.occ as occ
 import ngsolve as ngs
 
+from ngbrain.errors import InputError
 from ngbrain.mesh.shapes import Sizes, idealised_head
 from ngbrain.scene.loading import Piece
 
@@ -61,23 +62,38 @@ class Meshes:
     def at(self, level: int, plane: bool) -> ngs.Mesh:
         """In space, or its section."""
         if (level, plane) not in self._made:
-            self._made[level, plane] = self._head(level) if self.piece.shape == "head" else self._block(level, plane)
+            self._made[level, plane] = self._head(level) if self.piece.shape == "head" else self._halved(level, plane)
         return self._made[level, plane]
 
     def _head(self, level: int) -> ngs.Mesh:
         return idealised_head(sizes=Sizes(far=self.piece.cell / 2**level, grading=FAR))
 
-    def _block(self, level: int, plane: bool) -> ngs.Mesh:
+    def _halved(self, level: int, plane: bool) -> ngs.Mesh:
         if plane not in self._coarsest:
-            shape = _section(self.piece, self.piece.cell) if plane else _block(self.piece, self.piece.cell)
-            wanted = meshing.MeshingParameters(maxh=self.piece.cell, grading=FAR, optsteps3d=1)
-            self._coarsest[plane] = occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
+            self._coarsest[plane] = _read(self.piece) if self.piece.shape == "mesh" else self._block(plane)
         mesh = ngs.Mesh(self._coarsest[plane].Copy())
         for _ in range(level):
             mesh.Refine()
         if self.piece.lesion:
             mesh.Curve(2)
         return mesh
+
+    def _block(self, plane: bool) -> meshing.Mesh:
+        shape = _section(self.piece, self.piece.cell) if plane else _block(self.piece, self.piece.cell)
+        wanted = meshing.MeshingParameters(maxh=self.piece.cell, grading=FAR, optsteps3d=1)
+        return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
+
+
+def _read(piece: Piece) -> meshing.Mesh:
+    """The mesh of a file; `InputError` for one that is none in space."""
+    try:
+        mesh = meshing.Mesh()
+        mesh.Load(piece.file)
+    except Exception as error:
+        raise InputError("piece.file", repr(piece.file), "a mesh that Netgen reads") from error
+    if mesh.dim != 3 or not len(mesh.Elements3D()):
+        raise InputError("piece.file", repr(piece.file), "a mesh in space")
+    return mesh
 
 
 def _block(piece: Piece, cell: float) -> occ.TopoDS_Shape:

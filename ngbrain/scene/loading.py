@@ -22,8 +22,9 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, kw_only=True)
 class Piece(Section):
-    """The body: a block of tissue with its foot in the plane z = 0 and its middle at x = y = 0, or the idealised head.
+    """The body: a block of tissue with its foot in the plane z = 0 and its middle at x = y = 0, the idealised head, or a mesh.
 
+    file          of a mesh in space, as Netgen writes it (.vol, .vol.gz; m), with regions and boundaries of its own
     size          of the block along x, y and z (m)
     plate         sides along x and y (m) of a rectangle in the middle of the block's top, boundary "plate"
     lesion        radius (m) of a ball of its own region "lesion", with its centre `at` (m)
@@ -33,7 +34,10 @@ class Piece(Section):
     A block has the region "tissue" and the boundaries left, right (x), front, back (y), bottom, top (z).
     """
 
-    shape: str = choice("shape", "block", ["block", "head"])
+    shape: str = choice("shape", "block", ["block", "head", "mesh"])
+    file: str | None = text(
+        "file", None, "the path of a mesh (.vol, .vol.gz)", lambda raw: raw.endswith((".vol", ".vol.gz"))
+    )
     size: tuple[float, float, float] = number("size_mm", (0.06, 0.06, 0.04), size=3)
     plate: tuple[float, float] | None = number("plate_mm", None, size=2)
     lesion: float | None = number("lesion_mm", None)
@@ -43,7 +47,10 @@ class Piece(Section):
 
     def _check(self, path: str, scene: Loading) -> None:
         x, y, z = self.size
-        if self.shape == "head":
+        self._need(
+            (self.file is None) == (self.shape != "mesh"), path, "file", "a file for shape = 'mesh', and only for it"
+        )
+        if self.shape != "block":
             for name in ("plate", "lesion", "slot"):
                 self._need(getattr(self, name) is None, path, name, "this key left out: only a block has it")
             return
@@ -54,11 +61,6 @@ class Piece(Section):
         r = self.lesion or 0.0
         inside = abs(self.at[0]) + r < x / 2 and abs(self.at[1]) + r < y / 2 and r < self.at[2] < z - r
         self._need(not r or inside, path, "lesion", "a ball inside the block, around at_mm")
-
-    @property
-    def largest(self) -> float:
-        """Its longest side (m)."""
-        return max(self.size) if self.shape == "block" else 0.168
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from ngbrain.ladder.quantities import Measured, percentile
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.ladder.waves import modulus
 from ngbrain.materials import OgdenBranches
+from ngbrain.mesh import block
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 
 BAR = Piece(size=(0.02, 0.03, 0.04), cell=0.04)
@@ -174,3 +175,20 @@ def test_a_region_of_interest_is_held_where_it_is_cut() -> None:
     assert abs(a) > abs(b) > 0.5 * abs(a)  # held nearer it is stiffer
     assert "extent" not in axes_of(replace(scene, given=(*supports, Given(boundary="left", along="x"))))
     assert "extent" not in axes_of(replace(scene, ask=(Ask(quantity="displacement", point=(0.03, 0, 0.02)),)))
+
+
+def test_a_mesh_of_ones_own_is_taken_from_its_file(tmp_path) -> None:
+    file = tmp_path / "cube.vol"
+    block((0.02, 0.03, 0.04), 0.04).ngmesh.Save(str(file))
+    piece = Piece(shape="mesh", file=str(file))
+    asks = (ASKS[0], Ask(quantity="displacement", point=(0.02, 0.01, 0.04), direction=(1, 0, 0)))
+    scene = pressed(*asks, piece=piece)
+    assert not {"space", "extent"} & set(axes_of(scene))
+    bench, youngs, strain = Bench(scene), 2 * MU * (1 + NU), DOWN / 0.04
+    found = solve(bench, model(scene, mesh="1")).answers
+    assert found == pytest.approx([-youngs * strain * 0.02 * 0.03, NU * strain * 0.02], rel=1e-3)
+    assert bench.mesh({"mesh": "1"}).ne == 8 * bench.mesh({"mesh": "0"}).ne
+    with pytest.raises(InputError, match="file"):
+        solve(Bench(replace(scene, piece=Piece(shape="mesh", file="missing.vol"))), model(scene))
+    with pytest.raises(InputError, match="file"):
+        replace(scene, piece=Piece(shape="mesh"))
