@@ -11,10 +11,9 @@ from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuf
 SKULL = (Given(boundary="skull"),)
 FOOT = Given(boundary="bottom")
 CORTEX, WHITE = "griffiths2024:cortex", "griffiths2024:white_matter"
-RICH = {"order": "1", "mesh": "1"}
-"""Where a model with memory is the richest one: with pressures, elements of second order, half as large as the coarsest."""
-RICHER = {"order": "2", "mesh": "2"}
-CELL = 0.018
+RICH, RICHER = {"order": "1", "mesh": "1"}, {"order": "1", "mesh": "2"}
+"""With pressures, displacements of second order; elements a half or, where nothing has a memory, a quarter of the coarsest."""
+CELL = 0.0165
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def pairs(got: Climb, truth: Keeper) -> list[dict[str, Any]]:
     found = []
     for k, rung in enumerate(got.rungs):
         for name, each in rung.estimates.items():
-            richer = {**rung.model, name: got.axes[name].above(rung.model[name]) or ""}
+            richer = {**rung.model, name: each.to}
             try:
                 change = np.abs(relative(truth(rung.model).answers, truth(richer).answers))
             except SolverError:

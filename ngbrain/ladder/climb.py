@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution, solve
-from ngbrain.ladder.estimates import BY, LARGE, Estimate, relative
+from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
 from ngbrain.ladder.rungs import Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
@@ -91,6 +91,8 @@ def climb(
     while True:
         open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
         rung = _rung(keeper, model, open_axes)
+        if np.all(rung.missing <= tolerances):
+            rung = _confirmed(keeper, rung, axes)
         rung.cost_s = time.process_time() - begun
         rungs.append(rung)
         if np.all(rung.missing <= tolerances) or not open_axes:
@@ -115,8 +117,7 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
     estimates = {name: estimate(keeper, model, axis) for name, axis in above.items()}
-    changes = [np.abs(each.change) * above[name].tail for name, each in estimates.items()]
-    return Rung(dict(model), found.answers, found.ndof, estimates, sum(changes, np.zeros(len(found.answers))))
+    return Rung(dict(model), found.answers, found.ndof, estimates, _sum(estimates, above, len(found.answers)))
 
 
 def stand(scene: Loading, model: Model) -> Climb:
@@ -135,15 +136,29 @@ def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
 
 
 def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
-    """What the axis' next step would change; a large change is doubted until it is solved for."""
-    i = axis.levels.index(model[axis.name])
-    richer = {**model, axis.name: axis.levels[i + 1]}
-    found = BY[axis.by[i]](keeper.bench, model, richer, keeper)
-    if not found.doubt and np.max(np.abs(found.change)) > LARGE and found.how != "solved":
-        return Estimate(
-            found.change, found.how, f"a change of {np.max(np.abs(found.change)):.0%} is not one of first order"
-        )
-    return found
+    """What the axis would change; a large change is doubted until it is solved for."""
+    to = axis.judged(model[axis.name])
+    found = BY[axis.by[axis.levels.index(model[axis.name])]](keeper.bench, model, {**model, axis.name: to}, keeper)
+    largest = float(np.max(np.abs(found.change)))
+    large = "" if largest <= LARGE or found.how == SOLVED else f"a change of {largest:.0%} is not one of first order"
+    return replace(found, to=to, doubt=found.doubt or large)
+
+
+def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
+    """The rung with doubted estimates solved for, where that can be done: a climb does not end on what it doubts."""
+    for name, each in rung.estimates.items():
+        if not each.doubt or each.how == SOLVED:
+            continue
+        try:
+            after = keeper({**rung.model, name: each.to}).answers
+        except SolverError:
+            continue  # the doubt stays
+        rung.estimates[name] = Estimate(relative(rung.answers, after), SOLVED, to=each.to)
+    return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
+
+
+def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions: int) -> Array:
+    return sum((np.abs(each.change) * axes[name].tail for name, each in estimates.items()), np.zeros(questions))
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:

@@ -27,6 +27,8 @@ Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
+SOLVED = "solved"
+"""How an estimate was found that is none."""
 LARGE = 0.2
 """A change beyond this is only believed when it has been solved for."""
 
@@ -38,11 +40,13 @@ class Estimate:
     change   of each answer, relative to the larger of before and after
     how      it was found, in words
     doubt    why it may be far off; empty if it is not expected to
+    to       the level that the change leads to
     """
 
     change: Array
     how: str
     doubt: str = ""
+    to: str = ""
 
 
 def relative(before: Array, after: Array) -> Array:
@@ -116,9 +120,9 @@ def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 
 
 def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step on the coarsest elements, in the plane if there is one."""
-    coarsest = {"mesh": "0", "order": "1", "pressure": "none", "space": "plane"}
-    cheap = {name: level for name, level in coarsest.items() if name in model}
+    """By the same step on the coarsest elements, in the plane if there is one, else of the lowest order."""
+    coarsest = {"space": "plane"} if "space" in model else {"order": "1", "pressure": "none"}
+    cheap = {"mesh": "0"} | {name: level for name, level in coarsest.items() if name in model}
     before, after = ({**each, **cheap} for each in (model, richer))
     try:
         change = relative(solved(before).answers, solved(after).answers)
@@ -129,7 +133,7 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 
 def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
-    return Estimate(relative(solved(model).answers, solved(richer).answers), "solved")
+    return Estimate(relative(solved(model).answers, solved(richer).answers), SOLVED)
 
 
 def section(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:

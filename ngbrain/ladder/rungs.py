@@ -25,6 +25,7 @@ class Axis:
     levels   from cheap to rich
     left_out what the level below the next one leaves out, in words, one for each step
     by       how a step is estimated: see `estimates`
+    at_once  whether the estimate is of the step to the richest level, as the next one may change little and the last one much
     growth   how many times the computing time a step takes, roughly
     tail     what all further steps of this kind would add, over what the next one does
     """
@@ -35,6 +36,12 @@ class Axis:
     by: tuple[str, ...]
     growth: tuple[float, ...]
     tail: float = 1.0
+    at_once: tuple[bool, ...] = ()
+
+    def judged(self, level: str) -> str:
+        """The level that the estimate at this one is of."""
+        i = self.levels.index(level)
+        return self.levels[-1 if self.at_once and self.at_once[i] else i + 1]
 
     def above(self, level: str) -> str | None:
         """The next richer level."""
@@ -54,6 +61,7 @@ AXES = {
             ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
             ("step", "coarse", "coarse"),
             (1.0, 12.0, 3.0),
+            at_once=(False, True, True),
         ),
         Axis(
             "pressure",
