@@ -8,8 +8,8 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, climb
-from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.climb import Keeper, Rung, _confirmed, climb
+from ngbrain.ladder.estimates import Estimate, relative
 from ngbrain.ladder.rungs import axes_of, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
@@ -96,3 +96,24 @@ def test_what_folds_is_no_number_and_solvers_are_heard() -> None:
     assert strain["change"] == [None] and "fold" in strain["doubt"] and result["error"] == {"force on top, end": None}
     far = ngbrain.solve(squeezed(11, Stuff(mu=(1e3,), poisson=0.3)), model={"order": "2", "strain": "finite"})
     assert any("compressed" in flag for flag in far["flags"])
+
+
+def test_what_is_doubted_is_solved_for_before_the_climb_ends() -> None:
+    scene = squeezed(1, Stuff(mu=(1e3,), poisson=0.3))
+    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    model = {**cheapest(axes), "order": "2"}
+    wrong = {name: Estimate(np.zeros(1), "guessed", doubt, "finite") for name, doubt in (("strain", "a guess"),)}
+    rung = Rung(model, keeper(model).answers, 1, wrong, np.zeros(1))
+    found = _confirmed(keeper, rung, axes)
+    true = relative(keeper(model).answers, keeper({**model, "strain": "finite"}).answers)
+    assert found.estimates["strain"].how == "solved" and not found.estimates["strain"].doubt
+    assert found.missing == pytest.approx(np.abs(true)) and abs(true[0]) > 0.005
+    trusted = replace(rung, estimates={"strain": Estimate(np.zeros(1), "guessed", "", "finite")})
+    assert _confirmed(keeper, trusted, axes).missing == 0
+
+
+def test_memory_is_judged_by_its_richest_level() -> None:
+    scene = squeezed(1, Stuff(mu=(1e3, 1e3), eta=(1e3,)))
+    time = axes_of(scene)["time"]
+    assert [time.judged(level) for level in time.levels[:-1]] == ["relaxed", "flowing", "flowing"]
+    assert axes_of(scene, {"time": "prony"})["time"].judged("relaxed") == "prony"
