@@ -4,9 +4,9 @@
 # **Question.** Ultrasound watches tissue being compressed by 1 %; a wave is watched as it runs through. What is the stiffness map,
 # at once, while the probe is still in the hand? And is the answer to be believed?
 #
-# **Numbers to reproduce.** With 1 % noise the trained operator is off by less than **1.5 %** on a Gaussian spot under compression;
-# it distrusts the same spot with 10 % noise, and one whose sides were held; its waves become the start of an inversion.
-# The last cell checks them.
+# **Numbers to reproduce.** With 1 % noise, white or with the grain of speckle, the trained operator is off by less than **1.5 %**
+# on a Gaussian spot under compression; it distrusts the same spot with 10 % noise, and one whose sides were held; its waves become
+# the start of an inversion. The last cell checks them.
 #
 # The operator is a wavelet neural operator, trained on squares that this package has computed (`python -m ngbrain.surrogate`).
 # Here it runs from its ONNX file, without the package that trained it.
@@ -42,9 +42,9 @@ def as_data(u, side, frequency, poisson, rheology, **truth):
     return WaveData(points, u.reshape(1, -1, 2), [frequency], DENSITY, *kind, poisson=poisson, truth=truth)
 
 
-def axial(u, noise, seed=0):
+def axial(u, noise, grain=0.0):
     """The axial component with noise, the lateral one not measured."""
-    u = spoilt(u[None], np.array([noise]), np.random.default_rng(seed))[0]
+    u = spoilt(u[None], np.array([noise]), np.random.default_rng(0), np.array([grain]))[0]
     return np.concatenate([np.full_like(u, np.nan), u], axis=-1)
 
 
@@ -59,6 +59,15 @@ print(f"E is off by {100 * error:.2f} %, stated {100 * np.median(found.deviation
 print(
     f"its 95 % intervals hold {100 * held.mean():.0f} % of the points; trusted: {found.trusted}, score {found.score:.2f}"
 )
+
+# %% [markdown]
+# Errors of ultrasound are not independent from point to point: they have the grain of its speckle, here 0.8 mm across the beam and
+# half of that along it. Half of the training had such noise.
+
+# %%
+speckled = predict(as_data(axial(spot.displacement, 0.01, 0.02), SIDE, 0.0, spot.poisson, "elastic"))
+grained = np.linalg.norm(speckled.maps["youngs"] - true) / np.linalg.norm(true)
+print(f"with that grain E is off by {100 * grained:.2f} %; trusted: {speckled.trusted}")
 
 # %% [markdown]
 # Compression tells E up to one factor, so it is over its mean. The score is the largest of several numbers, each over a bound that
@@ -114,6 +123,6 @@ print(f"solves of that inversion: {refined.solves.factorisations} factors")
 print(
     f"E under compression: {100 * error:.2f} % off (1.5 % allowed); waves {100 * before:.1f} %, then {100 * after:.1f} %"
 )
-assert error < 0.015 and found.trusted and held.mean() > 0.8
+assert max(error, grained) < 0.015 and found.trusted and held.mean() > 0.8
 assert not noisy.trusted and not boxed.trusted
 assert after < max(before, 0.03)

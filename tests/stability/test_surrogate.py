@@ -13,7 +13,7 @@ pytest.importorskip("onnxruntime")
 from ngbrain.surrogate.shipped import Operator  # noqa: E402
 from ngbrain.surrogate.trust import scores  # noqa: E402
 
-SIDE, POISSON, MANY = SIDES["compression"], 0.4, 4
+SIDE, POISSON, MANY = SIDES["compression"], 0.49, 4
 FREE, HELD = {"x": "bottom", "y": "bottom|top"}, {"x": "bottom|left|right", "y": "bottom|top"}
 
 
@@ -50,15 +50,15 @@ def largest(looks: list[Look]) -> np.ndarray:
 
 
 def test_naive_error_bars_are_believed_where_sides_are_held():
-    """95 % intervals hold 45 % of the points of squares that nobody has trained with, and 93 % of those like the training."""
+    """95 % intervals hold 55 % of the points of squares that nobody has trained with, and 93 % of those like the training."""
     u, truth = squares(HELD)
-    assert covered(told(u), truth) < 0.6
+    assert covered(told(u), truth) < 0.65
     u, truth = squares(FREE)
     assert covered(told(u), truth) > 0.9
 
 
 def test_ours_are_not():
-    """Every one of them is over five times its bound (6.9 to 250), and none of those like the training is over it (0.9)."""
+    """Every one of them is over five times its bound (13 to 480), and none of those like the training is over it (0.8)."""
     assert largest(told(squares(HELD)[0])).min() > 5
     assert largest(told(squares(FREE)[0])).max() < 1
 
