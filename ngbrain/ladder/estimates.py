@@ -120,15 +120,17 @@ def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 
 
 def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step on the coarsest elements, in the plane if there is one, else of the lowest order."""
-    coarsest = {"space": "plane"} if "space" in model else {"order": "1", "pressure": "none"}
-    cheap = {"mesh": "0"} | {name: level for name, level in coarsest.items() if name in model}
-    before, after = ({**each, **cheap} for each in (model, richer))
+    """By the same step on the coarsest elements.
+
+    Not in the plane: a plate's strains are higher in space, and what memory changes grows with them (.5 instead of 4.6 %).
+    """
+    before, after = ({**each, "mesh": "0"} for each in (model, richer))
+    how = "on the coarsest elements" if model["mesh"] != "0" else SOLVED
     try:
         change = relative(solved(before).answers, solved(after).answers)
     except SolverError as error:
-        return Estimate(np.full(len(bench.scene.ask), np.inf), "on the coarsest elements", str(error))
-    return Estimate(change, "on the coarsest elements")
+        return Estimate(np.full(len(bench.scene.ask), np.inf), how, str(error))
+    return Estimate(change, how)
 
 
 def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
