@@ -99,7 +99,7 @@ def climb(
             break
         rung.taken = max(open_axes, key=lambda name: _worth(axes[name], rung, tolerances))
         tell(rung)
-        richer = {**model, rung.taken: axes[rung.taken].above(model[rung.taken]) or ""}
+        richer = {**model, rung.taken: rung.estimates[rung.taken].to}
         try:
             keeper(richer)
             model = richer

@@ -60,7 +60,7 @@ AXES = {
             ("instantaneous", "relaxed", "prony", "flowing"),
             ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
             ("step", "coarse", "coarse"),
-            (1.0, 12.0, 3.0),
+            (1.0, 30.0, 3.0),
             at_once=(False, True, True),
         ),
         Axis(
