@@ -52,7 +52,7 @@ class Relaxing(Static):
     >>> tissue = Material(Prony(NeoHooke(1e3), [0.5], [1.0]), 1e5)
     >>> body = Relaxing(block((0.1, 0.1, 0.1), 0.1), {".*": tissue}, {"bottom": 0, "top": (0, 0, -1e-4)}, form="P2/P1")
     >>> forces = body.run([0, 0.01, 10, 30], [0, 1, 1, 1], lambda t: body.force("top")[2])
-    >>> round(forces[-1] / forces[0], 2)
+    >>> round(float(forces[-1] / forces[0]), 2)
     0.5
     """
 
