@@ -284,7 +284,7 @@ def mean(records: list[Record], part: str | None = None, **of: object) -> float:
 
 def chart(records: list[Record], png: str) -> None:
     """Error over time at three noises; the operator's error over noise, white or grained; at edges, and on plateaus."""
-    plt, made, grid = figure(16, 7.5, 2, 3)
+    plt, made, grid = figure(16, 7.5, 3, 2)
     shades = {0.0: ("o", "no noise"), 0.01: ("s", "1 %"), 0.05: ("^", "5 %")}
     for (left, middle, right), modality in zip(grid, QUICK, strict=True):
         every = [r for r in records if r["modality"] == modality]
@@ -327,6 +327,7 @@ def chart(records: list[Record], png: str) -> None:
             axes.grid(True, which="both", alpha=0.25)
         for axes in (middle, right):
             axes.set(xlabel="noise, %")
+            axes.margins(y=0.3)  # room for the legend
     for marker, text in shades.values():
         grid[0][0].plot([], [], marker, color="k", mfc="none" if text == "no noise" else "k", label=text)
     grid[0][0].legend(fontsize=8)
