@@ -1,7 +1,7 @@
 # %% [markdown]
 # # No more model than needed: the ladder
 #
-# **Question.** A plate of 20 by 20 mm presses on cortex. How hard, and what has to be modelled to know it within 10 %?
+# **Question.** A plate of 20 by 20 mm presses on cortex. How hard, and what has to be modelled to know it within 10 or 15 %?
 #
 # **Numbers to reproduce.** A gentle touch (0.2 mm in a second) needs no finite strain, a press of 6 mm held for an hour does. The
 # touch takes **0.050 N** (± 10 %), the press has **1.4 to 2.3 N** left after an hour. The last cell checks this.
@@ -22,14 +22,14 @@ FAST = bool(os.environ.get("NGBRAIN_FAST"))
 
 
 # %%
-def pressed(mm: float, ramp: float, elapsed: float) -> Loading:
+def pressed(mm: float, ramp: float, elapsed: float, tolerance: float) -> Loading:
     """Cortex under a plate."""
     return Loading(
         piece=Piece(size=(0.06, 0.06, 0.04), plate=(0.02, 0.02), cell=0.02),
         stuff=(Stuff(constants="griffiths2024:cortex"),),
         given=(Given(boundary="bottom"), Given(boundary="plate", by=(0, 0, -mm / 1000))),
         course=Course(ramp=ramp, elapsed=elapsed),
-        ask=(Ask(quantity="force", boundary="plate", tolerance=0.1),),
+        ask=(Ask(quantity="force", boundary="plate", tolerance=tolerance),),
     )
 
 
@@ -54,7 +54,7 @@ def show(result: dict) -> None:
 
 
 bounds = {"order": "1", "mesh": "1"} if FAST else {"order": "2", "mesh": "1"}
-touch = ngbrain.solve(pressed(0.2, 1.0, 1.0), richest=bounds)
+touch = ngbrain.solve(pressed(0.2, 1.0, 1.0, 0.1), richest=bounds)
 show(touch)
 
 # %% [markdown]
@@ -62,7 +62,7 @@ show(touch)
 # nobody has to step through time for it.
 
 # %%
-press = ngbrain.solve(pressed(6.0, 10.0, 3600.0), richest=bounds)
+press = ngbrain.solve(pressed(6.0, 10.0, 3600.0, 0.15), richest=bounds)
 show(press)
 
 # %% [markdown]
@@ -70,14 +70,16 @@ show(press)
 # Any rung can be fixed. The answer then says what that model leaves out, and how much that matters.
 
 # %%
-fixed = ngbrain.solve(pressed(6.0, 10.0, 3600.0), model={"space": "plane", "pressure": "unknown", "time": "relaxed"})
+fixed = ngbrain.solve(
+    pressed(6.0, 10.0, 3600.0, 0.15), model={"space": "plane", "pressure": "unknown", "time": "relaxed"}
+)
 show(fixed)
 
 # %% [markdown]
 # From the command line the same is `ngbrain solve SCENE.toml`, with a page that draws the way.
 
 # %%
-print(pressed(0.2, 1.0, 1.0).to_toml())
+print(pressed(0.2, 1.0, 1.0, 0.1).to_toml())
 
 # %%
 force = [-result["answers"]["force on plate, end"] for result in (touch, press)]
