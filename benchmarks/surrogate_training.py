@@ -124,15 +124,18 @@ def gaussian(errors: dict[str, float]) -> float:
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Validation error over maps seen: a row for each modality, a panel for each thing that is changed."""
+    """Validation error over maps seen: a row for each modality, a panel for each thing that is changed and was measured."""
     modalities = list(dict.fromkeys(r["modality"] for r in records))
-    plt, made, grid = figure(4 * len(PANELS), 3.6 * len(modalities), len(PANELS), len(modalities), squeeze=False)
     most = max(r["samples"] for r in records)
+    known = {Run(*(r[key] for key in Run._fields)) for r in records}
+    panels = {title: [run._replace(samples=min(run.samples, most)) for run in runs] for title, runs in PANELS.items()}
+    panels = {title: runs for title, runs in panels.items() if len(known.intersection(runs)) > 1}
+    plt, made, grid = figure(4 * len(panels), 3.6 * len(modalities), len(panels), len(modalities), squeeze=False)
     for line_of, name in zip(grid, modalities, strict=True):
         done = {Run(*(r[key] for key in Run._fields)): r for r in records if r["modality"] == name}
-        for axes, (title, runs) in zip(line_of, PANELS.items(), strict=True):
+        for axes, (title, runs) in zip(line_of, panels.items(), strict=True):
             for run, colour in zip(runs, COLOURS, strict=False):
-                r = done.get(run._replace(samples=min(run.samples, most)))
+                r = done.get(run)
                 if r is None:
                     continue
                 maps, errors = zip(*((each["maps"] / 1000, 100 * gaussian(each)) for each in r["curve"]), strict=True)
