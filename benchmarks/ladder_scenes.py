@@ -25,7 +25,7 @@ from _ladder import Case, cases
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Keeper, climb
-from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.estimates import SOLVED, relative
 from ngbrain.ladder.rungs import axes_of, richest
 from ngbrain.scene.loading import Loading
 
@@ -70,7 +70,7 @@ def of_scene(name: str, case: Case) -> list[Record]:
             "steps": staircase(got, rich.answers),
         }
         record["pairs"] = pairs(got, truth) if tolerance == JUDGED else []
-        judged = [p["effectivity"] for p in record["pairs"] if p["true"] > tolerance]
+        judged = [p["effectivity"] for p in record["pairs"] if p["true"] > tolerance and p["effectivity"]]
         record["effectivity"] = float(np.median(judged)) if judged else None
         found.append(record)
     return found
@@ -105,16 +105,11 @@ def pairs(got: Climb, truth: Keeper) -> list[dict[str, Any]]:
             except SolverError:
                 continue
             i = int(np.argmax(change))
-            estimated = float(np.abs(each.change[i]))
-            ratio = estimated / float(change[i]) if change[i] > 0 else 1.0
-            pair = {
-                "rung": k,
-                "axis": name,
-                "level": rung.model[name],
-                "estimated": estimated,
-                "true": float(change[i]),
-            }
-            found.append({**pair, "effectivity": ratio, "how": each.how, "doubt": each.doubt})
+            estimated, true = float(np.abs(each.change[i])), float(change[i])
+            known = np.isfinite(estimated) and true > 0
+            pair = {"rung": k, "axis": name, "level": rung.model[name], "how": each.how, "doubt": each.doubt}
+            pair |= {"estimated": estimated if np.isfinite(estimated) else None, "true": true}
+            found.append(pair | {"effectivity": estimated / true if known else None})
     return found
 
 
@@ -123,7 +118,8 @@ def chart(records: list[Record], png: str) -> None:
     judged = [r for r in records if r["tolerance"] == JUDGED]
     columns = 4
     rows = -(-(len(judged) + 1) // columns)
-    plt, made, axes = figure(4 * columns, 3 * rows, rows * columns)
+    plt, made, grid = figure(4 * columns, 3 * rows, columns, rows)
+    axes = grid.ravel()
     for axis, r in zip(axes, judged, strict=False):
         cost = [step["cost_s"] / r["rich_s"] for step in r["steps"]]
         error = [max(100 * step["error"], 0.05) for step in r["steps"]]
@@ -132,7 +128,7 @@ def chart(records: list[Record], png: str) -> None:
         axis.plot(cost[-1], error[-1], "o", color="#D55E00", ms=8, mfc="none", mew=2)
         axis.axhline(100 * r["tolerance"], color="#4d4d4d", lw=0.8, ls="--")
         axis.axvline(1, color="#4d4d4d", lw=0.8, ls=":")
-        axis.set(xscale="log", yscale="log", ylim=(0.04, 200), title=r["scene"])
+        axis.set(xscale="log", yscale="log", xlim=(0.005, 3), ylim=(0.04, 200), title=r["scene"])
         axis.title.set_fontsize(9)
         axis.tick_params(labelsize=7)
     for axis in axes[: len(judged)][-columns:]:
@@ -143,7 +139,7 @@ def chart(records: list[Record], png: str) -> None:
     for r in judged:
         for p in r["pairs"]:
             colour = "#D55E00" if p["doubt"] else "#0072B2"
-            if np.isfinite(p["estimated"]):
+            if p["estimated"] is not None and p["how"] != SOLVED:
                 last.plot(max(p["true"], 1e-4), max(p["estimated"], 1e-4), ".", color=colour, ms=4)
     line_of = np.array([1e-4, 1])
     for factor, style in ((1, "-"), (0.3, "--"), (3, "--")):
@@ -157,6 +153,7 @@ def chart(records: list[Record], png: str) -> None:
         title="estimates (orange: doubted)",
     )
     last.title.set_fontsize(9)
+    last.tick_params(labelsize=7)
     for axis in axes[len(judged) + 1 :]:
         axis.set_axis_off()
     made.savefig(png, dpi=120)
@@ -167,8 +164,8 @@ def line(r: Record) -> str:
     """A record to read."""
     flag = f", flagged: {'; '.join(r['flags'])}" if r["flags"] else ""
     chosen = ", ".join(f"{axis} {level}" for axis, level in r["model"].items())
-    judged = [p for p in r["pairs"] if p["true"] > r["tolerance"]]
-    good = sum(0.3 <= p["effectivity"] <= 3 for p in judged)
+    judged = [p for p in r["pairs"] if p["true"] > r["tolerance"] and p["how"] != SOLVED]
+    good = sum(0.3 <= (p["effectivity"] or 0) <= 3 for p in judged)
     told = f", {good} of {len(judged)} changes foretold" if judged else ""
     return (
         f"{r['scene']}, {r['tolerance']:.0%}: error {r['error']:.2%} (said {r['estimated_error']:.2%}), "
