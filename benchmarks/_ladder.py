@@ -18,7 +18,7 @@ CELL = 0.0165
 
 @dataclass(frozen=True)
 class Case:
-    """A scene and the bounds of its axes; `left`, what the richest model leaves out."""
+    """A scene and the bounds of its axes."""
 
     scene: Loading
     richest: dict[str, str]

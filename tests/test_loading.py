@@ -56,9 +56,16 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
         ("tolerance = 0.2", "quantity = 'displacement'", "point_mm"),
         ("tolerance = 0.2", "direction = [0, 0, 0]", "direction"),
         ("[[ask]]", "[[aks]]", "aks"),
+        ("[[ask]]", "[[ask]]\nboundary = 'plate'\n[[ask]]", "asked already"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, old, new, said):
     assert old in TOML
     with pytest.raises(InputError, match=said):
         read(tmp_path, TOML.replace(old, new))
+
+
+def test_questions_have_names_of_their_own(tmp_path):
+    second = "[[ask]]\nboundary = 'plate'\ndirection = [1, 0, 0]\n[[ask]]"
+    names = [ask.name for ask in read(tmp_path, TOML.replace("[[ask]]", second)).ask]
+    assert names == ["force on plate along 1, 0, 0, end", "force on plate, end"]

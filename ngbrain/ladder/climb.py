@@ -45,7 +45,7 @@ class Rung:
 
 @dataclass(eq=False)
 class Climb:
-    """All rungs, the last one chosen; what all solutions and estimates cost; what the ladder doubts of its answer."""
+    """All rungs, the last one chosen; the scene's axes; what the ladder doubts of its answer."""
 
     rungs: list[Rung]
     axes: dict[str, Axis]

@@ -192,12 +192,14 @@ class Ask(Section):
 
     @property
     def name(self) -> str:
-        """In words."""
-        if self.quantity == "force":
-            return f"force on {self.boundary}, {self.when}"
-        if self.quantity == "displacement":
-            return f"displacement at {', '.join(f'{1e3 * c:g}' for c in self.point or ())} mm, {self.when}"
-        return f"strain p{self.percentile:g} in {self.region}, {self.when}"
+        """In words, different for different questions."""
+        place = ", ".join(f"{1e3 * c:g}" for c in self.point or ())
+        if self.quantity == "strain":
+            near = "" if self.within is None else f" within {1e3 * self.within:g} mm of {place} mm"
+            return f"strain p{self.percentile:g} in {self.region}{near}, {self.when}"
+        along = "" if self.direction == (0, 0, 1) else f" along {', '.join(f'{c:g}' for c in self.direction)}"
+        what = f"force on {self.boundary}" if self.quantity == "force" else f"displacement at {place} mm"
+        return f"{what}{along}, {self.when}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,6 +230,14 @@ class Loading(Section):
         for name in ("stuff", "ask"):
             for i, part in enumerate(getattr(self, name), 1):
                 part._check(f"{name}#{i}", self)
+        names = [ask.name for ask in self.ask]
+        for i, ask in enumerate(self.ask, 1):
+            ask._need(
+                ask.name not in names[: i - 1],
+                f"ask#{i}",
+                "quantity",
+                f"another question: {ask.name!r} is asked already",
+            )
 
     @classmethod
     def from_dict(cls, data: Any, file: str | Path | None = None) -> Loading:
