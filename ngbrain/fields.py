@@ -188,6 +188,27 @@ class Section:
             raise InputError(f"{path}.{entries(self)[name].key}", brief(self.shown(name)), wanted)
 
 
+class Document(Section):
+    """A part that is a whole file."""
+
+    @classmethod
+    def from_dict(cls, data: Any, file: str | Path | None = None) -> Self:
+        """From TOML's keys and units; `file` is for messages."""
+        try:
+            return cls.read(data)
+        except InputError as error:
+            raise InputError(error.field, error.value, error.wanted, file) from None
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self:
+        """From a file."""
+        return cls.from_dict(read_toml(path), path)
+
+    def to_toml(self) -> str:
+        """As the text of a file; reading it gives the same scene back."""
+        return to_toml(self.to_dict())
+
+
 def entries(part: Any) -> dict[str, Entry]:
     """Field name → how it stands in TOML, for a part or its class."""
     return {f.name: f.metadata["entry"] for f in fields(part)}

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 from typing import Protocol as Interface
 
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.fields import Section, brief, choice, entries, number, pattern, read_toml, table, text, to_toml, whole
+from ngbrain.fields import Document, Section, brief, choice, entries, number, pattern, table, text, whole
 from ngbrain.materials import BRAIN, OgdenBranches, Viscous
 from ngbrain.mesh.cleft import Cleft as Slot
 from ngbrain.mesh.shapes import Ellipsoids
@@ -302,7 +301,7 @@ def _protocols() -> tuple[Protocol, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Section):
+class Scene(Document):
     """One operation on one head. Whatever is wrong with one raises `InputError`.
 
     >>> scene = Scene.shipped("idealised")
@@ -346,19 +345,6 @@ class Scene(Section):
             part._need(values[i] not in values[:i], f"{key}#{i + 1}", name, "one that is not used before")
 
     @classmethod
-    def from_dict(cls, data: Any, file: str | Path | None = None) -> Scene:
-        """From TOML's keys and units; `file` is for messages."""
-        try:
-            return cls.read(data)
-        except InputError as error:
-            raise InputError(error.field, error.value, error.wanted, file) from None
-
-    @classmethod
-    def from_toml(cls, path: str | Path) -> Scene:
-        """From a file."""
-        return cls.from_dict(read_toml(path), path)
-
-    @classmethod
     def shipped(cls, name: str) -> Scene:
         """One that comes with the package: "demo" (a real head), "idealised", or a coarser "demo_fast", "idealised_fast"."""
         files = _shipped()
@@ -371,10 +357,6 @@ class Scene(Section):
     def template() -> str:
         """The text of a file to start from: "demo", with every key that there is explained."""
         return _shipped()["demo"].read_text(encoding="utf-8")
-
-    def to_toml(self) -> str:
-        """As the text of a file; reading it gives the same scene back."""
-        return to_toml(self.to_dict())
 
 
 def _shipped() -> dict[str, Traversable]:

@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from ngbrain.errors import InputError
-from ngbrain.fields import Section, choice, number, pattern, read_toml, table, text, to_toml
+from ngbrain.fields import Document, Section, choice, number, pattern, table, text
 from ngbrain.materials import BRAIN, OgdenBranches
 
 GRAVITY = 9.81
@@ -203,7 +200,7 @@ class Ask(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loading(Section):
+class Loading(Document):
     """A body under loads. Whatever is wrong with it raises `InputError`.
 
     >>> scene = Loading(
@@ -238,20 +235,3 @@ class Loading(Section):
                 "quantity",
                 f"another question: {ask.name!r} is asked already",
             )
-
-    @classmethod
-    def from_dict(cls, data: Any, file: str | Path | None = None) -> Loading:
-        """From TOML's keys and units; `file` is for messages."""
-        try:
-            return cls.read(data)
-        except InputError as error:
-            raise InputError(error.field, error.value, error.wanted, file) from None
-
-    @classmethod
-    def from_toml(cls, path: str | Path) -> Loading:
-        """From a file."""
-        return cls.from_dict(read_toml(path), path)
-
-    def to_toml(self) -> str:
-        """As the text of a file; reading it gives the same scene back."""
-        return to_toml(self.to_dict())
