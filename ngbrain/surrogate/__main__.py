@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import asdict
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
@@ -42,6 +43,17 @@ def main() -> None:
     parser.add_argument("-o", dest="output", type=Path, default=Path("surrogate"), metavar="DIR")
     parser.add_argument("--epochs", type=int, default=50)
     parser.add_argument("--rate", type=float, default=0.02, help="highest learning rate")
+    parser.add_argument(
+        "--start", type=Path, metavar="FILE", help="checkpoint.pt of a training to begin with the weights of"
+    )
+    parser.add_argument(
+        "--twice",
+        nargs="*",
+        default=(),
+        choices=list(TRAINING),
+        metavar="FAMILY",
+        help="families to see twice as often",
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that compute data"
@@ -63,11 +75,12 @@ def main() -> None:
             print(f"{path}: {sum(counts.values())} samples", flush=True)
             generate(path, name, counts, split, arguments.seed, across, arguments.workers)
     if not arguments.data:
-        learn(folder, name, arguments.epochs, arguments.rate, arguments.seed)
+        of = {key: getattr(arguments, key) for key in ("epochs", "rate", "seed")}
+        learn(folder, name, {**of, "twice": tuple(arguments.twice)}, arguments.start)
 
 
-def learn(folder: Path, name: str, epochs: int, rate: float, seed: int) -> None:
-    """Train on what is in the folder and write the weights there."""
+def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> None:
+    """Train with settings on what is in the folder and write the weights there."""
     import torch
 
     from ngbrain.surrogate.export import export
@@ -75,26 +88,42 @@ def learn(folder: Path, name: str, epochs: int, rate: float, seed: int) -> None:
     from ngbrain.surrogate.wavelet_operator import WaveletOperator, weights
 
     training, validation = (DataSet.read(folder / f"{name}_{split}.h5") for split in ("train", "validation"))
-    settings = Settings(epochs=epochs, rate=rate, seed=seed)
+    settings = Settings(**of)
 
     def tell(epoch: dict[str, float]) -> None:
         print(", ".join(f"{key} {value:.4g}" for key, value in epoch.items()), flush=True)
 
-    model = train(WaveletOperator, training, validation, folder / name, settings, tell)
-    curve = torch.load(folder / name / "checkpoint.pt", weights_only=True)["curve"]
+    model = train(WaveletOperator, training, validation, folder / name, settings, tell, start)
+    checkpoint = torch.load(folder / name / "checkpoint.pt", weights_only=True)
+    trainings = list(_trainings(checkpoint["made_by"]))[::-1]
     card = {
-        "command": f"python -m ngbrain.surrogate {name} --epochs {epochs} --rate {rate:g} --seed {seed}",
+        "command": " && ".join(_command(name, i, each) for i, each in enumerate(trainings)),
         "modality": name,
-        "settings": asdict(settings),
+        "settings": trainings,
         "weights": weights(model),
         "families": TRAINING,
         "sha256": {"train": training.sha256, "validation": validation.sha256},
         "torch": torch.__version__,
-        "curve": curve,
+        "curve": checkpoint["curve"],
     }
     export(model, folder, name, card)
-    card |= calibrate(Operator.of(folder, name), training, validation, seed)
+    card |= calibrate(Operator.of(folder, name), training, validation, settings.seed)
     write_json(folder / f"{name}.json", card)
+
+
+def _trainings(made_by: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Settings of the last training, of the one that it began with, and so on."""
+    yield {key: value for key, value in made_by.items() if key not in ("data", "start")}
+    if "start" in made_by:
+        yield from _trainings(made_by["start"])
+
+
+def _command(name: str, number: int, of: dict[str, Any]) -> str:
+    """What makes the training of that number from the one before."""
+    start = f" --start {number - 1}/{name}/checkpoint.pt" if number else ""
+    numbers = f"--epochs {of['epochs']} --rate {of['rate']:g} --seed {of['seed']}"
+    twice = f" --twice {' '.join(of['twice'])}" if of.get("twice") else ""
+    return f"python -m ngbrain.surrogate {name} {numbers}{twice}{start} -o {number}"
 
 
 if __name__ == "__main__":

@@ -4,12 +4,14 @@ Muon steps along UVᵀ of the averaged gradient UΣVᵀ, so that all directions 
 waves (width 24) the operator came to errors that were lower than AdamW's alone by 26 % for Gaussian spots, 13 % for inclusions and
 31 % for the spots' loss; after two of the four it was already ahead of where AdamW ended.
 
+PyTorch's own Muon finds UVᵀ in bfloat16, which most processors only imitate: 80 ms a step where float32 takes 9, in steps of 200.
+
 Source: Jordan et al. 2024, https://kellerjordan.github.io/posts/muon; Loshchilov & Hutter 2019, arXiv:1711.05101.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
@@ -17,6 +19,8 @@ from torch import nn
 
 MATRICES, BIASES = 0.01, 0.2
 """Decay of matrices; learning rate of all else, over that of matrices."""
+QUINTIC, ROUNDS = (3.4445, -4.775, 2.0315), 5
+"""Of `polar`."""
 LONGEST = 3.0
 """Gradients are cut to this length."""
 
@@ -25,8 +29,6 @@ class Descent:
     """Steps of a module's weights in a schedule of `steps`: up to `rate` in the first tenth, down to nothing at the end.
 
     module  stays as it is made: weights that are replaced, not filled, are lost to it
-
-    Raises `RuntimeError` for weights that do not lie in memory row by row.
 
     >>> line = nn.Linear(2, 1)
     >>> descent = Descent(line, 0.02, 100)
@@ -37,11 +39,10 @@ class Descent:
 
     def __init__(self, module: nn.Module, rate: float, steps: int) -> None:
         self._all = [p for p in module.parameters() if p.requires_grad]
-        self._pairs = [(p, rows, nn.Parameter(_matrix(p.data, rows))) for p, rows in _matrices(module)]
-        seen = {id(p) for p, _, _ in self._pairs}
-        rest = [p for p in self._all if id(p) not in seen]
+        layers = {p: groups for p, groups in _layers(module)}
+        rest = [p for p in self._all if p not in layers]
         self._parts: dict[str, Any] = {
-            "muon": torch.optim.Muon([twin for *_, twin in self._pairs], lr=rate, weight_decay=MATRICES),
+            "muon": Muon(layers, rate),
             "adamw": torch.optim.AdamW(rest, lr=BIASES * rate, weight_decay=0.0),
         }
         for name in list(self._parts):
@@ -57,9 +58,6 @@ class Descent:
         slope = nn.utils.clip_grad_norm_(self._all, LONGEST)
         finite = bool(torch.isfinite(slope))
         if finite:  # else one bad step spoils all weights
-            for p, rows, twin in self._pairs:
-                assert p.grad is not None
-                twin.grad = _matrix(p.grad.contiguous(), rows)
             self._parts["muon"].step()
             self._parts["adamw"].step()
         self._parts["muon's schedule"].step()
@@ -76,14 +74,50 @@ class Descent:
             each.load_state_dict(state[name])
 
 
-def _matrices(module: nn.Module) -> Iterator[tuple[nn.Parameter, slice]]:
-    """Weights of layers, and the rows of each matrix in them: one for each group of channels."""
+class Muon(torch.optim.Optimizer):
+    """Each weight of layers as matrices (outputs, all else), one for each of its groups of channels.
+
+    layers  the number of groups of each weight
+
+    Of the averaged gradient `momentum` is kept from step to step, which schedules move as they do PyTorch's own.
+    """
+
+    def __init__(self, layers: dict[nn.Parameter, int], rate: float) -> None:
+        super().__init__(
+            [{"params": [p], "groups": groups} for p, groups in layers.items()], {"lr": rate, "momentum": 0.95}
+        )
+
+    @torch.no_grad()
+    def step(self, closure: Callable[[], float] | None = None) -> None:  # noqa: D102
+        for each in self.param_groups:
+            (p,) = each["params"]
+            state = self.state[p]
+            average = state.setdefault("average", torch.zeros_like(p))
+            average.lerp_(p.grad, 1 - each["momentum"])
+            slopes = torch.lerp(p.grad, average, each["momentum"]).reshape(each["groups"], len(p) // each["groups"], -1)
+            longer = max(1.0, slopes.shape[1] / slopes.shape[2]) ** 0.5
+            steps = torch.stack([polar(slope) for slope in slopes])  # batched products of MKL were seen to crash
+            p.mul_(1 - each["lr"] * MATRICES).add_(steps.view_as(p), alpha=-each["lr"] * longer)
+
+
+def polar(matrix: torch.Tensor) -> torch.Tensor:
+    """About UVᵀ of a matrix UΣVᵀ, singular values .7 to 1.2, by polynomials in it.
+
+    >>> polar(torch.tensor([[3.0, 0.0], [0.0, -0.2]])).round(decimals=0).tolist()
+    [[1.0, 0.0], [0.0, -1.0]]
+    """
+    a, b, c = QUINTIC
+    tall = matrix.shape[0] > matrix.shape[1]
+    x = matrix.T if tall else matrix
+    x = x / x.norm().clamp(min=1e-7)
+    for _ in range(ROUNDS):
+        square = x @ x.T
+        x = torch.addmm(x, torch.addmm(square, square, square, beta=b, alpha=c), x, beta=a)
+    return x.T if tall else x
+
+
+def _layers(module: nn.Module) -> Iterator[tuple[nn.Parameter, int]]:
+    """Weights of layers that learn, and in how many groups of channels they come."""
     for part in module.modules():
         if isinstance(part, nn.Linear | nn.Conv2d) and part.weight.requires_grad:
-            rows = len(part.weight) // getattr(part, "groups", 1)
-            yield from ((part.weight, slice(first, first + rows)) for first in range(0, len(part.weight), rows))
-
-
-def _matrix(values: torch.Tensor, rows: slice) -> torch.Tensor:
-    """Some rows as (outputs, all else), in the same memory: what moves the one moves the other."""
-    return values[rows].view(rows.stop - rows.start, -1)
+            yield part.weight, getattr(part, "groups", 1)

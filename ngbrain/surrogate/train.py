@@ -17,12 +17,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
 from ngbrain.surrogate.data import DENSITY, DataSet
@@ -45,7 +46,8 @@ NARROW = -7.0
 class Settings:
     """Of a training: passes over the data, samples a step, highest learning rate (of `Descent`), noise from least to most.
 
-    The noise's logarithm is uniform between them; its grain is the modality's.
+    The noise's logarithm is uniform between them; its grain is the modality's. Families in `twice` are seen twice as often as
+    others, in as many steps.
     """
 
     epochs: int = 60
@@ -53,6 +55,7 @@ class Settings:
     rate: float = 0.02
     noise: tuple[float, float] = NOISE
     seed: int = 0
+    twice: tuple[str, ...] = ()
 
 
 class Surrogate(nn.Module):
@@ -132,15 +135,22 @@ def train(
     folder: Path,
     settings: Settings = Settings(),
     tell: Callable[[dict[str, float]], None] = lambda _: None,
+    start: Path | None = None,
 ) -> Surrogate:
     """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.
 
+    start  checkpoint of an earlier training of the same data, with whose weights this one begins and whose curve comes first
+
     Writes checkpoint.pt and curve.json (a record for each epoch: the objective, validation errors at 1 % noise) after every epoch.
 
-    Raises `InputError` when the data are of two modalities or the checkpoint of other settings.
+    Raises `InputError` when the data are of two modalities or without a family of `twice`, when the checkpoint is of other settings
+    or the start of other data.
     """
     if training.modality != validation.modality:
         raise InputError("validation", f"of {validation.modality}", f"{training.modality}, as the training data are")
+    for name in settings.twice:
+        if name not in training.names:
+            raise InputError("twice", repr(name), nearest(name, list(training.names)))
     learner, judge = Learner.of(training), Learner.of(validation)
     folder.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(settings.seed)
@@ -150,7 +160,15 @@ def train(
     steps = settings.epochs * (len(training) // settings.batch)
     descent = Descent(model, settings.rate, steps)
     curve: list[dict[str, float]] = []
-    made_by = json.loads(json.dumps({**asdict(settings), "data": training.sha256}))
+    made_by: dict[str, Any] = json.loads(json.dumps({**asdict(settings), "data": training.sha256}))
+    if start is not None:
+        first = torch.load(start, weights_only=True)
+        if first["made_by"]["data"] != training.sha256:
+            raise InputError("start", f"of the data {first['made_by']['data'][:8]}", f"of {training.sha256[:8]}")
+        model.load_state_dict(first["model"])
+        curve = first["curve"]
+        made_by["start"] = first["made_by"]
+    last = len(curve) + settings.epochs
     checkpoint = folder / "checkpoint.pt"
     if checkpoint.exists():
         saved = torch.load(checkpoint, weights_only=True)
@@ -160,9 +178,11 @@ def train(
         descent.load_state_dict(saved["descent"])
         curve = saved["curve"]
     seen = judge.measured(0.01)
-    for epoch in range(len(curve), settings.epochs):
+    again = np.isin(training.family, [training.names.index(name) for name in settings.twice])
+    shown = np.concatenate([np.arange(len(training)), np.flatnonzero(again)])
+    for epoch in range(len(curve), last):
         random = np.random.default_rng([settings.seed, epoch])
-        order = random.permutation(len(training))
+        order = random.permutation(shown)[: len(training)]
         batches = [order[i : i + settings.batch] for i in range(0, len(order) - settings.batch + 1, settings.batch)]
         losses = []
         model.train()

@@ -154,6 +154,35 @@ def test_a_stopped_training_goes_on_as_if_never_stopped(sets, tmp_path):
         train(small, *sets, tmp_path / "stopped", replace(settings, rate=1e-4))
 
 
+def test_a_training_begins_with_the_weights_of_another(sets, tmp_path):
+    """At a rate of next to nothing they are what it ends with, and its passes are not those of the other."""
+    first = train(small, *sets, tmp_path / "first", Settings(epochs=2, batch=4))
+    start, told = tmp_path / "first/checkpoint.pt", list[dict[str, float]]()
+    second = train(small, *sets, tmp_path / "second", Settings(epochs=2, batch=4, rate=1e-9), told.append, start)
+    features = Learner.of(sets[1]).measured(0.0)
+    assert np.allclose(predicted(first, features)[0], predicted(second, features)[0], atol=1e-5)
+    saved = torch.load(tmp_path / "second/checkpoint.pt", weights_only=True)
+    assert [each["epoch"] for each in saved["curve"]] == [1, 2, 3, 4] and told == saved["curve"][2:]
+    assert saved["made_by"]["start"] == torch.load(start, weights_only=True)["made_by"]
+    assert told[0]["objective"] != told[1]["objective"]
+    other = replace(sets[0], storage=1.1 * sets[0].storage, sha256="another")
+    with pytest.raises(InputError, match="start"):
+        train(small, other, sets[1], tmp_path / "third", start=start)
+
+
+@pytest.mark.parametrize("sets", ["compression"], indirect=True)
+def test_families_that_matter_most_are_seen_twice_as_often(sets, tmp_path, monkeypatch):
+    both = replace(sets[0], family=np.arange(16) % 2, names=("sinc", "halves"))
+    seen: list[np.ndarray] = []
+    plain = Learner.seen
+    monkeypatch.setattr(Learner, "seen", lambda self, rows, *of: seen.append(rows) or plain(self, rows, *of))
+    train(small, both, sets[1], tmp_path, Settings(epochs=30, batch=4, twice=("halves",)))
+    share = np.mean(np.concatenate(seen[1:]) % 2)  # the first sight is for the normalisers
+    assert share == pytest.approx(2 / 3, abs=0.05) and len(seen) == 1 + 30 * 4
+    with pytest.raises(InputError, match="twice"):
+        train(small, both, sets[1], tmp_path, Settings(twice=("halfs",)))
+
+
 def test_an_operator_learns(sets, tmp_path):
     """Sixteen samples, until it knows more of four others than a mean does."""
     told: list[dict[str, float]] = []
