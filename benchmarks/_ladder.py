@@ -11,8 +11,8 @@ from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuf
 SKULL = (Given(boundary="skull"),)
 FOOT = Given(boundary="bottom")
 CORTEX, WHITE = "griffiths2024:cortex", "griffiths2024:white_matter"
-RICH, RICHER = {"order": "1", "mesh": "1"}, {"order": "1", "mesh": "2"}
-"""With pressures, displacements of second order; elements a half or, where nothing has a memory, a quarter of the coarsest."""
+RICH, RICHER = {"order": "2", "mesh": "1"}, {"order": "2", "mesh": "2"}
+"""With pressures, displacements of third order; elements a half or, in bars, a quarter of the coarsest."""
 CELL = 0.0165
 
 
@@ -134,7 +134,7 @@ def named() -> dict[str, Case]:
             ),
             RICH,
         ),
-        "gravity, head": Case(tilted, {"order": "1", "mesh": "1"}),
+        "gravity, head": Case(tilted, RICH),
         "gravity, block on its side": Case(hanging, RICHER),
     }
 

@@ -14,12 +14,14 @@ import numpy as np
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution, solve
 from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
-from ngbrain.ladder.rungs import Axis, axes_of, cheapest
+from ngbrain.ladder.rungs import ELEMENTS, Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
 SLOW = 3.0
 """Crossings of a shear wave in whose time loads may grow without a word on inertia."""
+NARROW = 0.8
+"""Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -97,7 +99,7 @@ def climb(
         rungs.append(rung)
         if np.all(rung.missing <= tolerances) or not open_axes:
             break
-        rung.taken = max(open_axes, key=lambda name: _worth(axes[name], rung, tolerances))
+        rung.taken = _next(open_axes, rung, tolerances)
         tell(rung)
         richer = {**model, rung.taken: rung.estimates[rung.taken].to}
         try:
@@ -108,8 +110,9 @@ def climb(
     tell(rungs[-1])
     flags = _doubts(keeper, rungs[-1]) + _at_the_top(axes, rungs, tolerances)
     flags += [f"{name}: {why}" for name, why in refused.items()]
-    if np.any(rungs[-1].missing > tolerances):
-        flags.append("what is missing is more than the tolerance")
+    if np.any(rungs[-1].missing > NARROW * tolerances):
+        much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"
+        flags.append(f"what is missing is {much} the tolerance")
     return Climb(rungs, axes, flags)
 
 
@@ -161,6 +164,12 @@ def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions:
     return sum((np.abs(each.change) * axes[name].tail for name, each in estimates.items()), np.zeros(questions))
 
 
+def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> str:
+    """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones."""
+    must = [name for name in above if np.any(np.abs(rung.estimates[name].change) > tolerances) and name not in ELEMENTS]
+    return max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
+
+
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
     """Of the axis' next step: what it gains, in tolerances, over what it costs."""
     gain = np.abs(rung.estimates[axis.name].change) * axis.tail / tolerances
@@ -170,7 +179,7 @@ def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
 def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> list[str]:
     """Elements that were as fine as they get, and the last step to them changed more than the tolerance."""
     flags = []
-    for name in ("order", "mesh"):
+    for name in ELEMENTS:
         if name not in axes or axes[name].above(rungs[-1].model[name]):
             continue  # it has an estimate
         for before, after in pairwise(rungs):

@@ -12,7 +12,7 @@ change is that of a cheaper companion, and says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ngsolve as ngs
 import numpy as np
@@ -25,12 +25,15 @@ from ngbrain.ladder.quantities import State
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
+Estimator = Callable[[Bench, Model, Model, Solved], "Estimate"]
+"""Of a step from a model to a richer one."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
 SOLVED = "solved"
 """How an estimate was found that is none."""
-LARGE = 0.2
-"""A change beyond this is only believed when it has been solved for."""
+LARGE, NEAR, UNSEEN = 0.2, 0.05, 0.003
+"""Changes beyond the first are only believed when they have been solved for; a linear body speaks for a finite one up to the
+second; below the third they do not matter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +64,8 @@ def relative(before: Array, after: Array) -> Array:
 
 def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
-    where = "" if model.get("time") not in REMEMBERS else " of the elastic body with moduli as relaxed"
-    if where:
-        model, richer = {**model, "time": "relaxed"}, {**richer, "time": "relaxed"}
+    where = " of the elastic body with moduli as relaxed" if _forgetful(model) else ""
+    model, richer = {**model, **_forgetful(model)}, {**richer, **_forgetful(richer)}
     states, doubts = solved(model).states, []
     moved: dict[str, State] = {}
     for when, state in states.items():
@@ -101,22 +103,50 @@ def embedded(state: State, body: Static, factor: float) -> Array:
     return body.load(body.state, factor)
 
 
-def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step of the linear elastic body."""
-    flat = {"strain": "linear"} | ({"time": "relaxed"} if model.get("time") in REMEMBERS else {})
-    before, after = ({**each, **flat} for each in (model, richer))
-    change = relative(solved(before).answers, solved(after).answers)
-    return Estimate(change, "the linear elastic body's")
+def still(model: Model, **levels: str) -> dict[str, str]:
+    """The linear elastic body that stands for a model, with moduli as relaxed where it remembers; some of its levels replaced."""
+    flat = {"strain": "linear"} if "strain" in model else {}
+    return {**model, **flat, **_forgetful(model), **levels}
+
+
+def _forgetful(model: Model) -> dict[str, str]:
+    return {"time": "relaxed"} if model.get("time") in REMEMBERS else {}
+
+
+def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By the linear body's step on the coarsest elements; doubted where finer ones change that body by more than the step does."""
+    before, after = (solved(still(each, mesh="0")).answers for each in (model, richer))
+    change = relative(before, after)
+    if model["mesh"] == "0":
+        return Estimate(change, "the linear elastic body's" if "strain" in model else SOLVED)
+    finer = np.abs(relative(before, solved(still(model)).answers))
+    doubt = "finer elements change as much" if np.any(finer > np.maximum(np.abs(change), UNSEEN)) else ""
+    return Estimate(change, "on the coarsest elements", doubt)
 
 
 def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """On elements half as large: by Newton steps, if coarse ones are their unions; where strains are small, the linear body's."""
-    if model["strain"] == "linear":
-        return linear(bench, model, richer, solved)
-    if bench.nested:
+    if model["strain"] == "finite" and bench.nested:
         return step(bench, model, richer, solved)
-    found = linear(bench, model, richer, solved)
-    return Estimate(found.change, found.how, "strains are finite")
+    change = relative(solved(still(model)).answers, solved(still(richer)).answers)
+    doubt = "strains are finite" if model["strain"] == "finite" and np.max(np.abs(change)) > NEAR else ""
+    return Estimate(change, "the linear elastic body's", doubt)
+
+
+def in_section(of: Estimator) -> Estimator:
+    """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap."""
+
+    def estimate(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+        if "space" not in model:
+            return of(bench, model, richer, solved)
+        flat = {"space": "plane", **_forgetful(model)}
+        before, after = {**model, **flat}, {**richer, **flat}
+        found = of(bench, before, after, solved)
+        if found.doubt or np.max(np.abs(found.change)) > LARGE:
+            found = neighbour(bench, before, after, solved)
+        return found if before == model else replace(found, how="in the section")
+
+    return estimate
 
 
 def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -135,21 +165,18 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 
 def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
-    return Estimate(relative(solved(model).answers, solved(richer).answers), SOLVED)
+    try:
+        return Estimate(relative(solved(model).answers, solved(richer).answers), SOLVED)
+    except SolverError as error:
+        return Estimate(np.full(len(bench.scene.ask), np.inf), SOLVED, str(error))
 
 
-def section(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the same step in the plane, if there is one: in space it would be the dearest of all."""
-    plane = {"space": "plane"} if "space" in model else {}
-    found = neighbour(bench, {**model, **plane}, {**richer, **plane}, solved)
-    return found if plane.get("space") == model.get("space") else Estimate(found.change, "the section's")
-
-
-BY: Mapping[str, Callable[[Bench, Model, Model, Solved], Estimate]] = {
+BY: Mapping[str, Estimator] = {
     "step": step,
-    "linear": linear,
-    "halved": halved,
+    "roughly": roughly,
     "coarse": coarse,
-    "section": section,
+    "order": in_section(step),
+    "mesh": in_section(halved),
+    "section": in_section(neighbour),
     "solve": neighbour,
 }

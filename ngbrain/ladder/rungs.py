@@ -70,13 +70,15 @@ AXES = {
             ("step",),
             (2.0,),
         ),
-        Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("linear",), (2.0,)),
-        Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("linear",), (20.0,)),
-        Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("step",) * 2, (5.0, 5.0), 1.3),
-        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("halved",) * 2, (10.0, 10.0), 1.6),
+        Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("roughly",), (2.0,)),
+        Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("roughly",), (20.0,)),
+        Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
+        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("mesh",) * 2, (10.0, 10.0), 1.6),
     )
 }
 """Of bodies under loads."""
+ELEMENTS = ("order", "mesh")
+"""Axes that are no physics."""
 
 
 def _solved(axis: Axis) -> Axis:
@@ -91,7 +93,7 @@ OF_WAVES = {
         Axis("inertia", ("none", "all"), ("inertia",), ("solve",), (1.0,)),
         Axis("loss", ("none", "all"), ("loss",), ("solve",), (1.5,)),
         _solved(AXES["pressure"]),
-        _solved(AXES["space"]),
+        AXES["space"],
         Axis("order", ("1", "2", "3", "4"), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
         replace(AXES["mesh"], by=("section",) * 2),
     )

@@ -8,7 +8,7 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, Rung, _confirmed, climb
+from ngbrain.ladder.climb import Keeper, Rung, _confirmed, _next, climb
 from ngbrain.ladder.estimates import Estimate, relative
 from ngbrain.ladder.rungs import axes_of, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
@@ -117,3 +117,23 @@ def test_memory_is_judged_by_its_richest_level() -> None:
     time = axes_of(scene)["time"]
     assert [time.judged(level) for level in time.levels[:-1]] == ["relaxed", "flowing", "flowing"]
     assert axes_of(scene, {"time": "prony"})["time"].judged("relaxed") == "prony"
+
+
+def test_elements_come_after_what_cannot_be_left_out() -> None:
+    """However much they change; not after what may be left out."""
+    axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
+    changes = {"strain": 0.06, "mesh": 0.9, "pressure": 0.01}
+    rung = Rung(cheapest(axes), np.ones(1), 1, {k: Estimate(np.full(1, v), "") for k, v in changes.items()}, np.ones(1))
+    above = {name: axes[name] for name in changes}
+    assert _next(above, rung, np.full(1, 0.05)) == "strain"
+    assert _next(above, rung, np.full(1, 0.1)) == "mesh"
+
+
+def test_what_comes_near_the_tolerance_is_said() -> None:
+    scene = squeezed(1, Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.3))
+    missing = climb(scene, BOUNDS).error[0]
+    for share, said in ((0.9, "nearly"), (0.5, "")):
+        asked = replace(scene, ask=(replace(scene.ask[0], tolerance=float(missing / share)),))
+        found = climb(asked, BOUNDS)
+        assert found.error[0] == pytest.approx(missing)
+        assert any("missing" in flag and said in flag for flag in found.flags) == bool(said)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Keeper, estimate
-from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
@@ -90,3 +91,44 @@ def test_a_fold_is_no_estimate() -> None:
     scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=given, ask=FORCE)
     found = estimate(Keeper(Bench(scene)), cheapest(axes_of(scene)), axes_of(scene)["strain"])
     assert np.isinf(found.change).all() and "taken for finite" in found.doubt
+
+
+def test_elements_in_space_are_judged_in_the_section() -> None:
+    """Of a body in space the section's change; what is doubted there is solved for there, and nothing is solved in space."""
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -2e-3)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(-19.0,)),), given=given, ask=FORCE)
+    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    model = {**cheapest(axes), "strain": "finite", "pressure": "unknown", "space": "solid"}
+    plane = {**model, "space": "plane"}
+    found = estimate(keeper, model, axes["mesh"])
+    true = relative(keeper(plane).answers, keeper({**plane, "mesh": "1"}).answers)
+    assert found.how == "in the section" and found.change == pytest.approx(true, rel=0.5) and true[0] > 0.01
+    wild = in_section(lambda *_: Estimate(np.full(1, 0.01), "guessed", "a guess"))
+    solved = wild(keeper.bench, model, {**model, "mesh": "1"}, keeper)
+    assert solved.change == pytest.approx(true) and not solved.doubt
+    assert all(dict(key)["space"] == "plane" for key in keeper.kept)
+
+
+def test_a_step_on_the_coarsest_elements_is_doubted_where_finer_ones_change_as_much() -> None:
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=SQUEEZED, ask=FORCE)
+    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    model = {**cheapest(axes), "pressure": "unknown"}
+    for mesh, doubt in (("0", ""), ("1", "finer elements")):
+        found = roughly(keeper.bench, {**model, "mesh": mesh}, {**model, "mesh": mesh, "strain": "finite"}, keeper)
+        assert found.change == 0 and found.doubt.startswith(doubt) and bool(found.doubt) == bool(doubt)
+    space = roughly(keeper.bench, {**model, "mesh": "1"}, {**model, "mesh": "1", "space": "solid"}, keeper)
+    assert abs(space.change[0]) > 0.05 and not space.doubt
+
+
+def test_what_has_no_answer_is_no_number() -> None:
+    """Neither is what a step to it would change."""
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=SQUEEZED, ask=FORCE)
+    keeper, model = Keeper(Bench(scene)), cheapest(axes_of(scene))
+
+    def solved(each):
+        if each["strain"] == "finite":
+            raise SolverError("no step")
+        return keeper(each)
+
+    found = neighbour(keeper.bench, model, {**model, "strain": "finite"}, solved)
+    assert np.isinf(found.change).all() and "no step" in found.doubt
