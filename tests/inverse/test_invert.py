@@ -252,9 +252,9 @@ def test_elements_of_data_that_name_none():
 @pytest.mark.parametrize(
     ("body", "loads", "missing"),
     [
-        (("isotropic", "elastic", "compressible"), slice(None), 1),
+        pytest.param(("isotropic", "elastic", "compressible"), slice(None), 1, marks=pytest.mark.slow),
         (("isotropic", "elastic", "nearly incompressible"), slice(None), 0),
-        (("isotropic", "viscoelastic", "compressible"), slice(0, 1), 0),
+        pytest.param(("isotropic", "viscoelastic", "compressible"), slice(0, 1), 0, marks=pytest.mark.slow),
     ],
     ids=lambda each: "-".join(each) if isinstance(each, tuple) else str(each),
 )

@@ -111,7 +111,8 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
     assert np.allclose(moved.cleft.target, target, atol=1e-9) and "turned.nii.gz" in moved.title
 
 
-@pytest.mark.parametrize("regrid", [slanted, pytest.param(thick, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("regrid", [slanted, thick])
 def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     file = written(tmp_path / "copy.nii.gz", regrid(model.head.scan.volume))
     copy = Model.of(replace(model.scene, body=replace(model.scene.body, head="scan", image=file)))
