@@ -4,7 +4,8 @@
     result = ngbrain.solve(Loading.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
-`rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change, `bodies` and `waves` what a model is.
+`rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change; `bodies`, `waves` and `maps`
+what a model is.
 """
 
 from __future__ import annotations

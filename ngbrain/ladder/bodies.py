@@ -20,12 +20,14 @@ from ngbrain.forward.material import Material
 from ngbrain.forward.relaxing import Relaxing
 from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Support
+from ngbrain.image.volume import Volume
+from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import State, along, answer
 from ngbrain.ladder.rungs import Model
 from ngbrain.ladder.waves import shaken
-from ngbrain.materials import Branch, HolzapfelGasserOgden, NeoHooke, Ogden, OgdenBranches, Viscous
-from ngbrain.materials.base import Law
+from ngbrain.materials import Branch, HolzapfelGasserOgden, Maxwell, NeoHooke, Ogden, OgdenBranches, Viscous
+from ngbrain.materials.base import Law, Value
 from ngbrain.scene.loading import GRAVITY, Loading, Stuff
 
 Array = np.ndarray
@@ -45,6 +47,7 @@ class Bench:
     def __init__(self, scene: Loading) -> None:
         self.scene, part = scene, near(scene.piece)
         self._meshes = {"whole": Meshes(scene.piece)} | ({"near": Meshes(part)} if part else {})
+        self._maps = dict[str, Volume]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh."""
@@ -76,6 +79,20 @@ class Bench:
         if model.get("tissue") == "one":
             return self.stuff(self.largest, {})
         return found[-1]
+
+    def factor(self, region: str, model: Model) -> Value:
+        """What the moduli of a region's stuff are multiplied by: its map over them, or the map's median over the region."""
+        if model.get("tissue") == "one":
+            return self.factor(self.largest, {**model, "tissue": "each"})
+        stuff = self.stuff(region, {})
+        if stuff.map is None:
+            return 1.0
+        if stuff.map not in self._maps:
+            self._maps[stuff.map] = read(stuff.map)
+        if model.get("tissue") == "map":
+            return over(self._maps[stuff.map], self.mesh(model)) / stuff.branches.initial_modulus
+        mesh = self._meshes["whole"].at(0, plane=False)
+        return median(over(self._maps[stuff.map], mesh), region) / stuff.branches.initial_modulus
 
     def static(self, model: Model, t: float) -> Static:
         """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
@@ -109,18 +126,18 @@ class Bench:
         return lambda branches: relaxed(branches, self.scene.course.ramp, t)
 
     def _parts(
-        self, model: Model, law: Callable[[OgdenBranches], Law | Viscous]
+        self, model: Model, law: Callable[[OgdenBranches, Value], Law | Viscous]
     ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
         for region in sorted(set(mesh.GetMaterials())):
-            stuff = self.stuff(region, model)
-            made: Any = law(stuff.branches)
+            stuff, factor = self.stuff(region, model), self.factor(region, model)
+            made: Any = law(stuff.branches, factor)
             if stuff.k1 is not None and model.get("fibres") == "all":
                 soft = FIBRES_ALONE * stuff.branches.initial_modulus
                 made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, stuff.fibre)
-            materials[region], weights[region] = Material(made, stuff.bulk), stuff.density
+            materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.density
         supports: dict[str, Support] = {}
         for given in scene.given:
             if not any(re.fullmatch(given.boundary, name) for name in names):
@@ -160,31 +177,37 @@ def _at_once(branches: OgdenBranches) -> OgdenBranches:
     return OgdenBranches(branches.mu, branches.alpha, ())
 
 
-def _elastic(constants: Callable[[OgdenBranches], OgdenBranches]) -> Callable[[OgdenBranches], Law]:
-    def law(branches: OgdenBranches) -> Law:
+def _elastic(constants: Callable[[OgdenBranches], OgdenBranches]) -> Callable[[OgdenBranches, Value], Law]:
+    def law(branches: OgdenBranches, factor: Value) -> Law:
         made = constants(branches)
-        kept = [(m, a) for m, a in zip(made.mu, made.alpha, strict=True) if m > 0]
+        kept = [(factor * m, a) for m, a in zip(made.mu, made.alpha, strict=True) if m > 0]
         return _terms([m for m, _ in kept], [a for _, a in kept])
 
     return law
 
 
-def _terms(mu: list[float], alpha: list[float]) -> Law:
+def _terms(mu: list[Value], alpha: list[float]) -> Law:
     """Ogden terms as one law; Neo-Hooke where all exponents are 2, which costs half."""
     return NeoHooke(sum(mu)) if all(a == 2 for a in alpha) else Ogden(mu, alpha)
 
 
-def _hereditary(branches: OgdenBranches) -> Viscous:
+def _hereditary(branches: OgdenBranches, factor: Value) -> Viscous:
+    return _remembering(branches, factor, lambda law, mu, eta: Branch(law, eta / mu))
+
+
+def _flowing(branches: OgdenBranches, factor: Value) -> Viscous:
+    return _remembering(branches, factor, lambda law, mu, eta: Maxwell(law, factor * eta))
+
+
+def _remembering(
+    branches: OgdenBranches, factor: Value, branch: Callable[[Law, float, float], Branch | Maxwell]
+) -> Viscous:
     stay = branches.stay
     relaxing = zip(branches.mu[stay:], branches.alpha[stay:], branches.eta, strict=True)
     return Viscous(
-        _terms(list(branches.mu[:stay]), list(branches.alpha[:stay])),
-        tuple(Branch(_terms([mu], [alpha]), eta / mu) for mu, alpha, eta in relaxing),
+        _terms([factor * mu for mu in branches.mu[:stay]], list(branches.alpha[:stay])),
+        tuple(branch(_terms([factor * mu], [alpha]), mu, eta) for mu, alpha, eta in relaxing),
     )
-
-
-def _flowing(branches: OgdenBranches) -> Viscous:
-    return branches.law()
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +238,7 @@ def solve(bench: Bench, model: Model) -> Solution:
                 bench.scene,
                 model,
                 bench.mesh(model),
-                lambda region: bench.stuff(region, model),
+                lambda region: (bench.stuff(region, model), bench.factor(region, model)),
                 form_of(model),
                 bench.thickness_of(model),
             )

@@ -193,7 +193,8 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
 def _too_fast(bench: Bench) -> list[str]:
     """Loads that grow about as fast as a shear wave crosses most of the body: only models of waves have inertia."""
     course, most = bench.scene.course, bench.stuff(bench.largest, {})
-    across = bench.longest * math.sqrt(most.density / most.branches.initial_modulus)
+    modulus = bench.factor(bench.largest, {}) * most.branches.initial_modulus
+    across = bench.longest * math.sqrt(most.density / modulus)
     if course.frequency is not None or course.ramp > SLOW * across:
         return []
     return [f"inertia: loads grow in {course.ramp:.2g} s, a shear wave crosses the body in {across:.2g} s"]

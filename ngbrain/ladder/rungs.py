@@ -52,7 +52,13 @@ class Axis:
 AXES = {
     axis.name: axis
     for axis in (
-        Axis("tissue", ("one", "each"), ("that tissues differ",), ("step",), (1.2,)),
+        Axis(
+            "tissue",
+            ("one", "each", "map"),
+            ("that tissues differ", "how stiffness varies within a tissue"),
+            ("step", "step"),
+            (1.2, 1.2),
+        ),
         Axis("fibres", ("none", "all"), ("fibres",), ("step",), (1.5,)),
         Axis("strain", ("linear", "finite"), ("that strains and turns are finite",), ("step",), (5.0,)),
         Axis(
@@ -111,22 +117,28 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
         if level not in known[name].levels:
             raise InputError(f"richest[{name!r}]", repr(level), f"one of {', '.join(known[name].levels)}")
     idle = {
-        "tissue": len(scene.stuff) < 2,
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(stuff.branches.eta for stuff in scene.stuff),
         "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
         "space": scene.piece.shape != "block" or _out_of_plane(scene),
         "extent": _uncuttable(scene),
     }
+    first, most = _tissues(scene)
     found = {}
     for name, axis in known.items():
         if idle.get(name):
             continue
         last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
-        if last > 1 or name in ("order", "mesh", "space"):
-            shorter = {part: getattr(axis, part)[: last - 1] for part in ("left_out", "by", "growth")}
-            found[name] = replace(axis, levels=axis.levels[:last], **shorter)
+        least, last = (first, min(last, most)) if name == "tissue" else (0, last)
+        if last - least > 1 or name in ("order", "mesh", "space"):
+            shorter = {part: getattr(axis, part)[least : last - 1] for part in ("left_out", "by", "growth")}
+            found[name] = replace(axis, levels=axis.levels[least:last], **shorter)
     return found
+
+
+def _tissues(scene: Loading) -> tuple[int, int]:
+    """Levels of tissue that differ, as first and last + 1: one and each where there are several, map where there is one."""
+    return int(len(scene.stuff) < 2), 3 if any(stuff.map for stuff in scene.stuff) else 2
 
 
 def _out_of_plane(scene: Loading) -> bool:

@@ -12,6 +12,7 @@ from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.ladder.quantities import Measured, along, percentile, point_in, within
 from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing
+from ngbrain.materials.base import Value
 from ngbrain.scene.loading import Ask, Loading, Stuff
 
 Array = np.ndarray
@@ -34,17 +35,24 @@ def modulus(stuff: Stuff, omega: float, loss: bool) -> complex:
 
 
 def shaken(
-    scene: Loading, model: Model, mesh: ngs.Mesh, stuff: Callable[[str], Stuff], form: str, thickness: float
+    scene: Loading,
+    model: Model,
+    mesh: ngs.Mesh,
+    stuff: Callable[[str], tuple[Stuff, Value]],
+    form: str,
+    thickness: float,
 ) -> tuple[Array, int]:
-    """Answers of a scene's questions, and unknowns."""
+    """Answers of a scene's questions, and unknowns; `stuff` says what a region is of, and what its moduli are multiplied by."""
     frequency, plane = scene.course.frequency or 0.0, mesh.dim == 2
     regions = {region: stuff(region) for region in sorted(set(mesh.GetMaterials()))}
     omega = 2 * np.pi * frequency
-    moduli = {name: modulus(each, omega, model.get("loss") == "all") for name, each in regions.items()}
+    moduli = {name: modulus(each, omega, model.get("loss") == "all") for name, (each, _) in regions.items()}
+    factor = mesh.MaterialCF({name: times for name, (_, times) in regions.items()})
     # A real and an imaginary field: NGSolve takes no complex constants by region.
     G = mesh.MaterialCF({name: G.real for name, G in moduli.items()})
     if any(G.imag for G in moduli.values()):
         G = G + 1j * mesh.MaterialCF({name: each.imag for name, each in moduli.items()})
+    G = factor * G
     given = [g for g in scene.given if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
     held = {axis: "|".join(g.boundary for g in given if axis in g.along) for axis in "xyz"}
     names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
@@ -58,8 +66,8 @@ def shaken(
                 {pull.boundary: along(pull.traction, plane) for pull in scene.pull or ()},
             )
         ],
-        bulk=mesh.MaterialCF({name: each.bulk for name, each in regions.items()}),
-        density=mesh.MaterialCF({name: each.density for name, each in regions.items()}),
+        bulk=factor * mesh.MaterialCF({name: each.bulk for name, (each, _) in regions.items()}),
+        density=mesh.MaterialCF({name: each.density for name, (each, _) in regions.items()}),
         form=form,
         held={mine: held[own] for mine, own in names.items() if held[own]},
     )

@@ -71,6 +71,8 @@ class Stuff(Section):
     loss         G″/G′ of waves, for tissue without branches
     k1, k2       fibres of Holzapfel, Gasser and Ogden: stiffness (Pa), and how fast it grows
     fibre        their direction
+    map          path of a NIfTI volume of shear moduli (Pa) for fast small strain, in the body's own axes (mm): all moduli and
+                 viscosities are in proportion to it, and only what they are to each other is taken from the above
     """
 
     region: str = pattern("region", ".*")
@@ -84,6 +86,9 @@ class Stuff(Section):
     k1: float | None = number("k1_Pa", None)
     k2: float = number("k2", 1.0)
     fibre: tuple[float, float, float] | None = number("fibre", None, signed=True, size=3)
+    map: str | None = text(
+        "map", None, "the path of a volume (.nii, .nii.gz)", lambda raw: raw.endswith((".nii", ".nii.gz"))
+    )
 
     def _check(self, path: str, scene: Loading) -> None:
         mu, alpha, eta = self.mu or (), self.alpha or (), self.eta or ()

@@ -1,0 +1,68 @@
+"""Measured maps of stiffness, as fields over a body."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import ngsolve as ngs
+import numpy as np
+from scipy import ndimage
+
+from ngbrain.errors import InputError
+from ngbrain.image.volume import Volume, opened
+from ngbrain.ladder.quantities import Measured, percentile
+
+SIDES = (0.1e-3, 20e-3)
+"""Of a voxel (m)."""
+
+
+def read(path: str | os.PathLike[str]) -> Volume:
+    """A NIfTI volume of shear moduli (Pa); voxels without one (0, or no number) have that of the nearest that has.
+
+    Raises `InputError` where it is unreadable, of other than three axes, or has no value at all; `MissingExtra` without nibabel.
+    """
+    path = Path(path)
+    image, affine = opened(path, SIDES)
+    values = np.asarray(image.get_fdata(dtype=np.float64))
+    if values.ndim != 3:
+        raise InputError("map", f"of {values.ndim} axes", "a volume of shear moduli (Pa), three axes", path)
+    known = np.isfinite(values) & (values > 0)
+    if not known.any():
+        raise InputError("map", "without a value above 0", "shear moduli (Pa)", path)
+    nearest = ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True, sampling=_spacing(affine)
+    )
+    return Volume(values[tuple(nearest)], affine)
+
+
+def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
+    """A volume's values (Pa) at a mesh's vertices, linear between them; a mesh of the plane y = 0 has x and z.
+
+    Raises `InputError` where the body reaches beyond the picture by more than a voxel.
+    """
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    if mesh.dim == 2:
+        points = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
+    where, last = volume.to_voxels(points), np.array(volume.data.shape) - 1
+    beyond = float(np.max(np.maximum(-where, where - last)))
+    if beyond > 1.0:
+        raise InputError("map", f"a picture that ends {beyond:.0f} voxels inside the body", "one of the whole body")
+    field = ngs.GridFunction(ngs.H1(mesh, order=1))
+    field.vec.FV().NumPy()[:] = volume.at(volume.to_world(np.clip(where, 0, last)))
+    return field
+
+
+def median(field: ngs.GridFunction, region: str) -> float:
+    """Of a field's means over the elements of a region, which count by their volumes."""
+    mesh = field.space.mesh
+    amounts, sizes = (
+        ngs.Integrate(each, mesh, definedon=mesh.Materials(region), element_wise=True).NumPy()
+        for each in (field, ngs.CF(1))
+    )
+    own = sizes > 0
+    return percentile(Measured(amounts[own] / sizes[own], sizes[own]), 50)
+
+
+def _spacing(affine: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(affine[:3, :3], axis=0)
