@@ -138,14 +138,20 @@ def unit(there):
     return np.concatenate([np.abs(part) + 0.1 * np.abs(part).max() for part in parts])
 
 
+def pulled_both_ways(of, there, w):
+    """Jᵀw, by matrices and by forms the same."""
+    pulled, driven = there.pull(w), there.gradient(w)
+    scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
+    assert np.abs((pulled - driven) / scale).max() < 1e-10
+    return pulled
+
+
 def verify(of, rng, first=1e-2):
     """J has rates of 2 along each block, Jᵀ by matrices is its transpose and the same as by forms."""
     theta = of.theta
     there = of.at(theta)
     w = weights(there, rng)
-    pulled, driven = there.pull(w), there.gradient(w)
-    scale = np.concatenate([np.full(b.stop - b.start, np.abs(pulled[b]).max()) for b in of.blocks.values()])
-    assert np.abs((pulled - driven) / scale).max() < 1e-10
+    pulled = pulled_both_ways(of, there, w)
     sizes = unit(there)
     for name, direction in directions(of, rng):
         change = there.push(direction)
