@@ -87,7 +87,7 @@ def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
         {
             "cost_s": rung.cost_s,
             "error": float(np.max(np.abs(relative(rung.answers, answers)))),
-            "taken": rung.taken,
+            "taken": " and ".join(rung.taken),
             "model": rung.model,
         }
         for rung in got.rungs

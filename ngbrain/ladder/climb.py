@@ -22,6 +22,8 @@ SLOW = 3.0
 """Crossings of a shear wave in whose time loads may grow without a word on inertia."""
 NARROW = 0.8
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
+LEFT, FAR = 0.25, 4.0
+"""Part of a step to finer elements that the next ones change at least; tolerances from which on elements get finer in both ways."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -32,7 +34,7 @@ class Rung:
 
     estimates   axis → what its next step would change
     missing     what all steps would change together, relative, for each question
-    taken       the axis that was climbed from here; empty where the climb ended
+    taken       the axes that were climbed from here; none where the climb ended
     cost_s      computing time (s) up to and with this rung's estimates
     """
 
@@ -41,7 +43,7 @@ class Rung:
     ndof: int
     estimates: dict[str, Estimate]
     missing: Array
-    taken: str = ""
+    taken: tuple[str, ...] = ()
     cost_s: float = 0.0
 
 
@@ -92,7 +94,7 @@ def climb(
     refused: dict[str, str] = {}
     while True:
         open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
-        rung = _rung(keeper, model, open_axes)
+        rung = _floored(_rung(keeper, model, open_axes), rungs, axes)
         if np.all(rung.missing <= tolerances):
             rung = _confirmed(keeper, rung, axes)
         rung.cost_s = time.process_time() - begun
@@ -101,12 +103,12 @@ def climb(
             break
         rung.taken = _next(open_axes, rung, tolerances)
         tell(rung)
-        richer = {**model, rung.taken: rung.estimates[rung.taken].to}
+        richer = {**model, **{name: rung.estimates[name].to for name in rung.taken}}
         try:
             keeper(richer)
             model = richer
         except SolverError as error:
-            refused[rung.taken] = str(error)
+            refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
     tell(rungs[-1])
     flags = _doubts(keeper, rungs[-1]) + _at_the_top(axes, rungs, tolerances)
     flags += [f"{name}: {why}" for name, why in refused.items()]
@@ -164,10 +166,39 @@ def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions:
     return sum((np.abs(each.change) * axes[name].tail for name, each in estimates.items()), np.zeros(questions))
 
 
-def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> str:
-    """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones."""
-    must = [name for name in above if np.any(np.abs(rung.estimates[name].change) > tolerances) and name not in ELEMENTS]
-    return max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
+def _floored(rung: Rung, before: list[Rung], axes: Mapping[str, Axis]) -> Rung:
+    """The rung, with an estimate of finer elements that is no less than a part of what the last step to such changed.
+
+    Sections do not know the corners that bodies have in space.
+    """
+    above = [name for name in ELEMENTS if name in rung.estimates]
+    last = next((each for each in reversed(before) if set(each.taken) & set(ELEMENTS)), None)
+    if not above or last is None or last.model.get("space") != rung.model.get("space"):
+        return rung
+    after = before[before.index(last) + 1] if last is not before[-1] else rung
+    floor = LEFT ** len(last.taken) * np.abs(relative(last.answers, after.answers))
+    name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
+    found = rung.estimates[name]
+    if found.how == SOLVED or np.all(np.abs(found.change) >= floor):
+        return rung
+    raised = replace(found, change=np.maximum(np.abs(found.change), floor), how="a part of what the last step changed")
+    rung.estimates[name] = raised
+    return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
+
+
+def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
+    """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
+
+    Elements that are too coarse by far are made smaller and of higher order at once: what comes between would be dear.
+    """
+
+    def gains(name: str) -> float:
+        return float(np.max(np.abs(rung.estimates[name].change) / tolerances))
+
+    must = [name for name in above if gains(name) > 1 and name not in ELEMENTS]
+    taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
+    both = taken in ELEMENTS and all(name in above and gains(name) > FAR for name in ELEMENTS)
+    return (taken, *(name for name in ELEMENTS if name != taken)) if both else (taken,)
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
@@ -183,7 +214,7 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
         if name not in axes or axes[name].above(rungs[-1].model[name]):
             continue  # it has an estimate
         for before, after in pairwise(rungs):
-            if before.taken == name and after.model[name] == axes[name].levels[-1]:
+            if name in before.taken and after.model[name] == axes[name].levels[-1]:
                 last = np.abs(relative(before.answers, after.answers)) * (axes[name].tail - 1)
                 if np.any(last > tolerances):
                     flags.append(f"{name}: the last step may leave {np.max(last):.0%}, and there is none above")
@@ -223,7 +254,7 @@ def described(climb: Climb, scene: Loading) -> dict[str, Any]:
                 "answers": rung.answers.tolist(),
                 "ndof": rung.ndof,
                 "missing": _plain(rung.missing),
-                "taken": rung.taken,
+                "taken": " and ".join(rung.taken),
                 "cost_s": rung.cost_s,
                 "estimates": {
                     name: {"change": _plain(each.change), "how": each.how, "doubt": each.doubt}

@@ -8,7 +8,7 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, Rung, _confirmed, _next, climb
+from ngbrain.ladder.climb import Keeper, Rung, _confirmed, _floored, _next, climb
 from ngbrain.ladder.estimates import Estimate, relative
 from ngbrain.ladder.rungs import axes_of, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
@@ -45,9 +45,9 @@ def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
     assert found.rungs[0].model == cheapest(found.axes)
     for before, after in zip(found.rungs, found.rungs[1:], strict=False):
         changed = {name for name in before.model if before.model[name] != after.model[name]}
-        assert changed == {before.taken}
+        assert changed == set(before.taken)
         assert after.cost_s > before.cost_s
-    assert found.chosen.taken == ""
+    assert found.chosen.taken == ()
 
 
 def test_a_course_without_end_is_said_where_nothing_is_richer() -> None:
@@ -125,8 +125,39 @@ def test_elements_come_after_what_cannot_be_left_out() -> None:
     changes = {"strain": 0.06, "mesh": 0.9, "pressure": 0.01}
     rung = Rung(cheapest(axes), np.ones(1), 1, {k: Estimate(np.full(1, v), "") for k, v in changes.items()}, np.ones(1))
     above = {name: axes[name] for name in changes}
-    assert _next(above, rung, np.full(1, 0.05)) == "strain"
-    assert _next(above, rung, np.full(1, 0.1)) == "mesh"
+    assert _next(above, rung, np.full(1, 0.05)) == ("strain",)
+    assert _next(above, rung, np.full(1, 0.1)) == ("mesh",)
+
+
+def test_elements_that_are_far_too_coarse_get_finer_in_both_ways() -> None:
+    axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
+    above = {name: axes[name] for name in ("order", "mesh")}
+    for order, taken in ((0.06, ("order", "mesh")), (0.03, ("mesh",))):
+        changes = {"order": order, "mesh": 0.09}
+        estimates = {name: Estimate(np.full(1, change), "") for name, change in changes.items()}
+        rung = Rung(cheapest(axes), np.ones(1), 1, estimates, np.ones(1))
+        assert _next(above, rung, np.full(1, 0.01)) == taken
+
+
+def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() -> None:
+    """Where the section says next to nothing; not of a body of the plane, nor less than what is estimated."""
+    axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
+    model = {**cheapest(axes), "space": "solid"}
+    for taken, floor in ((("mesh",), 0.02), (("order", "mesh"), 0.005), (("strain",), 0.001)):
+        before = Rung(model, np.array([1.0]), 1, {}, np.ones(1), taken)
+        for guess in (0.001, 0.5):
+            rung = Rung(
+                model, np.array([0.92]), 1, {"order": Estimate(np.full(1, guess), "guessed")}, np.full(1, guess)
+            )
+            found = _floored(rung, [before], axes)
+            assert found.estimates["order"].change[0] == pytest.approx(max(floor, guess))
+            assert found.missing[0] == pytest.approx(max(floor, guess) * (1 if floor <= guess else axes["order"].tail))
+    two = Rung(model, np.array([0.92, 1.0]), 1, {"order": Estimate(np.array([0.001, 0.3]), "guessed")}, np.ones(2))
+    found = _floored(two, [Rung(model, np.ones(2), 1, {}, np.ones(2), ("mesh",))], axes)
+    assert found.estimates["order"].change == pytest.approx([0.02, 0.3])
+    flat = Rung({**model, "space": "plane"}, np.array([1.0]), 1, {}, np.ones(1), ("mesh",))
+    rung = Rung(model, np.array([0.92]), 1, {"order": Estimate(np.full(1, 0.001), "guessed")}, np.full(1, 0.001))
+    assert _floored(rung, [flat], axes) is rung
 
 
 def test_what_comes_near_the_tolerance_is_said() -> None:
