@@ -128,7 +128,7 @@ def chart(records: list[Record], png: str) -> None:
         axis.plot(cost[-1], error[-1], "o", color="#D55E00", ms=8, mfc="none", mew=2)
         axis.axhline(100 * r["tolerance"], color="#4d4d4d", lw=0.8, ls="--")
         axis.axvline(1, color="#4d4d4d", lw=0.8, ls=":")
-        axis.set(xscale="log", yscale="log", xlim=(0.005, 3), ylim=(0.04, 200), title=r["scene"])
+        axis.set(xscale="log", yscale="log", xlim=(0.001, 3), ylim=(0.04, 200), title=r["scene"])
         axis.title.set_fontsize(9)
         axis.tick_params(labelsize=7)
     for axis in axes[: len(judged)][-columns:]:

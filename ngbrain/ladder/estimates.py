@@ -124,21 +124,29 @@ def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estima
     return Estimate(change, "on the coarsest elements", doubt)
 
 
-def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """On elements half as large: by Newton steps, if coarse ones are their unions; where strains are small, the linear body's."""
-    if model["strain"] == "finite" and bench.nested:
-        return step(bench, model, richer, solved)
+def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By the same step of the linear elastic body."""
     change = relative(solved(still(model)).answers, solved(still(richer)).answers)
     doubt = "strains are finite" if model["strain"] == "finite" and np.max(np.abs(change)) > NEAR else ""
     return Estimate(change, "the linear elastic body's", doubt)
 
 
+def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """On elements half as large: by Newton steps, if coarse ones are their unions; where strains are small, the linear body's."""
+    by = step if model["strain"] == "finite" and bench.nested else linear
+    return by(bench, model, richer, solved)
+
+
 def in_section(of: Estimator) -> Estimator:
-    """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap."""
+    """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap.
+
+    Where there is none, and steps fold the body, by what they do to the linear one.
+    """
 
     def estimate(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
         if "space" not in model:
-            return of(bench, model, richer, solved)
+            found = of(bench, model, richer, solved)
+            return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
         flat = {"space": "plane", **_forgetful(model)}
         before, after = {**model, **flat}, {**richer, **flat}
         found = of(bench, before, after, solved)

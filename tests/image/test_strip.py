@@ -66,7 +66,7 @@ def test_a_brain_without_skull_passes(coarse, background):
     assert dice(find_brain(seen(np.where(brain, coarse[0], background), coarse[1])), brain) > 0.999
 
 
-@pytest.mark.parametrize("skull", [True, False])
+@pytest.mark.parametrize("skull", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_surface_coil_hides_no_brain(head, coarse, skull):
     brain, front = coarse[0] != 0, np.linspace(0, 1, head.shape[1])[:, None]
     scan = seen((head if skull else coarse[0]) * (0.2 + 1.6 * front**2), coarse[1])

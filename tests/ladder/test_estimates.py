@@ -109,6 +109,21 @@ def test_elements_in_space_are_judged_in_the_section() -> None:
     assert all(dict(key)["space"] == "plane" for key in keeper.kept)
 
 
+def test_elements_that_fold_a_body_without_a_section_are_judged_by_the_linear_one() -> None:
+    ask = (Ask(quantity="force", boundary="top"), Ask(quantity="force", boundary="front"))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), poisson=0.3),), given=SQUEEZED, ask=ask)
+    keeper, axes = Keeper(Bench(scene)), axes_of(scene)
+    assert "space" not in axes
+    model = {**cheapest(axes), "strain": "finite"}
+    flat = {**model, "strain": "linear"}
+    true = relative(keeper(flat).answers, keeper({**flat, "order": "2"}).answers)
+    folded = in_section(lambda *_: Estimate(np.full(2, np.inf), "guessed", "folds"))
+    found = folded(keeper.bench, model, {**model, "order": "2"}, keeper)
+    assert found.change == pytest.approx(true) and found.doubt == "strains are finite" and abs(true[0]) > 0.05
+    fine = in_section(lambda *_: Estimate(np.full(2, 0.3), "guessed"))
+    assert fine(keeper.bench, model, {**model, "order": "2"}, keeper).how == "guessed"
+
+
 def test_a_step_on_the_coarsest_elements_is_doubted_where_finer_ones_change_as_much() -> None:
     scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=SQUEEZED, ask=FORCE)
     keeper, axes = Keeper(Bench(scene)), axes_of(scene)
