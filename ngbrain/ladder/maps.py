@@ -30,9 +30,8 @@ def read(path: str | os.PathLike[str]) -> Volume:
     known = np.isfinite(values) & (values > 0)
     if not known.any():
         raise InputError("map", "without a value above 0", "shear moduli (Pa)", path)
-    nearest = ndimage.distance_transform_edt(
-        ~known, return_distances=False, return_indices=True, sampling=_spacing(affine)
-    )
+    spacing = Volume(values, affine).spacing
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True, sampling=spacing)
     return Volume(values[tuple(nearest)], affine)
 
 
@@ -62,7 +61,3 @@ def median(field: ngs.GridFunction, region: str) -> float:
     )
     own = sizes > 0
     return percentile(Measured(amounts[own] / sizes[own], sizes[own]), 50)
-
-
-def _spacing(affine: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(affine[:3, :3], axis=0)

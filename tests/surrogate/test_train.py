@@ -8,6 +8,7 @@ import pytest
 torch = pytest.importorskip("torch", reason='torch is not installed; get it with: pip install "ngbrain[train]"')
 
 from ngbrain.errors import InputError  # noqa: E402
+from ngbrain.surrogate.__main__ import _command, _trainings  # noqa: E402
 from ngbrain.surrogate.data import DataSet, generate  # noqa: E402
 from ngbrain.surrogate.features import errors, modality, spoilt, without_affine  # noqa: E402
 from ngbrain.surrogate.train import (  # noqa: E402
@@ -165,6 +166,11 @@ def test_a_training_begins_with_the_weights_of_another(sets, tmp_path):
     assert [each["epoch"] for each in saved["curve"]] == [1, 2, 3, 4] and told == saved["curve"][2:]
     assert saved["made_by"]["start"] == torch.load(start, weights_only=True)["made_by"]
     assert told[0]["objective"] != told[1]["objective"]
+    made = list(_trainings(saved["made_by"]))[::-1]
+    assert [each["rate"] for each in made] == [0.02, 1e-9] and "data" not in made[0]
+    assert _command("waves", 1, {**made[1], "twice": ["sinc"]}) == (
+        "python -m ngbrain.surrogate waves --epochs 2 --rate 1e-09 --seed 0 --twice sinc --start 0/waves/checkpoint.pt -o 1"
+    )
     other = replace(sets[0], storage=1.1 * sets[0].storage, sha256="another")
     with pytest.raises(InputError, match="start"):
         train(small, other, sets[1], tmp_path / "third", start=start)
