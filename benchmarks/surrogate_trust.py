@@ -24,7 +24,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from statistics import NormalDist
 
 import numpy as np
 from _command import main
@@ -179,7 +178,7 @@ def measure(quick: bool) -> list[Record]:
         finer = seen(operator, many, usual(name, 101), NOISE)[1].mean() / off[:many].mean()
         base |= speed(operator)
         coverage = {
-            str(level): [float((far[:, k] < NormalDist().inv_cdf(0.5 + level / 2)).mean()) for k in range(far.shape[1])]
+            str(level): [float((far[:, k] < within).mean()) for k, within in enumerate(operator.card.within(level))]
             for level in LEVELS
         }
         flagged = float((inside > trust["threshold"]).mean())

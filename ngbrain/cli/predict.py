@@ -25,6 +25,8 @@ from ngbrain.threads import threads
 
 LOSSLESS = 0.01
 """Of the storage modulus: the least loss that an inversion starts from."""
+TOLD = (0.5, 0.68, 0.9, 0.95)
+"""Shares of errors of which a result tells how many deviations hold them."""
 
 
 def add_predict(verbs: Any) -> argparse.ArgumentParser:
@@ -70,7 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
         "verb": "predict",
         "source": arguments.data.name,
         "versions": versions() | {"onnxruntime": runtime},
-        "seed": card.get("settings", {}).get("seed", 0),
+        "seed": card["settings"][-1]["seed"] if "settings" in card else 0,
         "threads": arguments.threads,
         "time_s": time.monotonic() - started,
         "answers": {name: each | {"trusted": found.trusted} for name, each in answers(found.data, maps).items()},
@@ -83,6 +85,7 @@ def run(arguments: argparse.Namespace) -> None:
             "warning": found.warning,
             "threshold": found.threshold,
             "scores": found.scores,
+            "within": {f"{share:g}": found.within(share) for share in TOLD},
         },
         "model": {
             "operator": found.modality,

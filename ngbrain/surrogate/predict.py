@@ -12,7 +12,7 @@ from ngbrain.forward.sensitivity import Solves
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.looking import Answered, View, answered
 from ngbrain.surrogate.raster import UPRIGHT, Raster
-from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.shipped import Card, Operator
 from ngbrain.surrogate.trust import scores
 
 Array = np.ndarray
@@ -26,7 +26,8 @@ class Prediction:
 
     maps        name → (n,) at the points of the data, Pa, NaN where they are left out: storage and loss, or youngs; of
                 compression youngs over its mean
-    deviations  name → (n,), standard deviations of the maps
+    deviations  name → (n,), standard deviations of the maps, so that 95 % of errors are within 1.96 of them
+    card        of the operator
     scores      name → how far over its bound, see `trust`; of several squares the median, of several loads the largest
     threshold   from which the largest of them speaks against the maps
     squares     how many the operator has looked at
@@ -35,6 +36,7 @@ class Prediction:
 
     data: WaveData
     modality: str
+    card: Card
     maps: dict[str, Array]
     deviations: dict[str, Array]
     scores: dict[str, float]
@@ -42,6 +44,14 @@ class Prediction:
     squares: int
     solves: Solves
     notes: list[str] = field(default_factory=list)
+
+    def within(self, share: float) -> dict[str, float]:
+        """name → how many deviations on either side of the map hold that share of the points, as in the operator's validation.
+
+        The most of it are closer than of a normal distribution, as most errors are small. Of one load: several are taken as
+        independent, which errors of the operator are not. `InputError` beyond the shares of the calibration.
+        """
+        return {name: float(number) for name, number in zip(self.maps, self.card.within(share), strict=False)}
 
     @property
     def score(self) -> float:
@@ -112,6 +122,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     return Prediction(
         data,
         name,
+        operator.card,
         maps,
         deviations,
         {key: max(each[key] for each in of_loads) for key in of_loads[0]},

@@ -53,6 +53,19 @@ class Card:
         """(answers,): what a scale is multiplied by; 1 before calibration."""
         return np.asarray(self.told.get("temperature", np.ones(len(self.kind.answers))))
 
+    def within(self, share: float) -> Array:
+        """(answers,): how many standard deviations hold that share of errors, from calibration; `InputError` before it or beyond it.
+
+        Between what the card tells, linear in the share.
+        """
+        told = self.told.get("within")
+        if told is None:
+            raise InputError("card", "without `within`", "weights that `ngbrain.surrogate.trust.calibrate` has seen")
+        least, most = told["shares"][0], told["shares"][-1]
+        if not least <= share <= most:
+            raise InputError("share", share, f"{least:g} to {most:g}, as the operator is calibrated")
+        return np.array([np.interp(share, told["shares"], of_answer) for of_answer in told["deviations"]])
+
     @property
     def trust(self) -> Mapping[str, Any]:
         """What `trust.calibrate` found; `InputError` before it has."""

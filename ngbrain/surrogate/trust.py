@@ -53,6 +53,8 @@ SHOWN = (0.5, 0.9, 0.99)
 """Shares whose quantiles a card tells."""
 COVERED, NORMAL = 0.95, 1.959964
 """Share of errors that are within so many standard deviations, once these are calibrated."""
+SHARES = (0.1, 0.25, 0.5, 0.68, 0.8, 0.9, 0.95, 0.98)
+"""Of which a card tells how many standard deviations hold them: errors are not normal, most are small and some are large."""
 
 
 def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
@@ -62,7 +64,8 @@ def scores(look: Look, trust: Mapping[str, Any]) -> dict[str, float]:
 
 
 def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: int = 0) -> dict[str, Any]:
-    """What a card has to know beside the training itself: `temperature` (answers,), and `trust` with ranges, bounds and threshold.
+    """What a card has to know beside the training itself: `temperature` (answers,), `within` (see `SHARES`), and `trust` with
+    ranges, bounds and threshold.
 
     training, validation   as they were computed; noise is added as in the training, to the second of `JUDGED`
 
@@ -85,6 +88,7 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     truths = kind.targets(validation.storage, validation.loss, _units(kind, validation))
     off = np.abs(np.array([look.mean for look in looks]) - truths) / np.array([look.scale for look in looks])
     factor = np.quantile(off, COVERED, axis=(0, 2, 3)) / NORMAL
+    within = np.quantile(off, SHARES, axis=(0, 2, 3)) / factor
     looks = [replace(look, scale=look.scale * factor[:, None, None]) for look in looks]
     raw = [_raw(look, ranges, axes) for look in looks]
     usual = {name: np.array([each[name] for each in raw]) for name in raw[0]}
@@ -100,7 +104,11 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
         "bounds": bounds,
         "threshold": max(1.0, float(np.quantile(largest, TOGETHER))),
     }
-    return {"temperature": (factor * operator.card.temperature).tolist(), "trust": trust | {"quantiles": quantiles}}
+    return {
+        "temperature": (factor * operator.card.temperature).tolist(),
+        "within": {"shares": list(SHARES), "deviations": within.T.tolist()},
+        "trust": trust | {"quantiles": quantiles},
+    }
 
 
 def auc(inside: Array, outside: Array) -> float:

@@ -66,13 +66,13 @@ def pressed(make_body, plate, control):
 
 
 def test_half_an_hour_takes_few_steps(make_body, plate):
-    """Even steps take thirty times as many and are less exact, steps chosen beforehand a good half more."""
+    """Even steps take fifteen times as many and are less exact, steps chosen beforehand a good half more."""
     peak, fine = pressed(make_body, plate, ErrorControl(1e-6, touch=0.01))
     mine, at = pressed(make_body, plate, ErrorControl(1e-3, touch=0.1))
     chosen, before = pressed(make_body, plate, StepControl(1.0))
-    even, plodding = pressed(make_body, plate, StepControl(2.0, first=1.0, restart=1.0, growth=1.0, dt_max=2.0))
+    even, plodding = pressed(make_body, plate, StepControl(4.0, first=1.0, restart=1.0, growth=1.0, dt_max=4.0))
     assert abs(mine / peak - 1) < 3.2e-4 < abs(chosen / peak - 1) < 1e-3 < abs(even / peak - 1)
-    assert at.steps < 30 and before.steps > 1.5 * at.steps and plodding.steps > 30 * at.steps and fine.steps > 100
+    assert at.steps < 30 and before.steps > 1.5 * at.steps and plodding.steps > 15 * at.steps and fine.steps > 100
     assert at.t == 1800 and at.dt > 200
 
 

@@ -100,7 +100,7 @@ def ellipsoid(shape):
             "largest bright part has 0.00 litres; wanted: at least 0.5, after a background of noise .* was taken out",
         ),
         ("ball", UNLIKE),
-        ("onion", UNLIKE),
+        pytest.param("onion", UNLIKE, marks=pytest.mark.slow),
         ("other contrast", UNLIKE),
     ],
 )
@@ -116,7 +116,9 @@ def test_other_pictures_are_refused(head, coarse, rng, kind, words):
         strip(seen(data, coarse[1]))
 
 
-@pytest.mark.parametrize("kind", ["onion", "fluid bright", "fluid dark, grey bright"])
+@pytest.mark.parametrize(
+    "kind", ["onion", pytest.param("fluid bright", marks=pytest.mark.slow), "fluid dark, grey bright"]
+)
 def test_other_pictures_without_a_skull_are_refused(coarse, rng, kind):
     brain, _ = coarse
     at = 2 * np.linalg.norm((np.indices(brain.shape).T - np.array(brain.shape) / 2).T, axis=0)  # mm

@@ -27,13 +27,13 @@ def jump(found, name):
 
 
 def test_naive_boxes_side_by_side_jump_where_they_meet():
-    naive = invert_by_subzones(bar(), size=0.024, overlap=0.0, passes=0, rounds=6)
+    naive = invert_by_subzones(bar(), size=0.024, overlap=0.0, passes=0, rounds=4)
     assert jump(naive, "storage") > 0.015 and jump(naive, "loss") > 0.035
     assert not naive.checks["disagreement_storage"]  # no two zones know a point
 
 
 def test_ours_do_not():
-    ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, rounds=6)
+    ours = invert_by_subzones(bar(), size=0.027, overlap=0.009, rounds=4)
     assert jump(ours, "storage") < 0.006 and jump(ours, "loss") < 0.02
     for name in ours.maps:
         assert ours.checks[f"disagreement_{name}"] < 0.7 * ours.checks[f"disagreement_{name}_first"]

@@ -97,6 +97,7 @@ def written(path, volume: Volume, turn=None):
     return str(path)
 
 
+@pytest.mark.slow
 def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_path):
     volume = model.head.scan.volume
     turn = np.array([[1, -1], [2, 1], [0, -1]])

@@ -35,11 +35,24 @@ def test_scales_are_calibrated_so_that_they_cover_what_they_say():
     mean, scale = operator(operator.kind.features(data.displacement / data.side, data.poisson))
     covered = (np.abs(truth - mean) < 1.96 * scale).mean(axis=(0, 2, 3))
     np.testing.assert_allclose(covered, 0.95, atol=0.02)
+    for share in (0.25, 0.5, 0.9):
+        inside = np.abs(truth - mean) < operator.card.within(share)[:, None, None] * scale
+        np.testing.assert_allclose(inside.mean(axis=(0, 2, 3)), share, atol=0.03)
     again = calibrate(
         operator, few("waves"), few("waves", "validation")
     )  # a card that has been calibrated stays as it is
     np.testing.assert_allclose(again["temperature"], operator.card.temperature, rtol=1e-6)
+    assert again["within"]["deviations"][1] == pytest.approx(operator.card.told["within"]["deviations"][1])
     assert operator.card.temperature[0] != 1
+
+
+def test_shares_between_those_of_the_calibration_and_beyond_them():
+    card = Card({"within": {"shares": [0.5, 0.9], "deviations": [[0.4, 1.2], [1.0, 2.0]]}})
+    np.testing.assert_allclose(card.within(0.7), [0.8, 1.5])
+    with pytest.raises(InputError, match=r"share is 0\.95; wanted: 0\.5 to 0\.9"):
+        card.within(0.95)
+    with pytest.raises(InputError, match="card is without `within`"):
+        Card({}).within(0.5)
 
 
 def test_what_was_validated_on_is_within_its_bounds():
