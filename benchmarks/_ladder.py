@@ -92,7 +92,17 @@ def named() -> dict[str, Case]:
         course=Course(ramp=1, elapsed=600),
         ask=(Ask(quantity="displacement", point=(0, 0, 0.04), direction=(0, 0, -1)),),
     )
+    aside = (FOOT, Given(boundary="top", by=(0.001, 0, 0)))
+    struck = Loading(
+        piece=bar,
+        stuff=(soft,),
+        given=aside,
+        course=Course(ramp=0.03, elapsed=0.03),
+        ask=(Ask(boundary="top", direction=(1, 0, 0)),),
+    )
     return {
+        "bar struck aside, 30 ms": Case(struck, RICHER),
+        "plate struck, 1 mm in 30 ms": Case(pressed(1, 0.03, 0.03), RICH),
         "bar pulled 0.1 mm": Case(stretched(0.1, soft), RICHER),
         "bar pressed 20 %, alpha -19": Case(stretched(-12, budday), RICHER),
         "bar pulled 20 %, alpha -19": Case(stretched(12, budday), RICHER),

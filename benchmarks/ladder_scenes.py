@@ -67,6 +67,8 @@ def of_scene(name: str, case: Case) -> list[Record]:
             "model": chosen.model,
             "richest": top,
             "ndof_richest": rich.ndof,
+            "answers": chosen.answers.tolist(),
+            "rich_answers": rich.answers.tolist(),
             "steps": staircase(got, rich.answers),
         }
         record["pairs"] = pairs(got, truth) if tolerance == JUDGED else []

@@ -3,135 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import InputError
 from ngbrain.forward.body import LENGTH_SCALE, Body
 from ngbrain.forward.contact import Touch
 from ngbrain.forward.friction import Friction
+from ngbrain.forward.inertia import GeneralizedAlpha, Pace
 from ngbrain.forward.material import Material
 from ngbrain.forward.patterns import check_regions
 from ngbrain.materials.base import Value, positive
 
 INSTANT = 1e-9
 """Time (s) in which no tissue relaxes."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How unknowns u move after a step of length `dt` (s).
-
-    velocity      v
-    acceleration  ü, that of the forces there
-    average       a, what the scheme goes on from: ü near t + (α_m - α_f) dt
-    """
-
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    average: np.ndarray
-    dt: float
-
-
-@dataclass(frozen=True)
-class GeneralizedAlpha:
-    """Steps of M ü + F(u) = 0 that are implicit, of second order, and damp what they do not resolve.
-
-    radius   ρ_∞ in [0, 1]: factor a step on motions much faster than it. 1 keeps them (and, where all is linear, the energy:
-             the trapezoidal rule), 0 ends them at once; what a step resolves is hardly damped by any of them
-
-        (1 - α_m) a' + α_m a = (1 - α_f) ü' + α_f ü ,   M ü' = -F(u') ,
-        u' = u + Δt v + Δt² ((½ - β) a + β a') ,         v' = v + Δt ((1 - γ) a + γ a')
-
-    with a prime at the end of the step, α_m = (2ρ_∞ - 1)/(ρ_∞ + 1), α_f = ρ_∞/(ρ_∞ + 1), γ = ½ - α_m + α_f, β = (½ + γ)²/4. Forces
-    are averaged, not the states they belong to, so F(u') + c M (u' - û) = 0: an energy of F keeps being one. Before a step of
-    another length than the last, a goes to ü + (a - ü) Δt/Δt_last, so that the order stays. Raises `InputError` for another radius.
-
-    Sources: Chung and Hulbert 1993, 10.1115/1.2900803; with ü kept beside a, for constrained systems, Arnold and Brüls 2007,
-    10.1007/s11044-007-9084-0.
-
-    >>> scheme = GeneralizedAlpha(1.0)
-    >>> scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    (0.5, 0.5, 0.25, 0.5)
-    """
-
-    radius: float
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.radius, (int, float)) and 0 <= self.radius <= 1):
-            raise InputError("GeneralizedAlpha.radius", self.radius, "a spectral radius in [0, 1]")
-
-    @property
-    def alpha_m(self) -> float:
-        """Weight of the old acceleration."""
-        return (2 * self.radius - 1) / (self.radius + 1)
-
-    @property
-    def alpha_f(self) -> float:
-        """Weight of the old forces."""
-        return self.radius / (self.radius + 1)
-
-    @property
-    def gamma(self) -> float:
-        """Newmark's γ."""
-        return 0.5 - self.alpha_m + self.alpha_f
-
-    @property
-    def beta(self) -> float:
-        """Newmark's β."""
-        return (0.5 + self.gamma) ** 2 / 4
-
-    def weight(self, dt: float) -> float:
-        """c (1/s²)."""
-        return (1 - self.alpha_m) / ((1 - self.alpha_f) * self.beta * dt**2)
-
-    def begin(self, u: np.ndarray, pace: Pace, dt: float) -> Step:
-        """A step of `dt` seconds from u."""
-        if pace.dt:
-            average = pace.acceleration + (pace.average - pace.acceleration) * (dt / pace.dt)
-            pace = Pace(pace.velocity, pace.acceleration, average, dt)
-        return Step(self, u, pace, dt)
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step from u; it ends where F(u') + c M (u' - û) = 0."""
-
-    scheme: GeneralizedAlpha
-    u: np.ndarray
-    pace: Pace
-    dt: float
-
-    @property
-    def target(self) -> np.ndarray:
-        """û, where u goes if nothing pulls at the end of the step."""
-        s, pace = self.scheme, self.pace
-        late = (s.alpha_m * pace.average - s.alpha_f * pace.acceleration) / (1 - s.alpha_m)
-        return self._drift() - s.beta * self.dt**2 * late
-
-    def end(self, u: np.ndarray) -> Pace:
-        """The pace at its end u."""
-        s, average = self.scheme, self._average(u)
-        velocity = self.pace.velocity + self.dt * ((1 - s.gamma) * self.pace.average + s.gamma * average)
-        return Pace(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
-
-    def error(self, u: np.ndarray) -> np.ndarray:
-        """Δt² (β + (α_m - α_f)/2 - 1/6) (a' - a), by how much the step misses where exact accelerations lead, but for Δt⁴.
-
-        Source, for Newmark's method, where α_m = α_f: Zienkiewicz and Xie 1991, 10.1002/eqe.4290200907.
-        """
-        s = self.scheme
-        return self.dt**2 * (s.beta + (s.alpha_m - s.alpha_f) / 2 - 1 / 6) * (self._average(u) - self.pace.average)
-
-    def _drift(self) -> np.ndarray:
-        return self.u + self.dt * self.pace.velocity + self.dt**2 * (0.5 - self.scheme.beta) * self.pace.average
-
-    def _average(self, u: np.ndarray) -> np.ndarray:
-        return (u - self._drift()) / (self.scheme.beta * self.dt**2)
 
 
 class DynamicBody(Body):

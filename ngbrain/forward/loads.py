@@ -6,7 +6,7 @@ All loads but springs grow with the load factor t from 0 to 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
@@ -145,7 +145,14 @@ class CavityVolume:
         return -pressure * (enclosed(at, at.u, self.boundary) - wanted) * at.on(self.boundary)
 
 
-Load: TypeAlias = Traction | Weight | Spring | Pressure | CavityPressure | CavityVolume
+class Own(Protocol):
+    """One of a user's, or of another module's."""
+
+    def energy(self, at: Place) -> Terms:
+        """Its part of the energy (J)."""
+
+
+Load: TypeAlias = Traction | Weight | Spring | Pressure | CavityPressure | CavityVolume | Own
 
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:

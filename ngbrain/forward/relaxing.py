@@ -13,6 +13,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.history import History
+from ngbrain.forward.inertia import Inertia
 from ngbrain.forward.loads import Load
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
@@ -45,7 +46,8 @@ class Relaxing(Static):
     """A body whose supports and loads grow with a factor a(t), and whose tissue relaxes.
 
     Arguments as those of `Static`, but materials may relax (`Prony`, `Maxwell` branches): every step of time is an
-    equilibrium of the energy that the history makes of them. The time steps are the caller's; they are second order.
+    equilibrium of the energy that the history makes of them, or, with `Inertia` among the loads, a step of motion. The time steps
+    are the caller's; they are second order.
 
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
@@ -74,6 +76,7 @@ class Relaxing(Static):
         self.materials = {
             p: Remembering(m.law, m.bulk, m.pointwise, m.change, self.history) for p, m in materials.items()
         }
+        self.masses = [load for load in loads if isinstance(load, Inertia)]
         self.work = Work()
         self._make_forms()
 
@@ -103,6 +106,8 @@ class Relaxing(Static):
         """From t to `end` in one step, or in two."""
         before = self.state
         self.history.begin(end - t)
+        for mass in self.masses:
+            mass.begin(before[self.is_u], end - t)
         self._at = np.empty(0)
         lifted = self.load(before, factor(end))
         guess = lifted
@@ -121,6 +126,8 @@ class Relaxing(Static):
             self.state = x
             self._flow(x)
             self.history.finish()
+            for mass in self.masses:
+                mass.finish(x[self.is_u])
             return
         self.state = before
         if halved == HALVINGS:

@@ -15,6 +15,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.inertia import Inertia
 from ngbrain.forward.loads import Load, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.relaxing import Relaxing
@@ -37,6 +38,8 @@ FIBRES_ALONE = 1e-6
 """Part of the modulus that Holzapfel's law keeps where its fibres are added to another one."""
 RAMP, HOLD = 6, 8
 """Steps of time in a ramp, and in a hold, which get longer."""
+CROSSING, LONGER = 12, 1.15
+"""Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
 REMEMBERS = ("prony", "flowing")
 """Levels of time that have a memory."""
 
@@ -94,16 +97,31 @@ class Bench:
         mesh = self._meshes["whole"].at(0, plane=False)
         return median(over(self._maps[stuff.map], mesh), region) / stuff.branches.initial_modulus
 
+    @cached_property
+    def crossing(self) -> float:
+        """Time (s) of a shear wave through the most of the body along its longest side."""
+        most = self.stuff(self.largest, {})
+        modulus = self.factor(self.largest, {}) * most.branches.initial_modulus
+        return float(self.longest * math.sqrt(most.density / modulus))
+
     def static(self, model: Model, t: float) -> Static:
         """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
-        law = (
-            _elastic(_at_once) if model.get("time", "instantaneous") == "instantaneous" else _elastic(self._relaxed(t))
-        )
-        return Static(*self._parts(model, law), form=form_of(model))
+        return Static(*self._parts(model, self._law(model, t)), form=form_of(model))
 
-    def relaxing(self, model: Model) -> Relaxing:
-        """The body with its memory."""
-        return Relaxing(*self._parts(model, _hereditary if model["time"] == "prony" else _flowing), form=form_of(model))
+    def relaxing(self, model: Model, t: float) -> Relaxing:
+        """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
+        return Relaxing(*self._parts(model, self._law(model, t)), form=form_of(model))
+
+    def _law(self, model: Model, t: float) -> Callable[[OgdenBranches, Value], Law | Viscous]:
+        time = model.get("time", "instantaneous")
+        if time == "relaxed":
+            return _elastic(self._relaxed(t))
+        laws: dict[str, Callable[[OgdenBranches, Value], Law | Viscous]] = {
+            "instantaneous": _elastic(_at_once),
+            "prony": _hereditary,
+            "flowing": _flowing,
+        }
+        return laws[time]
 
     def state(self, model: Model, body: Static, x: Array) -> State:
         """What is asked of a body that stands for the model."""
@@ -149,8 +167,10 @@ class Bench:
         if model.get("extent") == "near":
             supports |= {name: 0 for name in CUT if name in names}
         loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
+        density = mesh.MaterialCF(weights)
+        if model.get("inertia") == "all":
+            loads.append(Inertia(density))
         if scene.course.gravity:
-            density = mesh.MaterialCF(weights)
             loads.append(Weight(density * GRAVITY * ngs.CF(along(scene.course.gravity, plane))))
         return mesh, materials, supports, loads
 
@@ -242,7 +262,7 @@ def solve(bench: Bench, model: Model) -> Solution:
                 form_of(model),
                 bench.thickness_of(model),
             )
-        elif model.get("time") in REMEMBERS:
+        elif model.get("time") in REMEMBERS or model.get("inertia") == "all":
             answers, ndof = _through_time(bench, model)
         else:
             states = _at_rest(bench, model)
@@ -284,18 +304,35 @@ def linear_state(body: Static) -> Array:
 
 def _through_time(bench: Bench, model: Model) -> tuple[Array, int]:
     """Answers are found on the way, as the body does not keep its past."""
-    scene, course = bench.scene, bench.scene.course
+    scene = bench.scene
     size = SMALL if model["strain"] == "linear" else 1.0
-    body, answers = bench.relaxing(model), np.zeros(len(scene.ask))
-    times = list(np.linspace(0, course.ramp, RAMP + 1))
-    hold = course.elapsed - course.ramp
-    if hold > 1e-9 * course.ramp and any(ask.when == "end" for ask in scene.ask):
-        times += list(course.ramp + np.geomspace(min(course.ramp, hold / HOLD), hold, HOLD))
+    answers, ndof = np.zeros(len(scene.ask)), 0
+    moments = dict.fromkeys(bench.time(ask.when) for ask in scene.ask)
+    for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
+        body = bench.relaxing(model, last)
 
-    def seen(t: float) -> None:
-        for i, ask in enumerate(scene.ask):
-            if abs(t - bench.time(ask.when)) < 1e-9 * t:
-                answers[i] = answer(ask, bench.state(model, body, body.state))
+        def seen(t: float, body: Relaxing = body) -> None:
+            for i, ask in enumerate(scene.ask):
+                if abs(t - bench.time(ask.when)) < 1e-9 * t:
+                    answers[i] = answer(ask, bench.state(model, body, body.state))
 
-    body.run(times, size * np.minimum(np.array(times) / course.ramp, 1.0), seen)
-    return answers, body.fes.ndof
+        times = _times(bench, model, last)
+        body.run(times, size * np.minimum(times / scene.course.ramp, 1.0), seen)
+        ndof = body.fes.ndof
+    return answers, ndof
+
+
+def _times(bench: Bench, model: Model, last: float) -> Array:
+    """Steps up to a time (s), even ones while loads grow."""
+    ramp = bench.scene.course.ramp
+    hold, moving = last - ramp, model.get("inertia") == "all"
+    count = max(RAMP, math.ceil(CROSSING * ramp / bench.crossing)) if moving else RAMP
+    grow = np.linspace(0, ramp, count + 1)
+    if hold <= 1e-9 * ramp:
+        return grow
+    if not moving:
+        return np.concatenate([grow, ramp + np.geomspace(min(ramp, hold / HOLD), hold, HOLD)])
+    first = min(ramp / count, hold)
+    steps = math.ceil(math.log(1 + hold / first * (LONGER - 1)) / math.log(LONGER))
+    ends = np.cumsum(LONGER ** np.arange(steps))
+    return np.concatenate([grow, ramp + hold * ends / ends[-1]])

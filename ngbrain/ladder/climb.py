@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -18,12 +17,10 @@ from ngbrain.ladder.rungs import ELEMENTS, Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
-SLOW = 3.0
-"""Crossings of a shear wave in whose time loads may grow without a word on inertia."""
 NARROW = 0.8
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
-LEFT, FAR = 0.25, 4.0
-"""Part of a step to finer elements that the next ones change at least; tolerances from which on elements get finer in both ways."""
+LEFT = 0.25
+"""Part of a step to finer elements that the next ones change at least."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -135,9 +132,9 @@ def stand(scene: Loading, model: Model) -> Climb:
 
 
 def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
-    """Of its estimates, of the solvers, and of loads that are too fast."""
+    """Of its estimates, and of the solvers."""
     of_estimates = [f"{name}: {each.doubt}" for name, each in rung.estimates.items() if each.doubt]
-    return [*of_estimates, *keeper(rung.model).doubts, *_too_fast(keeper.bench)]
+    return [*of_estimates, *keeper(rung.model).doubts]
 
 
 def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
@@ -189,7 +186,8 @@ def _floored(rung: Rung, before: list[Rung], axes: Mapping[str, Axis]) -> Rung:
 def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
     """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
 
-    Elements that are too coarse by far are made smaller and of higher order at once: what comes between would be dear.
+    Where the next elements would leave more than the tolerance (`LEFT`), they are made smaller and of higher order at once: what
+    comes between would be dear, and not the last.
     """
 
     def gains(name: str) -> float:
@@ -197,7 +195,7 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 
     must = [name for name in above if gains(name) > 1 and name not in ELEMENTS]
     taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
-    both = taken in ELEMENTS and all(name in above and gains(name) > FAR for name in ELEMENTS)
+    both = taken in ELEMENTS and LEFT * gains(taken) > 1 and set(ELEMENTS) <= set(above)
     return (taken, *(name for name in ELEMENTS if name != taken)) if both else (taken,)
 
 
@@ -219,16 +217,6 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
                 if np.any(last > tolerances):
                     flags.append(f"{name}: the last step may leave {np.max(last):.0%}, and there is none above")
     return flags
-
-
-def _too_fast(bench: Bench) -> list[str]:
-    """Loads that grow about as fast as a shear wave crosses most of the body: only models of waves have inertia."""
-    course, most = bench.scene.course, bench.stuff(bench.largest, {})
-    modulus = bench.factor(bench.largest, {}) * most.branches.initial_modulus
-    across = bench.longest * math.sqrt(most.density / modulus)
-    if course.frequency is not None or course.ramp > SLOW * across:
-        return []
-    return [f"inertia: loads grow in {course.ramp:.2g} s, a shear wave crosses the body in {across:.2g} s"]
 
 
 def described(climb: Climb, scene: Loading) -> dict[str, Any]:

@@ -63,8 +63,8 @@ def relative(before: Array, after: Array) -> Array:
 
 def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By two Newton steps in the richer model with one factor, from the cheaper one's state (see the module)."""
-    where = " of the elastic body with moduli as relaxed" if _forgetful(model) else ""
-    model, richer = {**model, **_forgetful(model)}, {**richer, **_forgetful(richer)}
+    where = " of the elastic body at rest" if _at_rest(model) else ""
+    model, richer = {**model, **_at_rest(model)}, {**richer, **_at_rest(richer)}
     states, doubts = solved(model).states, []
     moved: dict[str, State] = {}
     for when, state in states.items():
@@ -102,30 +102,48 @@ def embedded(state: State, body: Static, factor: float) -> Array:
     return body.load(body.state, factor)
 
 
-def still(model: Model, **levels: str) -> dict[str, str]:
-    """The linear elastic body that stands for a model, with moduli as relaxed where it remembers; some of its levels replaced."""
+def plain(model: Model, **levels: str) -> dict[str, str]:
+    """The linear elastic body that stands for a model, relaxed where it remembers; some of its levels replaced."""
     flat = {"strain": "linear"} if "strain" in model else {}
     return {**model, **flat, **_forgetful(model), **levels}
 
 
 def _forgetful(model: Model) -> dict[str, str]:
+    """Levels to replace for a model without memory."""
     return {"time": "relaxed"} if model.get("time") in REMEMBERS else {}
+
+
+def _at_rest(model: Model) -> dict[str, str]:
+    """Levels to replace for one that has states: without memory, and without mass."""
+    return _forgetful(model) | ({"inertia": "none"} if _moves(model) else {})
+
+
+def _moves(model: Model) -> bool:
+    """Whether it is a body under loads, with mass."""
+    return model.get("inertia") == "all" and "strain" in model
 
 
 def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear body's step on the coarsest elements; doubted where finer ones change that body by more than the step does."""
-    before, after = (solved(still(each, mesh="0")).answers for each in (model, richer))
+    before, after = (solved(plain(each, mesh="0")).answers for each in (model, richer))
     change = relative(before, after)
     if model["mesh"] == "0":
         return Estimate(change, "the linear elastic body's" if "strain" in model else SOLVED)
-    finer = np.abs(relative(before, solved(still(model)).answers))
+    finer = np.abs(relative(before, solved(plain(model)).answers))
     doubt = "finer elements change as much" if np.any(finer > np.maximum(np.abs(change), UNSEEN)) else ""
     return Estimate(change, "on the coarsest elements", doubt)
 
 
+def moving(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By the linear elastic body's step, of second order on the coarsest elements: of first order all nodes may be held."""
+    order = max(model["order"], "2")
+    before, after = (solved(plain(each, mesh="0", order=order)).answers for each in (model, richer))
+    return Estimate(relative(before, after), "the linear elastic body's on the coarsest elements")
+
+
 def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the linear elastic body."""
-    change = relative(solved(still(model)).answers, solved(still(richer)).answers)
+    change = relative(solved(plain(model)).answers, solved(plain(richer)).answers)
     return Estimate(change, "the linear elastic body's")
 
 
@@ -138,10 +156,14 @@ def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
 def in_section(of: Estimator) -> Estimator:
     """Elements by what they do in the plane, where there is one; what is doubted there is solved for, as the plane is cheap.
 
-    Where there is none, and steps fold the body, by what they do to the linear one.
+    Where there is none, and steps fold the body, by what they do to the linear one; of bodies in motion by that one's.
     """
 
     def estimate(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+        if _moves(model):
+            flat = {"space": "plane"} if "space" in model else {}
+            pair = (solved(plain(each, **flat)).answers for each in (model, richer))
+            return Estimate(relative(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
         if "space" not in model:
             found = of(bench, model, richer, solved)
             return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
@@ -181,6 +203,7 @@ BY: Mapping[str, Estimator] = {
     "step": step,
     "roughly": roughly,
     "coarse": coarse,
+    "moving": moving,
     "order": in_section(step),
     "mesh": in_section(halved),
     "section": in_section(neighbour),

@@ -6,6 +6,7 @@ step would move the answers for `estimates`.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -69,6 +70,7 @@ AXES = {
             (1.0, 30.0, 3.0),
             at_once=(False, True, True),
         ),
+        Axis("inertia", ("none", "all"), ("inertia",), ("moving",), (10.0,)),
         Axis(
             "pressure",
             ("none", "unknown"),
@@ -85,6 +87,10 @@ AXES = {
 """Of bodies under loads."""
 ELEMENTS = ("order", "mesh")
 """Axes that are no physics."""
+SLOW = 3.0
+"""Crossings of a shear wave in whose time loads may grow without a word on inertia."""
+LONG, SOFT = 0.2, 300.0
+"""Longest side (m) of a body that is no block, and modulus (Pa) of tissue that has a map: neither is read here."""
 
 
 def _solved(axis: Axis) -> Axis:
@@ -96,7 +102,7 @@ OF_WAVES = {
     axis.name: axis
     for axis in (
         _solved(AXES["tissue"]),
-        Axis("inertia", ("none", "all"), ("inertia",), ("solve",), (1.0,)),
+        replace(_solved(AXES["inertia"]), growth=(1.0,)),
         Axis("loss", ("none", "all"), ("loss",), ("solve",), (1.5,)),
         _solved(AXES["pressure"]),
         AXES["space"],
@@ -120,6 +126,7 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(stuff.branches.eta for stuff in scene.stuff),
         "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
+        "inertia": not waves and scene.course.ramp > SLOW * _crossing(scene),
         "space": scene.piece.shape != "block" or _out_of_plane(scene),
         "extent": _uncuttable(scene),
     }
@@ -134,6 +141,12 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             shorter = {part: getattr(axis, part)[least : last - 1] for part in ("left_out", "by", "growth")}
             found[name] = replace(axis, levels=axis.levels[least:last], **shorter)
     return found
+
+
+def _crossing(scene: Loading) -> float:
+    """Time (s) of a shear wave along the longest side, through the first tissue, to which others are exceptions."""
+    longest, tissue = max(scene.piece.size) if scene.piece.shape == "block" else LONG, scene.stuff[0]
+    return longest * math.sqrt(tissue.density / (SOFT if tissue.map else tissue.branches.initial_modulus))
 
 
 def _tissues(scene: Loading) -> tuple[int, int]:

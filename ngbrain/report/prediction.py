@@ -95,7 +95,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     pairs = [("Operator", f"of {model['operator']}; {model['squares']} squares of the grid")]
     pairs += [("Made by", model["command"])] if model.get("command") else []
     pairs += [
-        (f"{float(share):.0%} of errors are within", ", ".join(f"{n:.2f} deviations of {name}" for name, n in held.items()))
+        (
+            f"{float(share):.0%} of errors are within",
+            ", ".join(f"{n:.2f} deviations of {name}" for name, n in held.items()),
+        )
         for share, held in result["trust"]["within"].items()
     ]
     return [*pairs, ("Solves", done)]

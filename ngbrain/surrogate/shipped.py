@@ -54,9 +54,9 @@ class Card:
         return np.asarray(self.told.get("temperature", np.ones(len(self.kind.answers))))
 
     def within(self, share: float) -> Array:
-        """(answers,): how many standard deviations hold that share of errors, from calibration; `InputError` before it or beyond it.
+        """(answers,): how many standard deviations hold that share of errors, by calibration; between its shares linear.
 
-        Between what the card tells, linear in the share.
+        Raises `InputError` before calibration, and for a share beyond those that it has seen.
         """
         told = self.told.get("within")
         if told is None:

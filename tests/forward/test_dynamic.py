@@ -9,7 +9,8 @@ from pressing import PRESS, Failing, run
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha, Pace
+from ngbrain.forward.dynamic import DynamicBody
+from ngbrain.forward.inertia import GeneralizedAlpha, Pace
 from ngbrain.forward.steps import ErrorControl, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.io import QuadraticGrid, load, save

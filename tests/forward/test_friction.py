@@ -8,8 +8,9 @@ from dragging import Drag, transient
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.dynamic import DynamicBody
 from ngbrain.forward.friction import Friction
+from ngbrain.forward.inertia import GeneralizedAlpha
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

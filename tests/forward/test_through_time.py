@@ -9,7 +9,8 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward import flow_forms, step_forms, tangents, through_time
 from ngbrain.forward.body import Body
-from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.dynamic import DynamicBody
+from ngbrain.forward.inertia import GeneralizedAlpha
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.replay import Replay, times_of
 from ngbrain.forward.step_forms import StepForms

@@ -73,9 +73,7 @@ def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     assert found.chosen == ("uniform" if uniform.value < both.value else "both")
     assert np.median(uniform.maps["storage"]) == pytest.approx(np.median(both.maps["storage"]), rel=0.05)
     assert any("uniform fields ended at" in note for note in found.notes)
-    assert {each.name for each in tmp_path.iterdir()} == {
-        f"part{stage}.npz" for stage in ("", "-uniform-0.7")
-    }
+    assert {each.name for each in tmp_path.iterdir()} == {f"part{stage}.npz" for stage in ("", "-uniform-0.7")}
 
 
 def test_loads_start_each_by_what_is_measured_of_it():

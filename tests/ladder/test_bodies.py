@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from ngbrain.errors import InputError
-from ngbrain.ladder.bodies import Bench, relaxed, solve
+from ngbrain.ladder.bodies import Bench, _times, relaxed, solve
 from ngbrain.ladder.pieces import Meshes
 from ngbrain.ladder.quantities import Measured, percentile
 from ngbrain.ladder.rungs import axes_of, cheapest
@@ -120,6 +120,34 @@ def test_a_shear_wave_has_its_amplitude() -> None:
     found = solve(Bench(wave), model(wave, order="3", mesh="1", inertia="all", loss="all")).answers[0]
     k = 2 * np.pi * 40 * np.sqrt(1040 / (3e3 * (1 + 0.3j)))
     assert found == pytest.approx(1e-4 / abs(np.cos(k * 0.06)), rel=2e-3)
+
+
+@pytest.mark.parametrize("level", ["instantaneous", "flowing"])
+def test_a_column_that_is_moved_at_once_pulls_by_its_impedance(level: str) -> None:
+    """√(ρμ) times area and speed, as long as nothing has come back; its free end makes it nothing at rest."""
+    piece = Piece(size=(0.02, 0.02, 0.06), cell=0.02)
+    supports = (Given(boundary="bottom", by=(1e-4, 0, 0)), Given(boundary="left|right|front|back|top", along="yz"))
+    tissue = Stuff(mu=(600.0, 400.0), eta=(4e4,))  # which takes 100 s to relax
+    asks = tuple(Ask(boundary="bottom", direction=(1, 0, 0), when=when) for when in ("ramp", "end"))
+    course = Course(ramp=0.08, elapsed=0.16)
+    scene = Loading(piece=piece, stuff=(tissue,), given=supports, course=course, ask=asks)
+    moving = model(scene, order="2", mesh="1", space="solid", inertia="all", time=level)
+    pull, push = solve(Bench(scene), moving).answers
+    impedance = np.sqrt(1040 * 1e3) * 4e-4
+    assert pull == pytest.approx(impedance * 1e-4 / course.ramp, rel=0.03)
+    assert push == pytest.approx(-2 * impedance * 1e-4 / course.ramp, rel=0.15)  # it is held, and the wave is back
+    still = solve(Bench(scene), {**moving, "inertia": "none", "time": "instantaneous"}).answers
+    assert np.abs(still).max() < 1e-6 * pull
+
+
+def test_with_mass_steps_are_as_short_as_waves_need_and_then_grow() -> None:
+    scene = pressed(course=Course(ramp=0.02, elapsed=2.0))
+    bench = Bench(scene)
+    times, plain = _times(bench, model(scene, inertia="all"), 2.0), _times(bench, model(scene), 2.0)
+    steps = np.diff(times)
+    assert times[0] == 0 and times[-1] == pytest.approx(2.0) and 0.02 in times and len(plain) < len(times) < 60
+    assert steps[0] <= bench.crossing / 12 + 1e-12 and np.all(steps[1:] <= 1.2 * steps[:-1])
+    assert bench.crossing == pytest.approx(0.04 * np.sqrt(1040 / MU))
 
 
 def test_moduli_of_waves() -> None:

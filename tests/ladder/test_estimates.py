@@ -147,3 +147,14 @@ def test_what_has_no_answer_is_no_number() -> None:
 
     found = neighbour(keeper.bench, model, {**model, "strain": "finite"}, solved)
     assert np.isinf(found.change).all() and "no step" in found.doubt
+
+
+@pytest.mark.parametrize("axis", ["inertia", "order", "mesh", "space"])
+def test_a_step_of_a_linear_body_in_motion_is_foretold_in_motion(axis: str) -> None:
+    given = (Given(boundary="bottom"), Given(boundary="top", by=(1e-4, 0, 0)))
+    course, ask = Course(ramp=0.01, elapsed=0.01), (Ask(boundary="top", direction=(1, 0, 0)),)
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=given, course=course, ask=ask)
+    model = {"order": "2", "inertia": "none" if axis == "inertia" else "all"}
+    estimated, true = both(scene, model if axis != "order" else {**model, "order": "1", "mesh": "1"}, axis)
+    assert abs(true) > 0.03
+    assert estimated == pytest.approx(true, rel=1e-3)

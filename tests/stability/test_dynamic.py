@@ -5,7 +5,8 @@ import numpy as np
 from free import even, stored, swing
 
 from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.dynamic import DynamicBody
+from ngbrain.forward.inertia import GeneralizedAlpha
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

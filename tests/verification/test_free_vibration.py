@@ -9,7 +9,8 @@ import pytest
 from free import LENGTH, bar, even, stored, swing, turned, twist
 
 from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody, GeneralizedAlpha
+from ngbrain.forward.dynamic import DynamicBody
+from ngbrain.forward.inertia import GeneralizedAlpha
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, fourier
 
 MU, RHO, RATE = 1000.0, 1000.0, 1e-2
