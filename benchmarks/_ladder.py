@@ -36,14 +36,14 @@ def named() -> dict[str, Case]:
     cortex, white = Stuff(constants=CORTEX), Stuff(constants=WHITE)
     on_plate = Ask(boundary="plate")
 
-    def pressed(mm: float, ramp: float, elapsed: float, piece: Piece = plate, stuff: Stuff = cortex) -> Loading:
-        given = (FOOT, Given(boundary="plate", by=(0, 0, -mm / 1000)))
+    def pressed(mm: float, ramp: float, elapsed: float, hold: str = "tied") -> Loading:
+        given = (FOOT, Given(boundary="plate", by=(0, 0, -mm / 1000), hold=hold))
         return Loading(
-            piece=piece, stuff=(stuff,), given=given, course=Course(ramp=ramp, elapsed=elapsed), ask=(on_plate,)
+            piece=plate, stuff=(cortex,), given=given, course=Course(ramp=ramp, elapsed=elapsed), ask=(on_plate,)
         )
 
-    def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot) -> Loading:
-        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0)))
+    def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot, hold: str = "tied") -> Loading:
+        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0), hold=hold))
         asks = (
             Ask(boundary="wall_plus", direction=(1, 0, 0)),
             Ask(quantity="strain", point=(0, 0, 0.03), within=0.02, percentile=90),
@@ -109,6 +109,8 @@ def named() -> dict[str, Case]:
         "fibres pulled 10 %": Case(stretched(6, fibred), RICHER),
         "palpation 0.2 mm, 1 s": Case(pressed(0.2, 1, 1), RICH),
         "plate 2 mm, 1 s": Case(pressed(2, 1, 1), RICH),
+        "plate 2 mm, 1 s, sliding": Case(pressed(2, 1, 1, "touching"), RICH),
+        "retraction 3 mm, 10 s, sliding": Case(spread(3, 10, 10, hold="touching"), RICH),
         "plate 6 mm, an hour": Case(pressed(6, 10, 3600), RICH),
         "plate of 400 Pa, 10 min": Case(pulled, RICH),
         "retraction 2 mm, 10 s": Case(spread(2, 10, 10), RICH),

@@ -5,6 +5,7 @@ All loads but springs grow with the load factor t from 0 to 1.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -18,6 +19,8 @@ from ngbrain.materials.base import Value
 Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
 
+TOUCHING = 1e-12
+"""Distance (m) up to which a face touches: at rest its stiffness counts."""
 BONUS = 2
 """Orders of quadrature on a boundary beyond twice the displacements' order: follower loads are products of many factors."""
 
@@ -87,6 +90,27 @@ class Weight:
 
 
 @dataclass(frozen=True)
+class RigidFace:
+    """A rigid face that a boundary lies against at rest, and that pushes it by `by` (m): ∫ k/2 ⟨t|by| - u·n⟩² dA, n along `by`.
+
+    ⟨x⟩ is x where it is positive, else 0: the boundary slides along the face without friction, and parts from it where it would
+    have to be pulled. The face is as deep in the body as its pressure over k (Pa/m).
+    """
+
+    boundary: str
+    by: tuple[float, ...]
+    stiffness: float
+
+    def energy(self, at: Place) -> Terms:
+        """What overlaps (J)."""
+        far = math.hypot(*self.by)
+        way = ngs.CF(tuple(component / far for component in self.by))
+        deep = at.factor * far - ngs.InnerProduct(way, at.u)
+        stored = ngs.IfPos(deep + TOUCHING, self.stiffness / 2 * deep**2, 0.0)
+        return at.kinematics.weight() * stored * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
 class Spring:
     """Springs (Pa/m) that hold a boundary where it was; ∫ k/2 u·u dA."""
 
@@ -152,7 +176,7 @@ class Own(Protocol):
         """Its part of the energy (J)."""
 
 
-Load: TypeAlias = Traction | Weight | Spring | Pressure | CavityPressure | CavityVolume | Own
+Load: TypeAlias = Traction | Weight | RigidFace | Spring | Pressure | CavityPressure | CavityVolume | Own
 
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.inertia import Inertia
-from ngbrain.forward.loads import Load, Traction, Weight
+from ngbrain.forward.loads import Load, RigidFace, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.relaxing import Relaxing
 from ngbrain.forward.static import Static
@@ -29,7 +29,7 @@ from ngbrain.ladder.rungs import Model
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import Branch, HolzapfelGasserOgden, Maxwell, NeoHooke, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Law, Value
-from ngbrain.scene.loading import GRAVITY, Loading, Stuff
+from ngbrain.scene.loading import GRAVITY, Given, Loading, Stuff
 
 Array = np.ndarray
 SMALL = 1e-4
@@ -42,6 +42,10 @@ CROSSING, LONGER = 12, 1.15
 """Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
 REMEMBERS = ("prony", "flowing")
 """Levels of time that have a memory."""
+
+
+FIRM = 3e3
+"""Stiffness of a rigid face, in moduli over its size: its pressure is about twice the way it pushes, likewise."""
 
 
 class Bench:
@@ -96,6 +100,18 @@ class Bench:
             return over(self._maps[stuff.map], self.mesh(model)) / stuff.branches.initial_modulus
         mesh = self._meshes["whole"].at(0, plane=False)
         return median(over(self._maps[stuff.map], mesh), region) / stuff.branches.initial_modulus
+
+    def _face(self, mesh: ngs.Mesh, given: Given) -> RigidFace:
+        """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
+        by = along(given.by, mesh.dim == 2)
+        area, outward = (
+            ngs.Integrate(value * ngs.ds(given.boundary), mesh)
+            for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
+        )
+        if outward > -0.1 * area * math.hypot(*by):
+            raise InputError("given.by_mm", [1e3 * each for each in given.by], "into the body, of what touches it")
+        modulus = self.factor(self.largest, {}) * self.stuff(self.largest, {}).branches.initial_modulus
+        return RigidFace(given.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
 
     @cached_property
     def crossing(self) -> float:
@@ -157,16 +173,19 @@ class Bench:
                 made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, stuff.fibre)
             materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.density
         supports: dict[str, Support] = {}
+        loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
         for given in scene.given:
             if not any(re.fullmatch(given.boundary, name) for name in names):
                 if plane:  # the faces in front and behind
                     continue
                 raise InputError("given.boundary", repr(given.boundary), f"one of {', '.join(sorted(names))}")
+            if given.hold == "touching" and model.get("contact") == "all":
+                loads.append(self._face(mesh, given))
+                continue
             parts = [value if axis in given.along else None for axis, value in zip("xyz", given.by, strict=True)]
             supports[given.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
         if model.get("extent") == "near":
             supports |= {name: 0 for name in CUT if name in names}
-        loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
         density = mesh.MaterialCF(weights)
         if model.get("inertia") == "all":
             loads.append(Inertia(density))

@@ -141,6 +141,13 @@ def moving(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     return Estimate(relative(before, after), "the linear elastic body's on the coarsest elements")
 
 
+def touching(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By the elastic body at rest on the coarsest elements: what parts is not seen to first order."""
+    before, after = ({**each, **_at_rest(each), "mesh": "0"} for each in (model, richer))
+    found = neighbour(bench, before, after, solved)
+    return found if before == model else replace(found, how="the elastic body's at rest, on the coarsest elements")
+
+
 def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the linear elastic body."""
     change = relative(solved(plain(model)).answers, solved(plain(richer)).answers)
@@ -204,6 +211,7 @@ BY: Mapping[str, Estimator] = {
     "roughly": roughly,
     "coarse": coarse,
     "moving": moving,
+    "touching": touching,
     "order": in_section(step),
     "mesh": in_section(halved),
     "section": in_section(neighbour),

@@ -119,11 +119,20 @@ class Given(Section):
     """A displacement (m) that a boundary is moved by, all of it or some components; 0 holds it. Components left out are free.
 
     along   components that are given, out of "xyz"
+    hold    tied: the boundary sticks to what moves it; touching: a rigid face pushes it, along which it may slide and from which it
+            may part, without friction
     """
 
     boundary: str = pattern("boundary")
     by: tuple[float, float, float] = number("by_mm", (0.0, 0.0, 0.0), signed=True, size=3)
     along: str = choice("along", "xyz", ["x", "y", "z", "xy", "xz", "yz", "xyz"])
+    hold: str = choice("hold", "tied", ["tied", "touching"])
+
+    def _check(self, path: str, scene: Loading) -> None:
+        pushed = any(self.by) and self.along == "xyz" and scene.course.frequency is None
+        self._need(
+            self.hold == "tied" or pushed, path, "hold", "'tied' of a wave, and where by_mm is 0 or not all given"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

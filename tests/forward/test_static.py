@@ -10,7 +10,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain import adjoint
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction, Weight
+from ngbrain.forward.loads import CavityPressure, CavityVolume, RigidFace, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
@@ -60,6 +60,7 @@ RESPONSES = {
     "discontinuous": {"form": "P4/L2(2)"},
     "displacements": {"form": "P2"},
     "axisymmetric": {"kinematics": Axisymmetric(), "form": "P2/P1"},
+    "rigid face": {"form": "P3/P2", "loads": [RigidFace("top", (0.004, -0.02), 1e6)]},
     "volume control": {
         "form": "P2/P1",
         "supports": {"left": (0, None), "bottom": (None, 0)},
@@ -99,6 +100,23 @@ def test_a_cavity_has_to_be_closed():
     tube = MakeStructured2DMesh(quads=True, nx=2, ny=2, mapping=lambda x, y: (1 + x, y))
     with pytest.raises(InputError, match=r"cavity is 'left', open at .* from the next; wanted: one closed"):
         Static(tube, SOFT, {"bottom": (None, 0)}, [CavityPressure("left", 1.0)], kinematics=Axisymmetric())
+
+
+@pytest.mark.parametrize(("foot", "pushed"), [(5e-3, True), (-2e-2, False)])
+def test_a_rigid_face_pushes_and_does_not_pull(foot, pushed):
+    """Confined: K + 4μ/3 times the strain; a body that is moved away from it farther than it follows is free."""
+    walls = {"left|right": (0, None), "bottom": (None, foot)}
+    body = Static(
+        square(), {".*": Material(NeoHooke(1e3), 1e4)}, walls, [RigidFace("top", (0, -1e-2), 1e9)], form="P2/P1"
+    )
+    body.solve()
+    down = ngs.Integrate(body.u[1] * ngs.ds("top"), body.mesh) / 0.1
+    if pushed:
+        assert (
+            down == pytest.approx(-1e-2, abs=1e-5) and body.force("top")[1] < -100 and abs(body.force("top")[0]) < 1e-6
+        )
+    else:
+        assert down == pytest.approx(foot, rel=1e-6) and np.abs(body.force("top")).max() < 1e-6
 
 
 def test_springs_exert_their_force():

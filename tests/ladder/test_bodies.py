@@ -122,6 +122,20 @@ def test_a_shear_wave_has_its_amplitude() -> None:
     assert found == pytest.approx(1e-4 / abs(np.cos(k * 0.06)), rel=2e-3)
 
 
+def test_what_touches_lets_a_bar_widen() -> None:
+    face = Given(boundary="top", by=(0, 0, -DOWN), hold="touching")
+    scene = pressed(ASKS[0], given=(*FREE, face))
+    free = -2 * MU * (1 + NU) * DOWN / 0.04 * 0.02 * 0.03
+    touched, tied = (
+        solve(Bench(scene), model(scene, space="solid", order="2", contact=level)).answers[0]
+        for level in ("all", "none")
+    )
+    assert touched == pytest.approx(free, rel=3e-3) and tied < 1.03 * free
+    with pytest.raises(InputError, match="into the body"):
+        up = replace(scene, given=(*FREE, replace(face, by=(0, 0, DOWN))))
+        solve(Bench(up), model(up, contact="all"))
+
+
 @pytest.mark.parametrize("level", ["instantaneous", "flowing"])
 def test_a_column_that_is_moved_at_once_pulls_by_its_impedance(level: str) -> None:
     """√(ρμ) times area and speed, as long as nothing has come back; its free end makes it nothing at rest."""

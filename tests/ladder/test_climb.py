@@ -81,6 +81,15 @@ def test_axes_are_those_that_mean_something() -> None:
             axes_of(plain, bound)
 
 
+def test_contact_counts_where_tissue_would_slide() -> None:
+    scene = squeezed(0.1, Stuff(mu=(1e3,), poisson=0.3))
+    touching = replace(scene, given=(scene.given[0], replace(scene.given[1], hold="touching")))
+    assert "contact" not in axes_of(scene)
+    found = climb(touching, {**BOUNDS, "space": "plane"})
+    assert found.chosen.model["contact"] == "all"
+    assert abs(next(rung for rung in found.rungs if "contact" in rung.taken).estimates["contact"].change[0]) > 0.03
+
+
 def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
     given = (Given(boundary="bottom"), Given(boundary="top", by=(1e-5, 0, 0)))
     slow = replace(squeezed(0, Stuff(mu=(1e3,))), given=given, ask=(Ask(boundary="top", direction=(1, 0, 0)),))
