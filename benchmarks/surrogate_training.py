@@ -134,15 +134,13 @@ def chart(records: list[Record], png: str) -> None:
     for line_of, name in zip(grid, modalities, strict=True):
         done = {Run(*(r[key] for key in Run._fields)): r for r in records if r["modality"] == name}
         for axes, (title, runs) in zip(line_of, panels.items(), strict=True):
-            for run, colour in zip(runs, COLOURS, strict=False):
-                r = done.get(run)
-                if r is None:
-                    continue
-                maps, errors = zip(*((each["maps"] / 1000, 100 * gaussian(each)) for each in r["curve"]), strict=True)
-                axes.plot(maps, errors, ".-", color=colour, label=f"{label(title, r)}: {100 * r['error']:.1f} %")
-            if not axes.lines:
+            shown = [(done[run], colour) for run, colour in zip(runs, COLOURS, strict=False) if run in done]
+            if len(shown) < 2:
                 axes.set_axis_off()
                 continue
+            for r, colour in shown:
+                maps, errors = zip(*((each["maps"] / 1000, 100 * gaussian(each)) for each in r["curve"]), strict=True)
+                axes.plot(maps, errors, ".-", color=colour, label=f"{label(title, r)}: {100 * r['error']:.1f} %")
             axes.set(xlabel="thousand maps seen", yscale="log", title=f"{name}: {title}")
             axes.set_ylabel("error, Gaussian spots, %")
             axes.grid(True, which="both", alpha=0.25)
