@@ -104,11 +104,16 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
         "families": TRAINING,
         "sha256": {"train": training.sha256, "validation": validation.sha256},
         "torch": torch.__version__,
-        "curve": checkpoint["curve"],
+        "curve": [{key: _short(value) for key, value in epoch.items()} for epoch in checkpoint["curve"]],
     }
     export(model, folder, name, card)
     card |= calibrate(Operator.of(folder, name), training, validation, settings.seed)
     write_json(folder / f"{name}.json", card)
+
+
+def _short(value: float) -> float:
+    """Four digits of it; whole numbers stay."""
+    return value if isinstance(value, int) else float(f"{value:.4g}")
 
 
 def _trainings(made_by: dict[str, Any]) -> Iterator[dict[str, Any]]:
