@@ -62,7 +62,9 @@ print(
 )
 # Most errors are small and some are large, so that half of them are closer than a normal distribution has it (0.67 deviations).
 half = found.within(0.5)["youngs"]
-print(f"half of all errors should be within {half:.2f} deviations; of these points {np.mean(off < half * deviation):.0%} are")
+print(
+    f"half of all errors should be within {half:.2f} deviations; of these points {np.mean(off < half * deviation):.0%} are"
+)
 
 # %% [markdown]
 # Errors of ultrasound are not independent from point to point: they have the grain of its speckle, here 0.8 mm across the beam and

@@ -68,9 +68,9 @@ show(press)
 
 # %% [markdown]
 # ## As fast as a wave
-# A column of 1 kPa, 60 mm high, whose sides slip aside but not up: a shear wave takes 61 ms through it. Its top goes aside by 1 mm in
-# 30 ms. At rest that would take μAd/L, 6.7 mN; but the foot has not heard of it yet, and the top meets the column's impedance, A √(ρμ)
-# d/t = 13.6 mN. Nobody has to know beforehand: inertia is an axis wherever loads grow in less than three such times.
+# A column of 1 kPa, 60 mm high, whose sides slip aside but not up: a shear wave takes 61 ms through it. Its top goes aside by 1 mm
+# in 30 ms. At rest that would take μAd/L, 6.7 mN; but the foot has not heard of it yet, and the top meets the column's impedance,
+# A √(ρμ) d/t = 13.6 mN. Nobody has to know beforehand: inertia is an axis where loads grow in less than three such times.
 
 # %%
 TOP = Given(boundary="top", by=(1e-3, 0, 0))
@@ -86,8 +86,8 @@ show(blow)
 impedance = 0.02**2 * (1040 * 1e3) ** 0.5 * 1e-3 / 0.03
 
 # %% [markdown]
-# In the same way `hold="touching"` says that a boundary is pushed by a rigid face along which tissue may slide, and from which it may
-# part; whether that counts is for the ladder to find out.
+# In the same way `hold="touching"` says that a boundary is pushed by a rigid face along which tissue may slide, and from which it
+# may part; whether that counts is for the ladder to find out.
 
 # %% [markdown]
 # ## By hand

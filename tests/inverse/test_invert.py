@@ -294,7 +294,7 @@ def test_strain_imaging(n, bulk, noise, bound, contrast):
 def test_strain_imaging_with_both_components():
     data = pressed(tilted=True, n=17).with_noise(0.01, seed=0)
     found = invert(data, uniform=False, regulariser="smooth")
-    assert shape_error(found.maps["youngs"] / data.truth["shear"].real) < 0.07
+    assert shape_error(found.maps["youngs"] / data.truth["shear"].real) < 0.09
     assert FLAT not in found.notes and any("common factor" in note for note in found.notes)
 
 

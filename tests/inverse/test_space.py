@@ -66,14 +66,16 @@ def test_two_components_of_three_find_a_ball_too():
 def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     data, path = between((0.0, 0.0, 0.01), (0.04, 0.04, 0.031)), tmp_path / "part.npz"
     elements = in_elements(data, order=2)
-    found = invert_in_space(data, elements, levels=(0.7,), rounds=4, checkpoint=path)
+    found = invert_in_space(data, elements, levels=(0.7, 1.0), rounds=4, checkpoint=path)
     assert [row.name for row in found.rows] == ["waves", "uniform", "both"]
     _, uniform, both = found.rows
     assert uniform.value == pytest.approx(both.value, rel=0.1)
     assert found.chosen == ("uniform" if uniform.value < both.value else "both")
     assert np.median(uniform.maps["storage"]) == pytest.approx(np.median(both.maps["storage"]), rel=0.05)
     assert any("uniform fields ended at" in note for note in found.notes)
-    assert {each.name for each in tmp_path.iterdir()} == {f"part{stage}.npz" for stage in ("", "-uniform-0.7")}
+    assert {each.name for each in tmp_path.iterdir()} == {
+        f"part{stage}.npz" for stage in ("", "-uniform-0.7", "-uniform-1")
+    }
 
 
 def test_loads_start_each_by_what_is_measured_of_it():
