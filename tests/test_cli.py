@@ -339,7 +339,7 @@ def test_a_curved_lattice_of_labels(tmp_path, capsys):
     assert result["quality"]["min_jacobian"] == pytest.approx(min_jacobian(mesh))
 
 
-@pytest.mark.parametrize("route", ["hull", "lattice"])
+@pytest.mark.parametrize("route", ["hull", pytest.param("lattice", marks=pytest.mark.slow)])
 def test_a_cut_at_a_landmark(route, tmp_path, capsys):
     labels = labels_file(tmp_path / "labels.nii.gz")
     middle = labels.volume.data.shape[0] // 2

@@ -50,6 +50,7 @@ def test_small_voxels_stay_as_they_are():
     assert lifted(scan, scan.volume.data != 0) is scan.volume
 
 
+@pytest.mark.slow
 def test_a_refused_segmentation_names_the_file(cache, monkeypatch):
     def refuse(*_):
         raise InputError("image", "a brain with ventricles of 0.0 ml", "at least 2 ml")

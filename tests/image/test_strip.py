@@ -99,7 +99,7 @@ def ellipsoid(shape):
             "noise",
             "largest bright part has 0.00 litres; wanted: at least 0.5, after a background of noise .* was taken out",
         ),
-        ("ball", UNLIKE),
+        pytest.param("ball", UNLIKE, marks=pytest.mark.slow),
         pytest.param("onion", UNLIKE, marks=pytest.mark.slow),
         ("other contrast", UNLIKE),
     ],

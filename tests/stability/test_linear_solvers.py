@@ -113,7 +113,7 @@ def test_naive_monomials_lose_every_digit(aspect):
     assert errors[0] < 1e-12 and errors[-1] > 1e-5 and conditions[-1] > 1e20
 
 
-@pytest.mark.parametrize("aspect", [10, 100])
+@pytest.mark.parametrize("aspect", [pytest.param(10, marks=pytest.mark.slow), 100])
 def test_ours_gains_with_every_order(aspect):
     found = [solved(flat(aspect), order, aspect) for order in range(1, 9)]
     print("hierarchical", aspect, [f"{error:.0e} ({residual:.0e})" for error, residual in found])

@@ -86,7 +86,7 @@ def check_torsion(name, order, levels, sizes, rates):
 
 
 @pytest.mark.parametrize("order", TORSION)
-@pytest.mark.parametrize("name", ["Neo-Hooke", "Mooney-Rivlin"])
+@pytest.mark.parametrize("name", ["Neo-Hooke", pytest.param("Mooney-Rivlin", marks=pytest.mark.slow)])
 def test_torsion(name, order):
     check_torsion(name, order, (0, 1), *TORSION[order])
 
