@@ -45,6 +45,8 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
         ("[piece]", "[piece]\nshape = 'head'", "only a block"),
         ("[piece]", "[piece]\nslot_mm = [4, 20]", "not both"),
         ("[piece]", "[piece]\nlesion_mm = 30", "piece.lesion_mm"),
+        ("by_mm = [0, 0, -0.2]", "hold = 'touching'", "hold"),
+        ("by_mm = [0, 0, -0.2]", "by_mm = [0, 0, -0.2]\nalong = 'z'\nhold = 'touching'", "hold"),
         ("elapsed_s = 1", "elapsed_s = 0.5", "course.elapsed_s"),
         ("ramp_s = 1", "ramp_s = 1\nfrequency_Hz = 50\ngravity = [0, 0, 1]", "course.gravity"),
         ('constants = "griffiths2024:cortex"', "poisson = 0.4", "mu_Pa"),
