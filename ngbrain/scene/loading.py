@@ -238,7 +238,7 @@ class Loading(Document):
         super().__post_init__()
         for name in ("piece", "course"):
             getattr(self, name)._check(name, self)
-        for name in ("stuff", "ask"):
+        for name in ("stuff", "given", "ask"):
             for i, part in enumerate(getattr(self, name), 1):
                 part._check(f"{name}#{i}", self)
         names = [ask.name for ask in self.ask]
