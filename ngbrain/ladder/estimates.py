@@ -124,14 +124,20 @@ def _moves(model: Model) -> bool:
 
 
 def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """By the linear body's step on the coarsest elements; doubted where finer ones change that body by more than the step does."""
+    """By the linear body's step on the coarsest elements; doubted where finer ones or finite strains change more than it does."""
     before, after = (solved(plain(each, mesh="0")).answers for each in (model, richer))
     change = relative(before, after)
+    least = np.maximum(np.abs(change), UNSEEN)
+    doubts = []
+    if model.get("strain") == "finite":
+        bent = np.abs(relative(solved(plain(model)).answers, solved({**model, **_at_rest(model)}).answers))
+        doubts += ["finite strains change more"] * bool(np.any(bent > least))
     if model["mesh"] == "0":
-        return Estimate(change, "the linear elastic body's" if "strain" in model else SOLVED)
+        how = "the linear elastic body's" if "strain" in model else SOLVED
+        return Estimate(change, how, "; ".join(doubts))
     finer = np.abs(relative(before, solved(plain(model)).answers))
-    doubt = "finer elements change as much" if np.any(finer > np.maximum(np.abs(change), UNSEEN)) else ""
-    return Estimate(change, "on the coarsest elements", doubt)
+    doubts += ["finer elements change as much"] * bool(np.any(finer > least))
+    return Estimate(change, "on the coarsest elements", "; ".join(doubts))
 
 
 def moving(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
