@@ -158,3 +158,12 @@ def test_a_step_of_a_linear_body_in_motion_is_foretold_in_motion(axis: str) -> N
     estimated, true = both(scene, model if axis != "order" else {**model, "order": "1", "mesh": "1"}, axis)
     assert abs(true) > 0.03
     assert estimated == pytest.approx(true, rel=1e-3)
+
+
+def test_a_section_is_doubted_where_finite_strains_change_more_than_leaving_it() -> None:
+    for far, doubted in ((5e-3, True), (1e-4, False)):
+        given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -far)))
+        scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.3),), given=given, ask=FORCE)
+        model = {**cheapest(axes_of(scene)), "strain": "finite", "order": "2"}
+        found = roughly(Bench(scene), model, {**model, "space": "solid"}, Keeper(Bench(scene)))
+        assert ("finite strains" in found.doubt) is doubted
