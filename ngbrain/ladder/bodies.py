@@ -129,15 +129,15 @@ class Bench:
         return Relaxing(*self._parts(model, self._law(model, t)), form=form_of(model))
 
     def _law(self, model: Model, t: float) -> Callable[[OgdenBranches, Value], Law | Viscous]:
-        time = model.get("time", "instantaneous")
-        if time == "relaxed":
+        level = model.get("time", "instantaneous")
+        if level == "relaxed":
             return _elastic(self._relaxed(t))
         laws: dict[str, Callable[[OgdenBranches, Value], Law | Viscous]] = {
             "instantaneous": _elastic(_at_once),
             "prony": _hereditary,
             "flowing": _flowing,
         }
-        return laws[time]
+        return laws[level]
 
     def state(self, model: Model, body: Static, x: Array) -> State:
         """What is asked of a body that stands for the model."""
