@@ -130,7 +130,8 @@ def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estima
     least = np.maximum(np.abs(change), UNSEEN)
     doubts = []
     if model.get("strain") == "finite":
-        bent = np.abs(relative(solved(plain(model)).answers, solved({**model, **_at_rest(model)}).answers))
+        still = _at_rest(model)
+        bent = np.abs(neighbour(bench, {**plain(model), **still}, {**model, **still}, solved).change)
         doubts += ["finite strains change more"] * bool(np.any(bent > least))
     if model["mesh"] == "0":
         how = "the linear elastic body's" if "strain" in model else SOLVED
