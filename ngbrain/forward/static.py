@@ -124,19 +124,22 @@ class Static:
         newton: Newton | None = None,
         tell: Callable[[float], None] | None = None,
         threads: int | None = None,
+        start: np.ndarray | None = None,
     ) -> PathRecord:
         """Equilibrium at t = 1 from rest, in `steps` load steps, and more where one fails.
 
         newton    settings; `Static.newton` gives those that the form needs, with others of yours
         tell      called with the load factor after every step
         threads   for this solve; None leaves NGSolve's as they are
+        start     a state (ndof,) near the one at t = 1, such as a coarser body's: the way from rest is gone if it is not near
 
         Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
         holds the last equilibrium reached.
         """
         newton = newton or self.newton()
         with using(threads):
-            x, record = self._follow(newton, steps, tell)
+            near = None if start is None else continuation.resumed(self, newton, start, steps, tell)
+            x, record = near or self._follow(newton, steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and self.ratio > COMPRESSIBLE:
                 x, record = self._guarded(newton, steps, tell, record)
         self.state = x

@@ -22,10 +22,11 @@ from ngbrain.forward.relaxing import Relaxing
 from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Support
 from ngbrain.image.volume import Volume
+from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
-from ngbrain.ladder.quantities import State, along, answer
-from ngbrain.ladder.rungs import Model
+from ngbrain.ladder.quantities import State, along, answer, embedded
+from ngbrain.ladder.rungs import PART, Model
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import Branch, HolzapfelGasserOgden, Maxwell, NeoHooke, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Law, Value
@@ -54,11 +55,27 @@ class Bench:
     def __init__(self, scene: Loading) -> None:
         self.scene, part = scene, near(scene.piece)
         self._meshes = {"whole": Meshes(scene.piece)} | ({"near": Meshes(part)} if part else {})
+        self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh."""
-        return self._meshes[model.get("extent", "whole")].at(int(model["mesh"]), model.get("space") == "plane")
+        extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
+        level = int(model["mesh"].removesuffix(PART))
+        if not model["mesh"].endswith(PART):
+            return self._meshes[extent].at(level, plane)
+        key = extent, plane, level
+        if key not in self._cut:
+            self._cut[key] = self._meshes[extent].cut(level, plane, chosen(self.left_out(*key), SHARE[3 - plane]))
+        return self._cut[key]
+
+    def left_out(self, extent: str, plane: bool, level: int) -> Array:
+        """By each element of a level's mesh (ne,), in the linear elastic body; see `local`."""
+        time = "relaxed" if any(stuff.branches.eta for stuff in self.scene.stuff) else "instantaneous"
+        place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
+        model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
+        body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
+        return shares(self.state(model, body, linear_state(body)), rich, self.scene.ask)
 
     @property
     def nested(self) -> bool:
@@ -267,8 +284,8 @@ class Solution:
     doubts: tuple[str, ...] = ()
 
 
-def solve(bench: Bench, model: Model) -> Solution:
-    """The model's answers. Raises `SolverError` where it has none."""
+def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+    """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
     begun, states = time.process_time(), dict[str, State]()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -284,7 +301,7 @@ def solve(bench: Bench, model: Model) -> Solution:
         elif model.get("time") in REMEMBERS or model.get("inertia") == "all":
             answers, ndof = _through_time(bench, model)
         else:
-            states = _at_rest(bench, model)
+            states = _at_rest(bench, model, near or {})
             answers = answers_of(bench.scene, states)
             ndof = next(iter(states.values())).body.fes.ndof
     doubts = tuple(dict.fromkeys(str(warning.message) for warning in caught))
@@ -296,7 +313,7 @@ def answers_of(scene: Loading, states: Mapping[str, State]) -> Array:
     return np.array([answer(ask, states[ask.when]) for ask in scene.ask])
 
 
-def _at_rest(bench: Bench, model: Model) -> dict[str, State]:
+def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
     found: dict[str, State] = {}
     alike = model.get("time", "instantaneous") == "instantaneous"
     for when in dict.fromkeys(ask.when for ask in bench.scene.ask):
@@ -307,7 +324,8 @@ def _at_rest(bench: Bench, model: Model) -> dict[str, State]:
         if model["strain"] == "linear":
             x = linear_state(body)
         else:
-            body.solve()
+            close = near.get(when) or next(iter(found.values()), None)
+            body.solve(start=None if close is None else embedded(close, body, 1.0))
             x = body.state
         found[when] = bench.state(model, body, x)
     return found

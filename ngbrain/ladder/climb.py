@@ -13,14 +13,17 @@ import numpy as np
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution, solve
 from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
-from ngbrain.ladder.rungs import ELEMENTS, Axis, axes_of, cheapest
+from ngbrain.ladder.quantities import State
+from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
 NARROW = 0.8
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 LEFT = 0.25
-"""Part of a step to finer elements that the next ones change at least."""
+"""Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
+PLACE = ("space", "extent")
+"""Axes whose levels have other meshes' places."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -64,7 +67,7 @@ class Climb:
 
 
 class Keeper:
-    """Solves each model once, and counts the time."""
+    """Solves each model once, from where the model that has most in common with it came to rest."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench, self.kept = bench, dict[tuple[tuple[str, str], ...], Solution]()
@@ -73,8 +76,18 @@ class Keeper:
         """The model's solution."""
         key = tuple(sorted(model.items()))
         if key not in self.kept:
-            self.kept[key] = solve(self.bench, model)
+            self.kept[key] = solve(self.bench, model, self._near(model))
         return self.kept[key]
+
+    def _near(self, model: Model) -> Mapping[str, State] | None:
+        """States of finite strain in the same place; None where no such model was solved, or strains are small."""
+        if model.get("strain") != "finite":
+            return None
+        same = {axis: model[axis] for axis in ("strain", *PLACE) if axis in model}
+        others = [
+            (dict(key), found.states) for key, found in self.kept.items() if found.states and same.items() <= set(key)
+        ]
+        return max(others, key=lambda other: len(other[0].items() & model.items()), default=(None, None))[1]
 
 
 def climb(
@@ -100,7 +113,7 @@ def climb(
             break
         rung.taken = _next(open_axes, rung, tolerances)
         tell(rung)
-        richer = {**model, **{name: rung.estimates[name].to for name in rung.taken}}
+        richer = {**model, **{name: _towards(axes[name], rung, tolerances) for name in rung.taken}}
         try:
             keeper(richer)
             model = richer
@@ -197,6 +210,13 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
     taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
     both = taken in ELEMENTS and LEFT * gains(taken) > 1 and set(ELEMENTS) <= set(above)
     return (taken, *(name for name in ELEMENTS if name != taken)) if both else (taken,)
+
+
+def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
+    """The level to climb to: a part of the step that was judged, if it has one and what is left then is within the tolerance."""
+    whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
+    left = LEFT ** len(rung.taken) * np.abs(rung.estimates[axis.name].change)
+    return part if part and part.endswith(PART) and np.all(left <= tolerances) else whole
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:

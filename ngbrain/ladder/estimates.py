@@ -14,13 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.static import Static
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
-from ngbrain.ladder.quantities import State
+from ngbrain.ladder.quantities import State, embedded
 
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
@@ -88,18 +86,6 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
         moved[when] = bench.state(richer, body, best)
     change = relative(solved(model).answers, answers_of(bench.scene, moved))
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
-
-
-def embedded(state: State, body: Static, factor: float) -> Array:
-    """A state's displacements, and the pressures that go with them, as unknowns of another body on the same mesh."""
-    state.stand()
-    u = state.displacement() * factor
-    body.u.Set(u)
-    if body.p is not None:
-        J = ngs.Det(body.kinematics.gradient(body.u, ngs.Grad(body.u)))
-        bulk = body.mesh.MaterialCF({name: material.bulk for name, material in body.materials.items()})
-        body.p.Set(bulk * (J - 1))
-    return body.load(body.state, factor)
 
 
 def plain(model: Model, **levels: str) -> dict[str, str]:

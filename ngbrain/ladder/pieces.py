@@ -8,6 +8,7 @@ from dataclasses import replace
 import netgen.meshing as meshing
 import netgen.occ as occ
 import ngsolve as ngs
+import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.shapes import Sizes, idealised_head
@@ -64,6 +65,19 @@ class Meshes:
         if (level, plane) not in self._made:
             self._made[level, plane] = self._head(level) if self.piece.shape == "head" else self._halved(level, plane)
         return self._made[level, plane]
+
+    def cut(self, level: int, plane: bool, marked: np.ndarray) -> ngs.Mesh:
+        """A level's mesh with these elements half as large, and what that takes around them."""
+        mesh = ngs.Mesh(self.at(level, plane).ngmesh.Copy())
+        for element in mesh.Elements(ngs.VOL):
+            mesh.SetRefinementFlag(element, bool(marked[element.nr]))
+        if not plane:
+            for element in mesh.Elements(ngs.BND):
+                mesh.SetRefinementFlag(element, False)
+        mesh.Refine()
+        if self.piece.lesion:
+            mesh.Curve(2)
+        return mesh
 
     def _head(self, level: int) -> ngs.Mesh:
         return idealised_head(sizes=Sizes(far=self.piece.cell / 2**level, grading=FAR))

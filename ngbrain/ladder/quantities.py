@@ -8,10 +8,13 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.points import evaluation
 from ngbrain.forward.static import Static
 from ngbrain.scene.loading import Ask
 
 Array = np.ndarray
+BAND = 0.1
+"""Of the volume, to both sides of a percentile."""
 PLANE = (0, 2)
 """Axes of the body that a section has."""
 
@@ -48,12 +51,74 @@ class State:
         return self.body.u / self.factor
 
 
+def embedded(state: State, body: Static, factor: float) -> Array:
+    """A state's displacements, and the pressures that go with them, as unknowns of another body on the same mesh."""
+    state.stand()
+    u = state.displacement() * factor
+    body.u.Set(u)
+    if body.p is not None and state.body.p is not None:
+        body.p.Set(state.body.p * (factor / state.factor))
+    elif body.p is not None:
+        J = ngs.Det(body.kinematics.gradient(body.u, ngs.Grad(body.u)))
+        bulk = body.mesh.MaterialCF({name: material.bulk for name, material in body.materials.items()})
+        body.p.Set(bulk * (J - 1))
+    return body.load(body.state, factor)
+
+
 def answer(ask: Ask, state: State) -> float:
     """The number that is asked for, in SI units."""
     state.stand()
     if ask.quantity == "force":
         return _force(ask, state)
     return _displacement(ask, state) if ask.quantity == "displacement" else _strain(ask, state)
+
+
+def slope(ask: Ask, state: State) -> Array:
+    """How the number changes with the free unknowns of a linear body at rest (ndof,).
+
+    Of a percentile: the mean over elements whose strains are within `BAND` of its place, along their largest strains.
+    """
+    by = {"force": _of_force, "displacement": _of_displacement, "strain": _of_strain}[ask.quantity]
+    state.stand()
+    return np.where(state.body.weights > 0, by(ask, state), 0.0) / state.factor
+
+
+def _of_force(ask: Ask, state: State) -> Array:
+    """The stiffness times a motion of the boundary, a difference quotient."""
+    body, field = state.body, ngs.GridFunction(state.body.u.space)
+    field.Set(ngs.CF(along(ask.unit, state.plane)), definedon=body.mesh.Boundaries(ask.boundary), dual=True)
+    h = float(np.abs(state.x[body.is_u]).max()) or 1.0
+    moved = state.x.copy()
+    moved[body.is_u] += h * field.vec.FV().NumPy()
+    return (body.residual(moved)[0] - body.residual(state.x)[0]) * state.thickness / h
+
+
+def _of_displacement(ask: Ask, state: State) -> Array:
+    body, found = state.body, np.zeros(state.body.fes.ndof)
+    point = np.array([along(ask.point or (0.0, 0.0, 0.0), state.plane)])
+    row = evaluation(ngs.H1(body.mesh, order=body.form.order), point).toarray()[0]
+    found[body.is_u] = np.concatenate([way * row for way in along(ask.unit, state.plane)])
+    return found
+
+
+def _of_strain(ask: Ask, state: State) -> Array:
+    body, dim = state.body, state.body.mesh.dim
+    sizes = ngs.Integrate(_within(body.mesh, ask), body.mesh, element_wise=True).NumPy()
+    strain, mean = ngs.Sym(ngs.Grad(body.u)), ngs.GridFunction(ngs.MatrixValued(ngs.L2(body.mesh, order=0), dim))
+    mean.Set(strain)
+    values, ways = np.linalg.eigh(mean.vec.FV().NumPy().reshape(dim, dim, -1).transpose(2, 0, 1))
+    order = np.argsort(values[:, -1])
+    place = np.empty(len(order))
+    place[order] = (np.cumsum(sizes[order]) - sizes[order] / 2) / sizes.sum()
+    there = sizes * (np.abs(place - ask.percentile / 100) < BAND)
+    volumes = ngs.Integrate(ngs.CF(1), body.mesh, element_wise=True).NumPy()
+    weight = ngs.GridFunction(mean.space)
+    weight.vec.FV().NumPy()[:] = np.einsum("k,ki,kj->ijk", there / there.sum() / volumes, *2 * [ways[:, :, -1]]).ravel()
+    test = body.fes.TestFunction()
+    form = ngs.LinearForm(body.fes)
+    form += ngs.InnerProduct(weight, ngs.Grad(test if body.p is None else test[0])) * ngs.dx
+    form.Assemble()
+    return np.asarray(form.vec.FV().NumPy().copy())
 
 
 def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
@@ -115,13 +180,18 @@ def within(mesh: ngs.Mesh, ask: Ask) -> tuple[Array, Array]:
     (shape,) = {element.type for element in mesh.Elements()}
     rule = ngs.IntegrationRule(shape, 2)
     points = mesh.MapToAllElements({shape: rule}, ngs.VOL)
-    inside = mesh.MaterialCF({ask.region: 1.0}, default=0.0)
-    if ask.within is not None:
-        centre = along(ask.point or (), mesh.dim == 2)
-        away = sum((x - c) ** 2 for x, c in zip((ngs.x, ngs.y, ngs.z), centre, strict=False))
-        inside = inside * ngs.IfPos(ask.within**2 - away, 1.0, 0.0)
-    volume = inside * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+    volume = _within(mesh, ask) * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
     weights = np.tile(np.array(rule.weights), mesh.ne) * np.abs(np.array(volume(points)).ravel())
     if not (weights > 0).any():
         raise InputError("ask.region", repr(ask.region), "a region and a distance that hold some of the body")
     return points[weights > 0], weights[weights > 0]
+
+
+def _within(mesh: ngs.Mesh, ask: Ask) -> ngs.CoefficientFunction:
+    """1 in the question's regions and within its distance, else 0."""
+    inside = mesh.MaterialCF({ask.region: 1.0}, default=0.0)
+    if ask.within is None:
+        return inside
+    centre = along(ask.point or (), mesh.dim == 2)
+    away = sum((x - c) ** 2 for x, c in zip((ngs.x, ngs.y, ngs.z), centre, strict=False))
+    return inside * ngs.IfPos(ask.within**2 - away, 1.0, 0.0)

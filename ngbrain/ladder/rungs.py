@@ -19,11 +19,15 @@ Model = Mapping[str, str]
 """Axis → level."""
 
 
+PART = "+"
+"""Ends the name of a level that is a part of the step to the next."""
+
+
 @dataclass(frozen=True)
 class Axis:
     """One way to model more.
 
-    levels   from cheap to rich
+    levels   from cheap to rich; one that ends with `PART` is a part of the step to the next
     left_out what the level below the next one leaves out, in words, one for each step
     by       how a step is estimated: see `estimates`
     at_once  whether the estimate is of the step to the richest level, as the next one may change little and the last one much
@@ -42,7 +46,8 @@ class Axis:
     def judged(self, level: str) -> str:
         """The level that the estimate at this one is of."""
         i = self.levels.index(level)
-        return self.levels[-1 if self.at_once and self.at_once[i] else i + 1]
+        whole = (each for each in self.levels[i + 1 :] if not each.endswith(PART))
+        return self.levels[-1] if self.at_once and self.at_once[i] else next(whole, self.levels[-1])
 
     def above(self, level: str) -> str | None:
         """The next richer level."""
@@ -82,7 +87,14 @@ AXES = {
         Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("roughly",), (2.0,)),
         Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("roughly",), (20.0,)),
         Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
-        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("mesh",) * 2, (10.0, 10.0), 1.6),
+        Axis(
+            "mesh",
+            ("0", "0+", "1", "1+", "2"),
+            ("elements half as large", "elements half as large where less is asked of them") * 2,
+            ("mesh",) * 4,
+            (4.0, 3.0, 4.0, 3.0),
+            1.6,
+        ),
     )
 }
 """Of bodies under loads."""
@@ -108,7 +120,7 @@ OF_WAVES = {
         _solved(AXES["pressure"]),
         AXES["space"],
         Axis("order", ("1", "2", "3", "4"), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
-        replace(AXES["mesh"], by=("section",) * 2),
+        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("section",) * 2, (10.0, 10.0), 1.6),
     )
 }
 """Of bodies that are shaken."""
@@ -139,10 +151,19 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             continue
         last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
         least, last = (first, min(last, most)) if name == "tissue" else (0, last)
-        if last - least > 1 or name in ("order", "mesh", "space"):
+        if last - least > 1 or name in ("order", "mesh", "space", "strain"):
             shorter = {part: getattr(axis, part)[least : last - 1] for part in ("left_out", "by", "growth")}
             found[name] = replace(axis, levels=axis.levels[least:last], **shorter)
+    if scene.piece.shape == "head":  # its curved elements cannot be cut one by one
+        found["mesh"] = _whole_steps(found["mesh"])
     return found
+
+
+def _whole_steps(axis: Axis) -> Axis:
+    """The axis without levels that are parts of steps."""
+    kept = [i for i, level in enumerate(axis.levels) if not level.endswith(PART)]
+    parts = {part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")}
+    return replace(axis, levels=tuple(axis.levels[i] for i in kept), **parts)
 
 
 def _crossing(scene: Loading) -> float:

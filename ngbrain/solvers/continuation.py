@@ -25,6 +25,12 @@ PROBE = 1e-4
 """Part of a step over which the residual's derivative by the load factor is taken."""
 
 
+NEAR = 4
+"""Factorisations that a state which is said to be near the equilibrium may take."""
+PARTS = (1.0, 0.9, 0.75)
+"""Of such a state and of the load: the first one without inverted points is begun at."""
+
+
 class Path(System, Protocol):
     """A system under a load that grows with a factor t from 0 to 1."""
 
@@ -33,16 +39,21 @@ class Path(System, Protocol):
 
 
 def follow(
-    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float], None] | None = None
+    path: Path,
+    newton: Newton,
+    x: Array,
+    steps: int = 1,
+    tell: Callable[[float], None] | None = None,
+    begin: float = 0.0,
 ) -> tuple[Array, PathRecord]:
-    """From equilibrium x at t = 0 to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
+    """From equilibrium x at t = `begin` to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
 
     The first guess goes along the tangent dx/dt = x̄' - K⁻¹ (dR/dt + K x̄'), x̄ what is prescribed; later ones along the
     secant. Guesses with det F ≤ min_det are cut before any work is done. Returns the last equilibrium reached.
     A load that changes nothing leaves x where it is: there residual and reactions are both round-off, and no end to be seen.
     """
-    record, t, dt = PathRecord(), 0.0, 1 / steps
-    if _idle(path, newton, x, record):
+    record, t, dt = PathRecord(), begin, 1 / steps
+    if not begin and _idle(path, newton, x, record):
         t = 1.0
         record.steps.append((t, NewtonRecord(converged=True, min_det_F=path.min_det(x))))
         if tell:
@@ -71,6 +82,31 @@ def follow(
     record.factor, record.converged = t, t >= 1
     path.load(x, t)
     return x, record
+
+
+def resumed(
+    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float], None] | None = None
+) -> tuple[Array, PathRecord] | None:
+    """The equilibrium at t = 1 from a state x near it, as far as it may be taken; None where Newton's method does not arrive.
+
+    Where x is inverted, as a coarser body's may be at points that this one did not look at, a part of it at that part of the load
+    is what is left of the way.
+    """
+    allowed = (part for part in PARTS if path.min_det(path.load(part * x, part)) > newton.min_det)
+    part = next(allowed, None)
+    if part is None:
+        return None
+    settings = replace(newton, inverse=None, largest=0.0, max_factorisations=NEAR)
+    state, found = settings.solve(path, path.load(part * x, part))
+    if not found.converged:
+        return None
+    state, record = follow(path, settings, state, steps, tell, begin=part)
+    if not record.converged:
+        return None
+    record.steps.insert(0, (part, found))
+    record.tried += found.iterations
+    record.work += found.work
+    return state, record
 
 
 def _step(

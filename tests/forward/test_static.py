@@ -16,7 +16,7 @@ from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
 from ngbrain.mesh import block
 from ngbrain.solvers import linear
-from ngbrain.solvers.continuation import follow
+from ngbrain.solvers.continuation import follow, resumed
 from ngbrain.solvers.newton import Newton
 
 SOFT = {".*": Material(NeoHooke(1e3), 1e6)}
@@ -131,6 +131,23 @@ def test_a_second_solve_starts_from_rest_and_gives_the_same_bits():
     first = body.state
     body.solve()
     assert np.array_equal(body.state, first)
+
+
+def test_a_solve_goes_on_from_a_state_that_is_near_and_from_rest_where_it_is_not():
+    coarse, fine = (pressed(0.02, form) for form in ("P2/P1", "P3/P2"))
+    coarse.solve()
+    rest = fine.solve()
+    wanted = fine.state
+    fine.u.Set(coarse.u)
+    fine.p.Set(coarse.p)
+    record = fine.solve(start=fine.state)
+    assert record.converged and [t for t, _ in record.steps] == [1.0]
+    assert record.work.factorisations <= rest.work.factorisations and record.work.residuals < rest.work.residuals
+    assert fine.state == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
+    inverted = -60 * wanted
+    assert fine.min_det(inverted) < 0
+    assert fine.solve(start=inverted).converged
+    assert fine.state == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
 
 
 def test_newtons_settings_serve_several_bodies():
@@ -346,6 +363,16 @@ def test_states_on_the_way_are_rough_and_the_last_is_not():
     ends = [step.residuals[-1] for _, step in record.steps]
     assert record.cuts == 0 and len(ends) == 4
     assert record.steps[-1][1].iterations > record.steps[1][1].iterations
+
+
+def test_a_part_of_a_state_is_gone_on_from_where_it_is_inverted_itself():
+    newton, path = Newton(rtol=1e-12, xtol=1e-12), Scalar(2.3)
+    x, record = resumed(path, newton, np.array([2.35]))
+    assert x[0] == pytest.approx(2.0) and record.converged
+    assert next(t for t, _ in record.steps) == 0.9 and record.steps[-1][0] == 1.0
+    assert record.tried == sum(step.iterations for _, step in record.steps)
+    assert resumed(path, newton, np.array([50.0])) is None
+    assert resumed(Scalar(1.9), newton, np.array([1.8])) is None  # 2, where it leads, is out of bounds
 
 
 def test_a_path_that_leads_nowhere_says_how_far_it_came():

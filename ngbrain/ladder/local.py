@@ -1,0 +1,78 @@
+"""Which elements are too large for what is asked, and so worth being smaller.
+
+With e the error of a solution u and z the adjoint solution of a question Q, in the space of the next order on the same elements,
+
+    Q(u + e) - Q(u)  =  a(e, z - z_h)  ≤  Σ_K η_K ,      η_K = 2 μ_K ‖dev ε(e)‖_K ‖dev ε(z - z_h)‖_K
+
+for any z_h of the cheaper space: the estimate by which orders are judged (`estimates.step`), element by element.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.material import stiffness
+from ngbrain.forward.static import Static
+from ngbrain.ladder.quantities import State, answer, embedded, slope
+from ngbrain.scene.loading import Ask
+
+Array = np.ndarray
+SHARE = {2: 0.8, 3: 0.5}
+"""Of what all elements leave out, that which those that get smaller do, by dimension: in space more get smaller around them."""
+TINY = 1e-300
+
+
+def shares(cheap: State, rich: Static, asks: Sequence[Ask]) -> Array:
+    """What each element leaves out, relative to the answers, the largest over the questions (ne,).
+
+    cheap   a linear body at rest
+    rich    the same with elements one order higher
+    """
+    x = embedded(cheap, rich, cheap.factor)
+    r = rich.residual(x)[0]
+    inverse = rich.factorise(x, r)
+    error = _strain(rich, inverse(r))
+    found = np.zeros(rich.mesh.ne)
+    for ask in asks:
+        size = max(abs(answer(ask, cheap)), TINY)
+        rich.state = inverse(slope(ask, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
+        cheap.body.u.Set(rich.u)
+        missing = ngs.Sym(ngs.Grad(rich.u)) - ngs.Sym(ngs.Grad(cheap.body.u))
+        found = np.maximum(found, error * _norm(rich, missing) / size)
+    cheap.stand()
+    return 2 * found * _moduli(rich)
+
+
+def chosen(left_out: Array, share: float) -> Array:
+    """The fewest elements that leave out this share of it all, as bool.
+
+    >>> chosen(np.array([1.0, 5.0, 2.0, 2.0]), 0.7).tolist()
+    [False, True, True, False]
+    """
+    order = np.argsort(-left_out, kind="stable")
+    before = np.concatenate([[0.0], np.cumsum(left_out[order])[:-1]])
+    marked = np.zeros(len(left_out), bool)
+    marked[order[before < share * left_out.sum()]] = True
+    return marked
+
+
+def _strain(body: Static, x: Array) -> Array:
+    body.state = x
+    return _norm(body, ngs.Sym(ngs.Grad(body.u)))
+
+
+def _norm(body: Static, strain: ngs.CoefficientFunction) -> Array:
+    """Of its deviator over each element."""
+    mesh = body.mesh
+    square = ngs.InnerProduct(strain, strain) - ngs.Trace(strain) ** 2 / 3
+    return np.sqrt(np.maximum(ngs.Integrate(square, mesh, order=2 * body.form.order - 2, element_wise=True).NumPy(), 0))
+
+
+def _moduli(body: Static) -> Array:
+    """Mean initial modulus (Pa) of each element."""
+    modulus = stiffness(body.mesh, body.materials)[0]
+    sums, sizes = (ngs.Integrate(f, body.mesh, element_wise=True).NumPy() for f in (modulus, ngs.CF(1)))
+    return np.asarray(sums / sizes)
