@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
@@ -162,7 +163,9 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
 def _whole_steps(axis: Axis) -> Axis:
     """The axis without levels that are parts of steps."""
     kept = [i for i, level in enumerate(axis.levels) if not level.endswith(PART)]
-    parts = {part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")}
+    parts: dict[str, Any] = {
+        part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")
+    }
     return replace(axis, levels=tuple(axis.levels[i] for i in kept), **parts)
 
 
