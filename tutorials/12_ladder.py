@@ -39,7 +39,8 @@ def pressed(mm: float, ramp: float, elapsed: float, tolerance: float) -> Loading
 # The first model is the cheapest there is: a plane section, small strains, the stiffness of the first instant, elements of first
 # order. For every axis along which it could be richer, the residual of the richer model at the cheap solution, weighted with
 # adjoint solutions, says by how much the answers would move. The step that gains most for its cost is taken, finer elements after
-# all physics that cannot be left out, until what is left is within the tolerance.
+# all physics that cannot be left out, until what is left is within the tolerance. Elements get smaller at first only where the
+# question needs it: at the plate's edge, not in the corners of the block.
 
 
 # %%

@@ -1,4 +1,4 @@
-"""The verb `solve`: a body under loads, by the cheapest model that answers what is asked."""
+"""The verb `solve`: a body under loads, or an operation, by the cheapest model that answers what is asked."""
 
 from __future__ import annotations
 
@@ -6,17 +6,21 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ngbrain import ladder
 from ngbrain.errors import InputError, require
-from ngbrain.ladder import Rung, solve
+from ngbrain.fields import read_toml
+from ngbrain.ladder import Rung
 from ngbrain.progress import ProgressLine
-from ngbrain.report import ladder
+from ngbrain.report import ladder as page
+from ngbrain.scene import Scene
 from ngbrain.scene.loading import Loading
+from ngbrain.surgery import adequate
 
 
 def add_solve(verbs: Any) -> argparse.ArgumentParser:
     """Add the verb to a parser's verbs."""
     parser: argparse.ArgumentParser = verbs.add_parser(
-        "solve", help="a loaded body, by the cheapest model that will do"
+        "solve", help="a loaded body or an operation, by the cheapest model that will do"
     )
     parser.add_argument(
         "scene", type=Path, metavar="SCENE.toml", help="body, tissues, loads, and what is asked how accurately"
@@ -32,25 +36,38 @@ def run(arguments: argparse.Namespace) -> None:
     folder: Path = arguments.output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
-    scene = Loading.from_toml(arguments.scene)
+    scene = _read(arguments.scene)
     with ProgressLine(arguments.quiet) as line:
 
         def tell(rung: Rung) -> None:
             line.tell(f"{rung.ndof} unknowns, {100 * float(rung.missing.max()):.3g} % missing")
 
-        result = solve(scene, folder, threads=arguments.threads, tell=tell)
-    report = ladder.build(folder / "report.html", result)
+        if isinstance(scene, Scene):
+            result = adequate.solve(scene, folder, threads=arguments.threads, tell=tell)
+        else:
+            result = ladder.solve(scene, folder, threads=arguments.threads, tell=tell)
+    report = page.build(folder / "report.html", result)
     if not arguments.quiet:
         print(summary(result), f"report: {report}", sep="\n")
+
+
+def _read(path: Path) -> Scene | Loading:
+    """An operation, which has a cleft, or a loaded body. Raises `InputError` for an operation without a question."""
+    if "cleft" not in read_toml(path):
+        return Loading.from_toml(path)
+    scene = Scene.from_toml(path)
+    if not scene.ask:
+        raise InputError("ask", "missing", "one or more tables [[ask]]; `retract` computes what is described", path)
+    return scene
 
 
 def summary(result: dict[str, Any]) -> str:
     """The result as text: answers, what was left out, doubts."""
     lines = [f"{'question':<44}{'answer':>14}{'missing':>10}{'asked':>9}"]
     lines += [
-        f"{name:<44}{value:>14}{error:>10}{tolerance:>9}" for name, value, error, tolerance in ladder.answers(result)
+        f"{name:<44}{value:>14}{error:>10}{tolerance:>9}" for name, value, error, tolerance in page.answers(result)
     ]
     lines += ["", f"{'left out':<58}{'would change':>12}"]
-    lines += [f"{what:<58}{change:>12}" for what, change, *_ in ladder.left_out(result)]
+    lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.left_out(result)]
     lines += ["", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]
     return "\n".join([*lines, *(f"Doubt: {flag}" for flag in result["flags"])])

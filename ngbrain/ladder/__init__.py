@@ -11,21 +11,44 @@ what a model is.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ngsolve import ngsglobals
 
-from ngbrain.errors import InputError, nearest
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
-from ngbrain.ladder.rungs import Model, axes_of, cheapest
+from ngbrain.ladder.rungs import Model, axes_of, cheapest, check
 from ngbrain.scene.loading import Loading
 from ngbrain.threads import threads as using
 
-__all__ = ["Bench", "Climb", "Loading", "Rung", "climb", "solve"]
+
+class Question(Protocol):
+    """One of those that a scene asks."""
+
+    @property
+    def name(self) -> str:
+        """In words."""
+
+
+class Asking(Protocol):
+    """A scene, as far as its answer is described."""
+
+    @property
+    def title(self) -> str:
+        """A line."""
+
+    @property
+    def ask(self) -> Sequence[Question] | None:
+        """Questions."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+
+
+__all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
 
 
 def solve(
@@ -55,10 +78,20 @@ def solve(
     >>> result["model"]["strain"], result["error"]["force on top, end"] < 0.5
     ('linear', True)
     """
+    return answered(
+        scene,
+        folder,
+        threads,
+        lambda: climb(scene, richest, tell) if model is None else stand(scene, _whole(scene, model)),
+    )
+
+
+def answered(scene: Asking, folder: str | Path | None, threads: int, find: Callable[[], Climb]) -> dict[str, Any]:
+    """What `result.json` holds of the climb that is found, and written there."""
     started = time.perf_counter()
     ngsglobals.msg_level = 0
     with using(threads):
-        found = climb(scene, richest, tell) if model is None else stand(scene, _whole(scene, model))
+        found = find()
     result = {
         "verb": "solve",
         "title": scene.title,
@@ -66,7 +99,7 @@ def solve(
         "seed": 0,
         "threads": threads,
         "scene": scene.to_dict(),
-        **described(found, scene),
+        **described(found, [ask.name for ask in scene.ask or ()]),
         "time_s": time.perf_counter() - started,
     }
     if folder is not None:
@@ -78,9 +111,5 @@ def solve(
 def _whole(scene: Loading, model: Model) -> dict[str, str]:
     """The model with the cheapest level of the axes that it does not name; `InputError` for what no scene has."""
     axes = axes_of(scene)
-    for name, level in model.items():
-        if name not in axes:
-            raise InputError("model", repr(name), nearest(name, list(axes)))
-        if level not in axes[name].levels:
-            raise InputError(f"model[{name!r}]", repr(level), f"one of {', '.join(axes[name].levels)}")
+    check("model", model, axes)
     return {**cheapest(axes), **model}

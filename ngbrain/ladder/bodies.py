@@ -77,6 +77,10 @@ class Bench:
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
         return shares(self.state(model, body, linear_state(body)), rich, self.scene.ask)
 
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        """See `solve`."""
+        return solve(self, model, near)
+
     @property
     def nested(self) -> bool:
         """Whether elements are unions of those of the next finer mesh."""

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ngbrain.errors import SolverError
-from ngbrain.ladder.bodies import Bench, Model, Solution, solve
+from ngbrain.ladder.bodies import Bench, Model, Solution
 from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest
@@ -66,17 +66,24 @@ class Climb:
         return self.rungs[-1]
 
 
+class Solving(Protocol):
+    """What a keeper asks for models' solutions, such as a `Bench`."""
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
+
+
 class Keeper:
     """Solves each model once, from where the model that has most in common with it came to rest."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Solving) -> None:
         self.bench, self.kept = bench, dict[tuple[tuple[str, str], ...], Solution]()
 
     def __call__(self, model: Model) -> Solution:
         """The model's solution."""
         key = tuple(sorted(model.items()))
         if key not in self.kept:
-            self.kept[key] = solve(self.bench, model, self._near(model))
+            self.kept[key] = self.bench.solve(model, self._near(model))
         return self.kept[key]
 
     def _near(self, model: Model) -> Mapping[str, State] | None:
@@ -97,9 +104,12 @@ def climb(
     keeper: Keeper | None = None,
 ) -> Climb:
     """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer."""
-    axes = axes_of(scene, richest)
-    keeper = keeper or Keeper(Bench(scene))
     tolerances = np.array([ask.tolerance for ask in scene.ask])
+    return ascend(axes_of(scene, richest), keeper or Keeper(Bench(scene)), tolerances, tell)
+
+
+def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Callable[[Rung], None]) -> Climb:
+    """The same along any axes."""
     model, rungs, begun = cheapest(axes), list[Rung](), time.process_time()
     refused: dict[str, str] = {}
     while True:
@@ -125,7 +135,7 @@ def climb(
     if np.any(rungs[-1].missing > NARROW * tolerances):
         much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"
         flags.append(f"what is missing is {much} the tolerance")
-    return Climb(rungs, axes, flags)
+    return Climb(rungs, dict(axes), flags)
 
 
 def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
@@ -137,11 +147,15 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
 
 def stand(scene: Loading, model: Model) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
-    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    return stay(axes_of(scene), Keeper(Bench(scene)), model)
+
+
+def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
+    """The same along any axes."""
     begun = time.process_time()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = time.process_time() - begun
-    return Climb([rung], axes, _doubts(keeper, rung))
+    return Climb([rung], dict(axes), _doubts(keeper, rung))
 
 
 def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
@@ -239,11 +253,11 @@ def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) 
     return flags
 
 
-def described(climb: Climb, scene: Loading) -> dict[str, Any]:
+def described(climb: Climb, questions: Sequence[str]) -> dict[str, Any]:
     """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
     return {
-        "answers": {ask.name: float(value) for ask, value in zip(scene.ask, climb.chosen.answers, strict=True)},
-        "error": dict(zip((ask.name for ask in scene.ask), _plain(climb.error), strict=True)),
+        "answers": dict(zip(questions, climb.chosen.answers.tolist(), strict=True)),
+        "error": dict(zip(questions, _plain(climb.error), strict=True)),
         "model": climb.chosen.model,
         "left_out": [
             {

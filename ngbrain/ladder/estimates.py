@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +24,8 @@ from ngbrain.ladder.quantities import State, embedded
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
-Estimator = Callable[[Bench, Model, Model, Solved], "Estimate"]
-"""Of a step from a model to a richer one."""
+Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
+"""Of a step from a model to a richer one, on a `Bench` or, for those that only ask for solutions, anything that has some."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
 SOLVED = "solved"
@@ -191,6 +192,13 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     return Estimate(change, how)
 
 
+def forgetful(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By the same step of the body without memory."""
+    before, after = ({**each, **_forgetful(each)} for each in (model, richer))
+    found = neighbour(bench, before, after, solved)
+    return found if before == model else replace(found, how="of the elastic body")
+
+
 def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
     try:
@@ -209,4 +217,5 @@ BY: Mapping[str, Estimator] = {
     "mesh": in_section(halved),
     "section": in_section(neighbour),
     "solve": neighbour,
+    "forgetful": forgetful,
 }

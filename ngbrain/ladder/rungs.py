@@ -131,11 +131,8 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
     """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none."""
     waves = scene.course.frequency is not None
     known = OF_WAVES if waves else AXES
-    for name, level in (richest or {}).items():
-        if name not in known:
-            raise InputError("richest", repr(name), nearest(name, list(known)))
-        if level not in known[name].levels:
-            raise InputError(f"richest[{name!r}]", repr(level), f"one of {', '.join(known[name].levels)}")
+    bounds = richest or {}
+    check("richest", bounds, known)
     idle = {
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(stuff.branches.eta for stuff in scene.stuff),
@@ -150,14 +147,28 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
     for name, axis in known.items():
         if idle.get(name):
             continue
-        last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
-        least, last = (first, min(last, most)) if name == "tissue" else (0, last)
-        if last - least > 1 or name in ("order", "mesh", "space", "strain"):
-            shorter = {part: getattr(axis, part)[least : last - 1] for part in ("left_out", "by", "growth")}
-            found[name] = replace(axis, levels=axis.levels[least:last], **shorter)
+        last = axis.levels.index(bounds.get(name, axis.levels[-1])) + 1
+        least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
+        if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
+            found[name] = between(axis, least, last)
     if scene.piece.shape == "head":  # its curved elements cannot be cut one by one
         found["mesh"] = _whole_steps(found["mesh"])
     return found
+
+
+def check(of: str, model: Model, known: Mapping[str, Axis]) -> None:
+    """Raise `InputError` for an axis or a level that is none."""
+    for name, level in model.items():
+        if name not in known:
+            raise InputError(of, repr(name), nearest(name, list(known)))
+        if level not in known[name].levels:
+            raise InputError(f"{of}[{name!r}]", repr(level), f"one of {', '.join(known[name].levels)}")
+
+
+def between(axis: Axis, first: int, last: int) -> Axis:
+    """The axis with its levels from the first up to the last, which is left out."""
+    shorter: dict[str, Any] = {part: getattr(axis, part)[first : last - 1] for part in ("left_out", "by", "growth")}
+    return replace(axis, levels=axis.levels[first:last], **shorter)
 
 
 def _whole_steps(axis: Axis) -> Axis:

@@ -13,7 +13,7 @@ from ngbrain.report.page import write_page
 from ngbrain.report.style import figure, png, style
 
 UNITS = {"force": ("N", 1.0), "displacement": ("mm", 1e3), "strain": ("%", 100.0)}
-"""First word of a question's name → unit, and how many of it are one SI unit."""
+"""First word of a question's name → unit, and how many of it are one SI unit; others have their unit in their name."""
 LEAST, MOST = 1e-3, 10.0
 """Per cent below which, and times above which changes are drawn there."""
 
@@ -34,8 +34,10 @@ def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Question, answer with its unit, what is missing from it and what may be."""
     rows = []
     for ask, (name, value) in zip(result["scene"]["ask"], result["answers"].items(), strict=True):
-        unit, per_si = UNITS[name.split()[0]]
-        rows.append((name, f"{value * per_si:.4g} {unit}", percent(result["error"][name]), percent(ask["tolerance"])))
+        unit, per_si = UNITS.get(name.split()[0], ("", 1.0))
+        rows.append(
+            (name, f"{value * per_si:.4g} {unit}".strip(), percent(result["error"][name]), percent(ask["tolerance"]))
+        )
     return rows
 
 

@@ -23,7 +23,7 @@ from ngbrain.fields import Document, Section, brief, choice, entries, number, pa
 from ngbrain.materials import BRAIN, OgdenBranches, Viscous
 from ngbrain.mesh.cleft import Cleft as Slot
 from ngbrain.mesh.shapes import Ellipsoids
-from ngbrain.scene.programs import Protocol, Retraction
+from ngbrain.scene.programs import Ask, Protocol, Retraction
 
 WIDEST = 80e-3
 """Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
@@ -319,16 +319,19 @@ class Scene(Document):
     protocols: tuple[Protocol, ...] = table(Protocol, _protocols, size=0)
     steps: Steps = table(Steps, Steps)
     patient: Patient = table(Patient, Patient)
+    ask: tuple[Ask, ...] | None = table(Ask, None, size=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, entry in entries(self).items():
             one, parts = entry.size == 1, getattr(self, name)
-            for i, part in enumerate([parts] if one else parts, 1) if entry.table else ():
+            for i, part in enumerate([parts] if one else parts or (), 1) if entry.table else ():
                 part._check(entry.key if one else f"{entry.key}#{i}", self)
         if self.body.head == "idealised":  # a scan has to be read first
             self.check_on(Ellipsoids())
         self._check_unique("tissue", self.tissues, "region", [tissue.region for tissue in self.tissues])
+        asks = self.ask or ()
+        self._check_unique("ask", asks, "quantity", [ask.name for ask in asks])
         self._check_unique("protocol", self.protocols, "name", [_as_file(protocol.name) for protocol in self.protocols])
 
     def check_on(self, head: Openable) -> None:

@@ -151,3 +151,32 @@ class Protocol(Section):
     def _check_wall(self, path: str, wall: float) -> None:
         wanted = f"none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         self._need(max(map(abs, self.opening or (0,))) <= wall, path, "opening", wanted)
+
+
+QUESTIONS = (
+    "peak_pressure_mmHg",
+    "peak_tip_pressure_mmHg",
+    "peak_force_N",
+    "dose_mmHg_min",
+    *(f"{strain}_p{percent}" for strain in ("mps", "oss") for percent in (50, 95, 99)),
+)
+"""Numbers of a protocol's answer that an operation may be asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask(Section):
+    """A question about a protocol (the first one), with the relative error that its answer may have."""
+
+    quantity: str = choice("quantity", QUESTIONS[0], QUESTIONS)
+    protocol: str | None = text("protocol", None, "the name of a protocol", lambda raw: raw.strip())
+    tolerance: float = number("tolerance", 0.1)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        names = [protocol.name for protocol in scene.protocols]
+        self._need(self.protocol in (None, *names), path, "protocol", f"one of {', '.join(names)}")
+        self._need(1e-4 <= self.tolerance <= 1, path, "tolerance", "a relative error of 0.0001 to 1")
+
+    @property
+    def name(self) -> str:
+        """Different for different questions."""
+        return self.quantity + (f" of {self.protocol}" if self.protocol else "")

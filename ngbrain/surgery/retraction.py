@@ -153,7 +153,7 @@ def _lead(
             part = begun.with_suffix(".part")
             part.write_bytes(pickle.dumps(snapshot))
             os.replace(part, begun)
-        return _outcome(run.go(told))
+        return outcome(run.go(told))
 
 
 def _follow(
@@ -163,10 +163,11 @@ def _follow(
     while not begun.exists():
         time.sleep(POLL)
     with pool.helped(tell) as told:
-        return _outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told))
+        return outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told))
 
 
-def _outcome(run: ProtocolRun) -> Outcome:
+def outcome(run: ProtocolRun) -> Outcome:
+    """What is left of a run that has come to its end."""
     assert run.peak is not None
     at = run.transient.progress
     work = (at.steps, at.rejected, at.newton, at.work.factorisations)

@@ -13,6 +13,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
 from ngbrain.forward.stability import CREASE
 from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.transient import Transient
@@ -96,10 +97,11 @@ class ProtocolRun:
         resume: bool = False,
         start: Snapshot | None = None,
         control: Control | None = None,
+        materials: dict[str, Material] | None = None,
     ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
-        self.transient: Transient = model.run(protocol, control)
+        self.transient: Transient = model.run(protocol, control, materials)
         body = self.transient.body
         self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
         self.observer = Observer(body, model.blades, model.held)

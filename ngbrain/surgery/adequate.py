@@ -1,0 +1,164 @@
+"""Operations by the cheapest model that answers what is asked: the axes of an operation, and its models on the way up.
+
+Strains are finite and the blade touches in all of them: an operation has no cheaper cousin that would say anything. What may be
+left out is how tissues differ, stiffen and relax, friction, and small elements. Steps are judged by taking them on the largest
+elements, elements by tissue without memory: that is dear where the richest model is small, and cheap where it is large.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.ladder import answered
+from ngbrain.ladder.bodies import Solution
+from ngbrain.ladder.climb import Keeper, Rung, ascend, stay
+from ngbrain.ladder.quantities import State
+from ngbrain.ladder.rungs import Axis, Model, between, cheapest, check
+from ngbrain.scene import Scene, Tissue
+from ngbrain.surgery import answers
+from ngbrain.surgery.heads import Head, head_of
+from ngbrain.surgery.model import Model as Made
+from ngbrain.surgery.retraction import outcome
+from ngbrain.surgery.runs import ProtocolRun
+
+FACTORS = (2.0, math.sqrt(2), 1.0)
+"""How many times as large as the scene's elements are, from level to level,"""
+LARGEST = {"site": 6e-3, "near": 14e-3, "far": 36e-3}
+"""but no larger (m) than this, unless the scene's are: larger ones would cut off some of the brain."""
+ALIKE = 0.85
+"""Elements that are no smaller than this share of others are as large."""
+NEO_HOOKE = 2.0
+"""The exponent with which Ogden's law does not stiffen."""
+
+AXES = {
+    axis.name: axis
+    for axis in (
+        Axis("tissue", ("one", "each"), ("that tissues differ",), ("coarse",), (1.2,)),
+        Axis("stiffening", ("none", "all"), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
+        Axis("time", ("relaxed", "flowing"), ("how tissue relaxes after the first opening",), ("coarse",), (3.0,)),
+        Axis("friction", ("none", "all"), ("friction between blade and tissue",), ("coarse",), (1.5,)),
+        Axis("mesh", ("0", "1", "2"), ("smaller elements",) * 2, ("forgetful",) * 2, (2.5, 2.5), 1.6),
+    )
+}
+
+
+def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
+    """The axes that mean something for an operation, up to the levels of `richest`; `InputError` for names that are none."""
+    check("richest", richest or {}, AXES)
+    idle = {
+        "tissue": len(scene.tissues) < 2,
+        "stiffening": all(set(tissue.branches.alpha) == {NEO_HOOKE} for tissue in scene.tissues),
+        "time": not any(tissue.branches.eta for tissue in scene.tissues),
+        "friction": not scene.blade.friction,
+    }
+    found = {}
+    for name, axis in AXES.items():
+        last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
+        if not idle.get(name):
+            found[name] = between(axis, 0, min(last, len(_factors(scene))) if name == "mesh" else last)
+    return found
+
+
+def solve(
+    scene: Scene,
+    folder: str | Path | None = None,
+    model: Model | None = None,
+    richest: Model | None = None,
+    threads: int = 1,
+    tell: Callable[[Rung], None] = lambda _: None,
+) -> dict[str, Any]:
+    """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; returns what `result.json` holds.
+
+    Arguments and result are those of `ngbrain.ladder.solve`; answers are in the units of their names. Raises `InputError` for a
+    scene that asks nothing or cannot be built, `SolverError` if the cheapest model has no answer.
+
+    Example, some minutes::
+
+        from dataclasses import replace
+        from ngbrain.scene.programs import Ask
+        scene = replace(ngbrain.Scene.shipped("idealised_fast"), ask=(Ask(quantity="peak_force_N", tolerance=0.2),))
+        result = ngbrain.solve(scene)
+        result["answers"], result["model"], result["left_out"]
+    """
+    operation = Operation(scene)
+    axes, keeper = axes_of(scene, richest), Keeper(operation)
+    tolerances = np.array([ask.tolerance for ask in operation.asks])
+    if model is None:
+        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))
+    check("model", model, axes)
+    whole = {**cheapest(axes), **model}
+    return answered(scene, folder, threads, lambda: stay(axes, keeper, whole))
+
+
+class Operation:
+    """A scene's head, read once, and its runs by any model."""
+
+    def __init__(self, scene: Scene) -> None:
+        if not scene.ask:
+            raise InputError("ask", "missing", "one or more questions [[ask]], each with a tolerance")
+        self.scene, self.asks, self._made = scene, scene.ask, dict[str, Made]()
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        """The numbers that are asked for. Raises `SolverError` where a run gives up."""
+        begun = time.process_time()
+        made = self.made(model)
+        scene = made.scene
+        names = {ask.protocol or scene.protocols[0].name for ask in self.asks}
+        found, ndof = dict[str, dict[str, Any]](), 0
+        for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
+            elastic = made.elastic(scene.retraction.ramp) if model.get("time") == "relaxed" else None
+            run = ProtocolRun(made, program, None, materials=elastic).go()
+            found[program.name], ndof = answers.answer(outcome(run), scene.patient), run.transient.body.fes.ndof
+        values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
+        return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
+
+    def made(self, model: Model) -> Made:
+        """Mesh and laws of a model."""
+        level = model["mesh"]
+        if level not in self._made:
+            body = replace(self.scene.body, **_sizes(self.scene, _factors(self.scene)[int(level)]))
+            self._made[level] = Made.of(replace(self.scene, body=body), self._head)
+        made = self._made[level]
+        tissues, blade = made.scene.tissues, made.scene.blade
+        if model.get("tissue") == "one":
+            tissues = tuple(replace(self._commonest, region=tissue.region) for tissue in tissues)
+        if model.get("stiffening") == "none":
+            tissues = tuple(tissue.with_alpha(NEO_HOOKE) for tissue in tissues)
+        if model.get("friction") == "none":
+            blade = replace(blade, friction=0.0)
+        return replace(made, scene=replace(made.scene, tissues=tissues, blade=blade))
+
+    @cached_property
+    def _head(self) -> Head:
+        return head_of(self.scene.body)
+
+    @cached_property
+    def _commonest(self) -> Tissue:
+        """The tissue that most of the head is made of, ventricles apart."""
+        made = self.made({"mesh": "0"})
+        volumes = {name: ngs.Integrate(part.where, made.mesh) for name, part in made.parts().items()}
+        name = max(volumes, key=lambda each: volumes[each])
+        return next(tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, name))
+
+
+def _sizes(scene: Scene, factor: float) -> dict[str, Any]:
+    """Element sizes (m), so many times as large as the scene's."""
+    own = {name: getattr(scene.body, name) for name in LARGEST}
+    return {name: max(size, min(factor * size, LARGEST[name])) for name, size in own.items()}
+
+
+def _factors(scene: Scene) -> tuple[float, ...]:
+    """Those that are worth a step to the next one: of a coarse scene all may be nearly alike."""
+    sizes = [np.array(list(_sizes(scene, factor).values())) for factor in FACTORS]
+    return FACTORS[max(i for i, size in enumerate(sizes) if np.all(size > ALIKE * sizes[0])) :]

@@ -1,0 +1,108 @@
+"""Operations that ask questions: their axes, their models, and a climb against the richest model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ngbrain
+from ngbrain.errors import InputError
+from ngbrain.ladder.climb import Keeper, ascend
+from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.rungs import richest
+from ngbrain.scene import Scene
+from ngbrain.scene.programs import Ask
+from ngbrain.surgery.adequate import Operation, axes_of, solve
+
+PEAK = Ask(quantity="peak_pressure_mmHg", tolerance=0.3)
+
+
+def asked(*asks: Ask, **body: float) -> Scene:
+    """A short and shallow opening of the coarse idealised head."""
+    scene = Scene.shipped("idealised_fast")
+    return replace(
+        scene,
+        ask=asks,
+        body=replace(scene.body, **body),
+        retraction=replace(scene.retraction, opening=1e-3, ramp=10.0, elapsed=12.0),
+        protocols=scene.protocols[:1],
+    )
+
+
+def test_axes_are_those_that_an_operation_has() -> None:
+    scene = asked(PEAK)
+    assert set(axes_of(scene)) == {"tissue", "stiffening", "time", "mesh"}
+    rubbed = replace(scene, blade=replace(scene.blade, friction=0.2))
+    assert axes_of(rubbed)["friction"].levels == ("none", "all")
+    one = replace(scene, tissues=(replace(scene.tissues[2], region=".*"),))
+    assert set(axes_of(one)) == {"mesh"}
+    assert axes_of(scene, {"time": "relaxed"})["time"].levels == ("relaxed",)
+    with pytest.raises(InputError, match="tisue"):
+        axes_of(scene, {"tisue": "one"})
+    with pytest.raises(InputError, match="relaxed, flowing"):
+        axes_of(scene, {"time": "prony"})
+
+
+def test_elements_get_smaller_down_to_the_scenes_own() -> None:
+    fine = asked(PEAK, site=3e-3, near=8e-3, far=24e-3)
+    assert axes_of(fine)["mesh"].levels == ("0", "1", "2")
+    assert axes_of(fine, {"mesh": "0"})["mesh"].levels == ("0",)
+    assert axes_of(asked(PEAK))["mesh"].levels == ("0", "1")  # √2 times 4 mm is as good as the largest, 6 mm
+    assert axes_of(asked(PEAK, site=8e-3, near=14e-3, far=36e-3))["mesh"].levels == ("0",)
+    coarse, own = (
+        Operation(scene).made({"mesh": mesh}).scene.body for scene, mesh in ((fine, "0"), (asked(PEAK), "1"))
+    )
+    assert (coarse.site, coarse.near, coarse.far) == (6e-3, 14e-3, 36e-3)
+    assert own == asked(PEAK).body
+
+
+def test_models_leave_out_what_they_say() -> None:
+    scene = asked(PEAK)
+    operation = Operation(replace(scene, blade=replace(scene.blade, friction=0.2)))
+    whole = operation.made({"mesh": "0", "tissue": "each", "stiffening": "all", "time": "flowing", "friction": "all"})
+    poor = operation.made({"mesh": "0", "tissue": "one", "stiffening": "none", "time": "relaxed", "friction": "none"})
+    assert whole.scene.tissues == scene.tissues and whole.scene.blade.friction == 0.2
+    assert poor.scene.blade.friction == 0.0
+    white = next(tissue for tissue in scene.tissues if tissue.region == "white")
+    for before, after in zip(scene.tissues, poor.scene.tissues, strict=True):
+        assert after.region == before.region
+        assert (after.branches.mu, after.branches.eta) == (white.branches.mu, white.branches.eta)
+        assert set(after.branches.alpha) == {2.0}
+    assert poor.mesh is whole.mesh
+
+
+def test_what_is_asked_has_to_mean_something() -> None:
+    with pytest.raises(InputError, match="ask is missing"):
+        solve(replace(asked(PEAK), ask=None))
+    with pytest.raises(InputError, match=r"ask#1.protocol"):
+        asked(Ask(protocol="continous"))
+    with pytest.raises(InputError, match=r"ask#2.quantity"):
+        asked(PEAK, replace(PEAK, tolerance=0.2))
+    with pytest.raises(InputError, match="tolerance"):
+        asked(replace(PEAK, tolerance=3.0))
+    again = Scene.from_dict(asked(PEAK, Ask(quantity="mps_p95", protocol="continuous")).to_dict())
+    assert [ask.name for ask in again.ask] == ["peak_pressure_mmHg", "mps_p95 of continuous"]
+
+
+@pytest.mark.slow
+def test_an_operation_climbs_where_its_questions_want_it() -> None:
+    """Half a millimetre against tissue that stiffens as Griffiths' does: a seventh more pressure."""
+    scene = asked(replace(PEAK, tolerance=0.05))
+    steps = replace(scene.steps, contact=10.0, tolerance=0.1)
+    scene = replace(scene, retraction=replace(scene.retraction, opening=5e-4, elapsed=10.1), steps=steps)
+    result = ngbrain.solve(scene, richest={"tissue": "one", "time": "relaxed", "mesh": "0"})
+    assert result["model"] == {"tissue": "one", "stiffening": "all", "time": "relaxed", "mesh": "0"}
+    first, last = result["rungs"]
+    assert first["taken"] == "stiffening" and last["answers"][0] > 1.05 * first["answers"][0] > 0
+    assert not result["left_out"] and first["estimates"]["stiffening"]["how"] == "solved"
+
+
+@pytest.mark.slow
+def test_the_chosen_model_of_an_operation_is_as_accurate_as_asked() -> None:
+    scene = asked(replace(PEAK, tolerance=0.1), Ask(quantity="mps_p95", tolerance=0.1))
+    scene = replace(scene, retraction=replace(scene.retraction, opening=5e-3, elapsed=120.0))
+    axes, keeper = axes_of(scene), Keeper(Operation(scene))
+    found = ascend(axes, keeper, np.full(2, 0.1), lambda _: None)
+    rich = keeper(richest(axes)).answers
+    assert np.abs(relative(found.chosen.answers, rich)).max() < 0.1
+    assert found.chosen.model["stiffening"] == "all" and found.chosen.model != richest(axes)
