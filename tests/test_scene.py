@@ -19,6 +19,7 @@ from ngbrain import scene as room
 from ngbrain.errors import InputError
 from ngbrain.materials import NeoHooke, Viscous, constants
 from ngbrain.scene import Blade, Cleft, Protocol, Scene, Tissue
+from ngbrain.scene.programs import Ask
 from ngbrain.surgery import observe
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Force
@@ -614,7 +615,7 @@ def test_protocol_name_defaults_to_its_kind():
 
 def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     text = Scene.template()
-    parts = [room.Body, Tissue, room.Support, Cleft, Blade, room.Retraction, Protocol, room.Steps, room.Patient]
+    parts = [room.Body, Tissue, room.Support, Cleft, Blade, room.Retraction, Protocol, room.Steps, room.Patient, Ask]
     keys = {entry.key for part in parts for entry in fields.entries(part).values()}
     assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
     head, program = text.split('# [[protocol]]\n# kind = "program"')
@@ -626,6 +627,9 @@ def test_the_template_explains_every_key_and_what_it_comments_out_is_a_scene():
     head, patient = text.split("# [patient]")
     scene = Scene.from_dict(tomllib.loads(head + "[patient]" + patient.replace("\n# ", "\n")))
     assert scene.patient == room.Patient(map_mmHg=85.0, icp_mmHg=10.0)
+    head, ask = text.split("# [[ask]]")
+    scene = Scene.from_dict(tomllib.loads(head + "[[ask]]" + ask.replace("\n# ", "\n", 3)))
+    assert scene.ask == (Ask(protocol="continuous"),) and Scene.shipped("demo").ask is None
     with_ways = re.sub(r"(?m)^# (approach|across) = ", r"\1 = ", text)
     assert with_ways.count("\napproach") == with_ways.count("\nacross") == 1
     assert Scene.from_dict(tomllib.loads(with_ways)).cleft.across == (0.0, 1.0, 0.0)

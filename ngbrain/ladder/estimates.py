@@ -178,6 +178,17 @@ def in_section(of: Estimator) -> Estimator:
     return estimate
 
 
+def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """In the section, where there is one; strains in space, as they are a ball's there and a cylinder's in the section.
+
+    In a stiff ball those of the least order are 6 % off where the section says 1.5.
+    """
+    strains = any(ask.quantity == "strain" for ask in bench.scene.ask)
+    if strains and model.get("space") == "solid" and not _moves(model):
+        return step(bench, model, richer, solved)
+    return in_section(step)(bench, model, richer, solved)
+
+
 def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step on the coarsest elements.
 
@@ -213,7 +224,7 @@ BY: Mapping[str, Estimator] = {
     "coarse": coarse,
     "moving": moving,
     "touching": touching,
-    "order": in_section(step),
+    "order": order,
     "mesh": in_section(halved),
     "section": in_section(neighbour),
     "solve": neighbour,

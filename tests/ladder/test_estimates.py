@@ -167,3 +167,21 @@ def test_a_section_is_doubted_where_finite_strains_change_more_than_leaving_it()
         model = {**cheapest(axes_of(scene)), "strain": "finite", "order": "2"}
         found = roughly(Bench(scene), model, {**model, "space": "solid"}, Keeper(Bench(scene)))
         assert ("finite strains" in found.doubt) is doubted
+
+
+def test_orders_are_judged_in_space_where_strains_are_asked_for() -> None:
+    """What a section says of a ball's strains is a cylinder's; of forces it will do."""
+    piece = Piece(size=(0.02, 0.02, 0.02), lesion=0.005, at=(0, 0, 0.01), cell=0.02)
+    stuff = (Stuff(mu=(1e3,)), Stuff(region="lesion", mu=(5e3,)))
+    for ask, how in (
+        (Ask(quantity="strain", region="lesion", percentile=50), "residual weighted by adjoints"),
+        (FORCE[0], "in the section"),
+    ):
+        scene = Loading(piece=piece, stuff=stuff, given=SQUEEZED, ask=(ask,))
+        axes, keeper = axes_of(scene), Keeper(Bench(scene))
+        model = {**cheapest(axes), "space": "solid", "strain": "finite", "pressure": "unknown", "tissue": "each"}
+        found = estimate(keeper, model, axes["order"])
+        assert found.how == how
+        if ask.quantity == "strain":
+            true = relative(keeper(model).answers, keeper({**model, "order": "2"}).answers)[0]
+            assert abs(true) > 0.03 and found.change[0] == pytest.approx(true, rel=0.1)
