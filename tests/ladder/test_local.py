@@ -48,6 +48,14 @@ def test_slopes_are_those_of_the_answers(ask: Ask, within: float, space: str, pr
     assert foretold == pytest.approx(after - before, rel=within)
 
 
+def test_a_percentile_beyond_all_elements_is_the_nearest_ones() -> None:
+    asked = scene(replace(STRAIN, percentile=100, within=0.004))
+    bench, model = Bench(asked), linear(asked, space="solid", extent="whole")
+    body = bench.static(model, 1.0)
+    state = State(body, linear_state(body), SMALL, True)
+    assert np.isfinite(slope(asked.ask[0], state)).all() and slope(asked.ask[0], state).any()
+
+
 def test_the_fewest_that_leave_out_most_are_chosen() -> None:
     assert chosen(np.array([1.0, 5.0, 2.0, 2.0]), 0.5).tolist() == [False, True, False, False]
     assert chosen(np.array([1.0, 5.0, 2.0, 2.0]), 1.0).all()
