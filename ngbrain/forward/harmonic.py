@@ -187,7 +187,7 @@ class Harmonic:
     ) -> Terms | None:
         """All integrals; `change` may turn an integrand into its derivative. None where nothing is left."""
         changed = map(change, self.works(omega, trial, test))
-        integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not _vanishes(work)]
+        integrals = [work * ngs.dx(intrules=self.rules) for work in changed if not vanishes(work)]
         u, v = self.split(trial)[0], self.split(test)[0]
         for wall in self.absorbing if omega else ():
             normal = ngs.specialcf.normal(self.mesh.dim)
@@ -195,7 +195,7 @@ class Harmonic:
             squeezed = ngs.sqrt(self.density * (wall.bulk + 4 / 3 * wall.shear) * ngs.CF(1))
             sheared = ngs.sqrt(self.density * wall.shear * ngs.CF(1))
             work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (_dot(u, v) - u_n * v_n))
-            if not _vanishes(work := change(work)):
+            if not vanishes(work := change(work)):
                 integrals.append(work * ngs.ds(wall.boundary, intrules=self.boundary_rules))
         return sum(integrals[1:], integrals[0]) if integrals else None
 
@@ -294,7 +294,7 @@ def derivative(
         raise InputError(name, "made of a complex constant, ngs.CF of a complex number", wanted) from error
 
 
-def _vanishes(work: CoefficientFunction) -> bool:
+def vanishes(work: CoefficientFunction) -> bool:
     """Whether differentiation has found that there is nothing."""
     return str(work).strip() == "ZeroCoefficientFunction"
 

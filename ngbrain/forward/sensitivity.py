@@ -23,7 +23,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.factors import Factorised, sparse
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
-from ngbrain.forward.slopes import Pair, alike, along, complexified, slope
+from ngbrain.forward.slopes import Pair, Slope, alike, along, complexified
 
 Array = np.ndarray
 BOUNDARY = "boundary"
@@ -80,6 +80,7 @@ class WaveModel:
         }
         self.size = int(ends[-1])
         self.solves = Solves()
+        self._slopes = dict[tuple[float, str], Slope]()
 
     @property
     def theta(self) -> Array:
@@ -134,6 +135,13 @@ class WaveModel:
     def firsts(self, omega: float) -> list[str]:
         """Fields that need integrals of their own."""
         return [name for name, (first, _) in self.alike[omega].items() if name == first]
+
+    def slope(self, omega: float, name: str) -> Slope:
+        """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
+        if (omega, name) not in self._slopes:
+            number = sum(wave.omega == omega for wave in self.body.waves)
+            self._slopes[omega, name] = Slope(self.body, omega, self.fields[name], number)
+        return self._slopes[omega, name]
 
     @cached_property
     def elements(self) -> Array:
@@ -191,11 +199,10 @@ class Linearised:
         model.solves.adjoint += len(adjoints)
         pairs: dict[float, list[Pair]] = {}
         for k, (adjoint, _) in enumerate(adjoints):
-            pair = self._function(self.waves[k]), self._function(adjoint)
-            pairs.setdefault(model.body.waves[k].omega, []).append(pair)
+            pairs.setdefault(model.body.waves[k].omega, []).append((self.waves[k], adjoint))
         total = {name: np.zeros(field.space.ndof) for name, field in model.fields.items()}
         for omega, both in pairs.items():
-            slopes = {name: slope(model.body, omega, model.fields[name], both) for name in model.firsts(omega)}
+            slopes = {name: model.slope(omega, name)(both) for name in model.firsts(omega)}
             for name, (first, r) in model.alike[omega].items():
                 total[name] -= (r * slopes[first]).real
         return np.concatenate([*total.values(), self._of_boundary(adjoints)])

@@ -8,10 +8,10 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.harmonic import Change, Harmonic, derivative
+from ngbrain.forward.harmonic import Change, Harmonic, derivative, vanishes
 
 Array = np.ndarray
-Pair = tuple[ngs.GridFunction, ngs.GridFunction]
+Pair = tuple[Array, Array]
 SAME = 1e-10
 """Part of a slope up to which another one's multiple is the same."""
 APART = 0.1
@@ -28,16 +28,34 @@ def complexified(space: ngs.FESpace) -> ngs.FESpace:
     return type(space)(space.mesh, order=space.globalorder, complex=True)
 
 
-def slope(body: Harmonic, omega: float, field: ngs.GridFunction, pairs: Sequence[Pair]) -> Array:
-    """Σ vᵀ (∂A/∂θ_i) u over pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form."""
-    space = complexified(field.space)
-    form = ngs.LinearForm(space)
-    for u, v in pairs:
-        work = body.terms(omega, u, v, along(field, space.TestFunction()))
-        if work is not None:
-            form += work
-    form.Assemble()
-    return np.asarray(form.vec.FV().NumPy().copy())
+class Slope:
+    """Σ vᵀ (∂A/∂θ_i) u over so many pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form.
+
+    The form is made once: compiled, at the fields' values when it is called.
+    """
+
+    def __init__(self, body: Harmonic, omega: float, field: ngs.GridFunction, pairs: int) -> None:
+        space = complexified(field.space)
+        self._form = ngs.LinearForm(space)
+        self._pairs = [(ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)) for _ in range(pairs)]
+        change = along(field, space.TestFunction())
+
+        def compiled(work: CoefficientFunction) -> CoefficientFunction:
+            changed = change(work)
+            return changed if vanishes(changed) else changed.Compile()
+
+        for u, v in self._pairs:
+            work = body.terms(omega, u, v, compiled)
+            if work is not None:
+                self._form += work
+
+    def __call__(self, pairs: Sequence[Pair]) -> Array:
+        """Of these waves (ndof,) each."""
+        for functions, waves in zip(self._pairs, pairs, strict=True):
+            for function, wave in zip(functions, waves, strict=True):
+                function.vec.FV().NumPy()[:] = wave
+        self._form.Assemble()
+        return np.asarray(self._form.vec.FV().NumPy().copy())
 
 
 def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, tuple[str, complex]]:
@@ -88,7 +106,7 @@ def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float)
                 field.vec.FV().NumPy()[:] = _changed(kept[name], rng)
             pair = _random(body, rng), _random(body, rng)
             for name, field in fields.items():
-                parts[name].append(slope(body, omega, field, [pair]))
+                parts[name].append(Slope(body, omega, field, 1)([pair]))
     finally:
         for name, field in fields.items():
             field.vec.FV().NumPy()[:] = kept[name]
@@ -103,7 +121,5 @@ def _changed(values: Array, rng: np.random.Generator) -> Array:
     )
 
 
-def _random(body: Harmonic, rng: np.random.Generator) -> ngs.GridFunction:
-    gfu = ngs.GridFunction(body.fes)
-    gfu.vec.FV().NumPy()[:] = rng.normal(size=body.fes.ndof) + 1j * rng.normal(size=body.fes.ndof)
-    return gfu
+def _random(body: Harmonic, rng: np.random.Generator) -> Array:
+    return np.asarray(rng.normal(size=body.fes.ndof) + 1j * rng.normal(size=body.fes.ndof))
