@@ -18,7 +18,7 @@ from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
-NARROW = 0.8
+NARROW = 0.7
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
