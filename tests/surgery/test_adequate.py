@@ -12,7 +12,7 @@ from ngbrain.ladder.estimates import relative
 from ngbrain.ladder.rungs import richest
 from ngbrain.scene import Scene
 from ngbrain.scene.programs import Ask
-from ngbrain.surgery.adequate import Operation, axes_of, solve
+from ngbrain.surgery.adequate import Operation, _sizes, axes_of, solve
 
 PEAK = Ask(quantity="peak_pressure_mmHg", tolerance=0.3)
 
@@ -49,11 +49,9 @@ def test_elements_get_smaller_down_to_the_scenes_own() -> None:
     assert axes_of(fine, {"mesh": "0"})["mesh"].levels == ("0",)
     assert axes_of(asked(PEAK))["mesh"].levels == ("0", "1")  # √2 times 4 mm is as good as the largest, 6 mm
     assert axes_of(asked(PEAK, site=8e-3, near=14e-3, far=36e-3))["mesh"].levels == ("0",)
-    coarse, own = (
-        Operation(scene).made({"mesh": mesh}).scene.body for scene, mesh in ((fine, "0"), (asked(PEAK), "1"))
-    )
-    assert (coarse.site, coarse.near, coarse.far) == (6e-3, 14e-3, 36e-3)
-    assert own == asked(PEAK).body
+    coarse, own = (_sizes(fine, factor) for factor in (2.0, 1.0))
+    assert coarse == {"site": 6e-3, "near": 14e-3, "far": 36e-3}
+    assert own == {"site": 3e-3, "near": 8e-3, "far": 24e-3}
 
 
 def test_models_leave_out_what_they_say() -> None:
