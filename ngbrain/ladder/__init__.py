@@ -20,9 +20,11 @@ from ngsolve import ngsglobals
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
-from ngbrain.ladder.rungs import Model, axes_of, cheapest, check
+from ngbrain.ladder.rungs import Model
 from ngbrain.scene.loading import Loading
 from ngbrain.threads import threads as using
+
+__all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
 
 
 class Question(Protocol):
@@ -46,9 +48,6 @@ class Asking(Protocol):
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
-
-
-__all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
 
 
 def solve(
@@ -82,7 +81,7 @@ def solve(
         scene,
         folder,
         threads,
-        lambda: climb(scene, richest, tell) if model is None else stand(scene, _whole(scene, model)),
+        lambda: climb(scene, richest, tell) if model is None else stand(scene, model),
     )
 
 
@@ -106,10 +105,3 @@ def answered(scene: Asking, folder: str | Path | None, threads: int, find: Calla
         Path(folder).mkdir(parents=True, exist_ok=True)
         write_json(Path(folder) / "result.json", result)
     return result
-
-
-def _whole(scene: Loading, model: Model) -> dict[str, str]:
-    """The model with the cheapest level of the axes that it does not name; `InputError` for what no scene has."""
-    axes = axes_of(scene)
-    check("model", model, axes)
-    return {**cheapest(axes), **model}

@@ -14,7 +14,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution
 from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
-from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest
+from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
@@ -23,7 +23,7 @@ NARROW = 0.7
 LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
 PLACE = ("space", "extent")
-"""Axes whose levels have other meshes' places."""
+"""Axes along which bodies are in other places."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -151,7 +151,9 @@ def stand(scene: Loading, model: Model) -> Climb:
 
 
 def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
-    """The same along any axes."""
+    """The same along any axes; those that the model does not name are at their cheapest. `InputError` for what no scene has."""
+    check("model", model, axes)
+    model = {**cheapest(axes), **model}
     begun = time.process_time()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = time.process_time() - begun

@@ -52,7 +52,7 @@ class State:
 
 
 def embedded(state: State, body: Static, factor: float) -> Array:
-    """A state's displacements, and the pressures that go with them, as unknowns of another body on the same mesh."""
+    """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
     state.stand()
     u = state.displacement() * factor
     body.u.Set(u)

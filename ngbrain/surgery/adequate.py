@@ -2,7 +2,7 @@
 
 Strains are finite and the blade touches in all of them: an operation has no cheaper cousin that would say anything. What may be
 left out is how tissues differ, stiffen and relax, friction, and small elements. Steps are judged by taking them on the largest
-elements, elements by tissue without memory: that is dear where the richest model is small, and cheap where it is large.
+elements, elements by tissue without memory: that is dear where the richest model is small.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ngbrain.ladder import answered
 from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Keeper, Rung, ascend, stay
 from ngbrain.ladder.quantities import State
-from ngbrain.ladder.rungs import Axis, Model, between, cheapest, check
+from ngbrain.ladder.rungs import Axis, Model, between, check
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
@@ -96,9 +96,7 @@ def solve(
     tolerances = np.array([ask.tolerance for ask in operation.asks])
     if model is None:
         return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))
-    check("model", model, axes)
-    whole = {**cheapest(axes), **model}
-    return answered(scene, folder, threads, lambda: stay(axes, keeper, whole))
+    return answered(scene, folder, threads, lambda: stay(axes, keeper, model))
 
 
 class Operation:

@@ -84,7 +84,7 @@ def test_what_is_asked_has_to_mean_something() -> None:
 
 @pytest.mark.slow
 def test_an_operation_climbs_where_its_questions_want_it() -> None:
-    """Half a millimetre against tissue that stiffens as Griffiths' does: a seventh more pressure."""
+    """Half a millimetre against tissue that stiffens as Griffiths' does: more than a twentieth more pressure."""
     scene = asked(replace(PEAK, tolerance=0.05))
     steps = replace(scene.steps, contact=10.0, tolerance=0.1)
     scene = replace(scene, retraction=replace(scene.retraction, opening=5e-4, elapsed=10.1), steps=steps)
