@@ -180,3 +180,10 @@ def test_what_comes_near_the_tolerance_is_said() -> None:
         found = climb(asked, BOUNDS)
         assert found.error[0] == pytest.approx(missing)
         assert any("missing" in flag and said in flag for flag in found.flags) == bool(said)
+
+
+def test_an_axis_that_is_bounded_by_its_cheapest_level_stays_there() -> None:
+    scene = squeezed(1, Stuff(mu=(1e3,)))
+    axes = axes_of(scene, {"pressure": "none", "strain": "linear"})
+    assert axes["pressure"].levels == ("none",) and axes["strain"].levels == ("linear",)
+    assert {**cheapest(axes), **richest(axes)}.items() >= {"pressure": "none", "strain": "linear"}.items()
