@@ -3,9 +3,9 @@
 A block of 6 cm with a ball of 20 mm, twice as stiff, in its middle, where eight zones meet; two loads at 80 Hz, 2.3
 wave lengths from side to side, simulated with fourth order on tetrahedra, points every 2.5 mm, 2 % noise, one seed. `off` is the
 rms of ln(modulus/that of one inversion) over all points, `error` that of ln(modulus/truth), storage and loss; a size is in wave
-lengths, the most that is allowed (`side` is what came of it), and neighbours overlap by .27 of it, .4 at most. `cpu_s` of a pass
-counts all before it. Memory is that of a process, of zones with their check as one body. Zones that are more than a tenth off have
-failed: a cross.
+lengths, the most that is allowed (`side` is what came of it), and neighbours overlap as they do by default: by two of the largest
+zones' five elements along a side, one of four, one of three. `cpu_s` of a pass counts all before it. Memory is that of a process,
+of zones with their check as one body. Zones that are more than a tenth off have failed: a cross.
 
     python benchmarks/inversion_zones.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/inversion_zones.py --chart FILE.png < records.json
@@ -27,7 +27,7 @@ from ngbrain.inverse.direct import helmholtz_of_curl
 from ngbrain.inverse.inversion import Inversion, Row
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.subzones import OVERLAP, invert_by_subzones
+from ngbrain.inverse.subzones import OVERLAP, SIDE, invert_by_subzones
 from ngbrain.inverse.zones import spacing
 from ngbrain.io.waves import WaveData
 from ngbrain.threads import set_threads
@@ -38,9 +38,9 @@ BLOCK = BallInBlock(0.06, (0.03, 0.03, 0.03), 0.010, (4000 + 1600j, 8000 + 3200j
 NOISE, FAILED, PASSES = 0.02, 0.1, 2
 WAVE = 0.026
 """Length of a wave of shear in the block (m)."""
-SIZES = (0.9, 1.3, 1.6)
+SIZES = (1.0, 1.35, 1.7)
 PARTS = ("storage", "loss")
-COLOURS = {"algebraic": "#D55E00", "one inversion": "#4d4d4d", 0.9: "#56B4E9", 1.3: "#0072B2", 1.6: "#009E73"}
+COLOURS = {"algebraic": "#D55E00", "one inversion": "#4d4d4d", 1.0: "#56B4E9", 1.35: "#0072B2", 1.7: "#009E73"}
 
 
 def measure(quick: bool) -> list[Record]:
@@ -79,7 +79,7 @@ def one(data: WaveData, rounds: int, cells: int | None = None, whole: Maps | Non
 
 def zones(data: WaveData, rounds: int, size: float, whole: Maps) -> list[Record]:
     """Zones of a size in wave lengths, and their passes."""
-    lengths = {"size": size * WAVE, "overlap": min(OVERLAP, OVERLAP / 1.5 * size) * WAVE}
+    lengths = {"size": size * WAVE, "overlap": OVERLAP / SIDE * size * WAVE}
     found = invert_by_subzones(data, noise=NOISE, **lengths, passes=PASSES, rounds=rounds)
     points = found.model["points_of_a_zone"]
     side = max(points) ** (1 / 3) * spacing(data) / WAVE

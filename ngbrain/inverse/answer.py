@@ -13,6 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
+from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.zones import PartOfWaves
 from ngbrain.io.whole import whole
 
@@ -91,10 +92,11 @@ class Answer:
         return Answer(maps=maps, predicted=predicted, history=history, solves=Solves(**rest.pop("solves")), **rest)
 
 
-def told(data: PartOfWaves, *rest: object) -> str:
+def told(data: PartOfWaves, cells: Lattice, *rest: object) -> str:
     """Tells a zone's problem from others, by its arrays and whatever else it depends on."""
     parts = [data.points, data.displacement, data.mask, data.frequency, data.rms]
+    parts += [*cells.planes, cells.cells]
     parts += [each for each in (data.labels, data.fibre) if each is not None]
-    words = repr((data.density, data.symmetry, data.rheology, data.poisson, data.bulk, rest))
+    words = repr((data.density, data.symmetry, data.rheology, data.poisson, data.bulk, cells.form, rest))
     arrays = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
     return hashlib.sha256(arrays + words.encode()).hexdigest()

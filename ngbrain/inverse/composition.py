@@ -11,8 +11,9 @@ from ngsolve import CoefficientFunction
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.discretise import Discretisation, in_elements
+from ngbrain.inverse.discretise import Discretisation, in_elements, on_lattice
 from ngbrain.inverse.labels import by_label, shares
+from ngbrain.inverse.lattice import Lattice
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -86,7 +87,15 @@ class ByLabel:
 
 def elements_in_space(data: WaveData, labelled: bool) -> Discretisation:
     """Those of `in_elements`, with labels for fields of first order: labels have the jumps, what is left varies slowly."""
-    elements = in_elements(data)
+    return _with(in_elements(data), labelled)
+
+
+def elements_on(data: WaveData, cells: Lattice, labelled: bool) -> Discretisation:
+    """The same of a lattice."""
+    return _with(on_lattice(data, cells), labelled)
+
+
+def _with(elements: Discretisation, labelled: bool) -> Discretisation:
     return replace(elements, fields=1) if labelled else elements
 
 

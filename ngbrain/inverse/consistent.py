@@ -24,7 +24,8 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.points import evaluation
-from ngbrain.inverse.composition import composed, elements_in_space
+from ngbrain.inverse.composition import composed
+from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
@@ -110,6 +111,7 @@ class Shared(Policy):
 
 def invert_among(
     data: PartOfWaves,
+    elements: Discretisation,
     around: Neighbourhood,
     prior: Prior,
     *,
@@ -121,7 +123,6 @@ def invert_among(
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
     """A zone's maps next to its neighbours'; arguments are those of `invert_in_space`."""
-    elements = elements_in_space(data, labelled)
     composition = composed(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
     experiment = Experiment(replace(data, displacement=around.waves), elements, composition=composition)

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 import netgen.meshing as meshing
 import ngsolve as ngs
 import numpy as np
-from scipy.spatial import Delaunay, KDTree
+from scipy.spatial import Delaunay
 
 from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form
 from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
+from ngbrain.inverse.lattice import Lattice, lattice
 from ngbrain.io.waves import WaveData
-from ngbrain.mesh.grid import boxes, rectangles
+from ngbrain.mesh.grid import rectangles
 
 Array = np.ndarray
 NEARLY = 100.0
@@ -27,17 +28,6 @@ NEARLY = 100.0
 LONGEST = 3.0
 SHARP = 0.05
 """Triangles between scattered points are left out at the border when longer than this many median edges, or sharper (rad)."""
-ACROSS = 9.0
-"""Unknowns along a wave length of shear, of which errors are about 1 % with third order."""
-FEWEST = 4
-"""Elements along the longest side, at least."""
-SHARE, SAMPLES = 0.3, 5
-"""Hexahedra count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
-border reach out of the tissue, where waves go on as if it did."""
-NEAR = 1.0
-"""How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
-SAME, SPARSE = 0.01, 50.0
-"""Points are of a grid if their coordinates, to so many of the nearest distance, cross at so many places for each, or fewer."""
 LARGEST = 95_000
 """Displacements that elements in space may have, shared ones counted once: 89 424 of a head (101 193 in all) take 9.8 GiB."""
 
@@ -83,10 +73,10 @@ def as_made(data: WaveData) -> Discretisation:
 
 def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     """Elements of our own, of an order; one with pressures for nearly incompressible tissue."""
+    form = form_of(data, order)
     if data.dim == 3:
-        return _in_space(data, order)
-    form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
-    fields = max(1, (order + 1) // 2)
+        return on_lattice(data, lattice(data, form, LARGEST))
+    fields = _fields(order)
     grid = data.structured
     if grid is not None and grid.along and data.mask.all():
         sides = [
@@ -99,48 +89,20 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     return Discretisation(mesh, low, 1, None, inside)
 
 
-def _in_space(data: WaveData, order: int) -> Discretisation:
-    """Hexahedra where the points of the mask are, their faces along the coordinates."""
-    points = data.points[data.mask]
-    low, high = points.min(axis=0), points.max(axis=0)
-    axes, spacing = _voxels(data)
-    fastest = float(data.frequency.max())
-    wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
-    form = f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
-    along = np.linalg.norm(axes * spacing[:, None], axis=0)  # of a voxel, along each coordinate
-    size = np.maximum(order * along, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
-    tree = KDTree(points @ axes.T / spacing)
-    while True:
-        planes = [np.linspace(a, b, max(2, round((b - a) / h) + 1)) for a, b, h in zip(low, high, size, strict=True)]
-        shape = [len(plane) - 1 for plane in planes]
-        lines = [np.linspace(a, b, 2 * SAMPLES * n + 1)[1::2] for a, b, n in zip(low, high, shape, strict=True)]
-        samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
-        covered = tree.query(samples @ axes.T / spacing, distance_upper_bound=NEAR)[0] < np.inf
-        cells = covered.reshape([part for n in shape for part in (n, SAMPLES)]).mean(axis=(1, 3, 5)) >= SHARE
-        over = 3 * order**3 * cells.sum() / LARGEST
-        if over <= 1:
-            break
-        size = size * max(1.01, over ** (1 / 3))
-    mesh = boxes(cells, *planes)
-    inside = data.mask.copy()
-    inside[data.mask] = in_mesh(mesh, points)
-    return Discretisation(mesh, form, max(1, (order + 1) // 2), None, inside)
+def form_of(data: WaveData, order: int = 3) -> str:
+    """One with pressures for nearly incompressible tissue."""
+    return f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
 
 
-def _voxels(data: WaveData) -> tuple[Array, Array]:
-    """Axes (a unit vector in each row) of the voxels that the points of the mask are, and the spacing along them (m).
+def on_lattice(data: WaveData, cells: Lattice) -> Discretisation:
+    """The hexahedra of a lattice, which may be of more points than these."""
+    mesh, inside = cells.mesh, data.mask.copy()
+    inside[data.mask] = in_mesh(mesh, data.points[data.mask])
+    return Discretisation(mesh, cells.form, _fields(Form.named(cells.form).order), None, inside)
 
-    Points that were left of a grid along the coordinates have few values of each; others count as equally far apart.
-    """
-    if data.structured is not None:
-        return data.structured.axes, data.structured.spacing
-    points = data.points[data.mask]
-    nearest = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
-    unit = SAME * nearest
-    steps = [np.diff(np.unique(np.round((x - x.min()) / unit))) for x in points.T]
-    if np.prod([len(step) + 1.0 for step in steps]) > SPARSE * len(points):
-        return np.eye(data.dim), np.full(data.dim, nearest)
-    return np.eye(data.dim), np.array([unit * float(np.median(step[step > 1])) for step in steps])
+
+def _fields(order: int) -> int:
+    return max(1, (order + 1) // 2)
 
 
 def bulk_ratio(data: WaveData) -> float:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.elements import Form
 from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.inverse.composition import composed, elements_in_space
+from ngbrain.inverse.composition import composed, elements_on
 from ngbrain.inverse.consistent import fields_at, fitted
 from ngbrain.inverse.experiment import Experiment
+from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.normal import MOST_PROBED, PROBED, Normal
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
@@ -28,7 +27,7 @@ LARGEST = 40_000
 
 
 def level_as_one_body(
-    data: WaveData, logarithms: Mapping[str, Array], waves: Array, noise: float, labelled: bool
+    data: WaveData, cells: Lattice, logarithms: Mapping[str, Array], waves: Array, noise: float, labelled: bool
 ) -> Level | None:
     """Misfit and where it is expected with given maps, the boundary's displacements alone unknown; None for a body too large.
 
@@ -38,9 +37,9 @@ def level_as_one_body(
 
     The problem for the displacements is linear: one factor, and conjugate gradients with it.
     """
-    elements = elements_in_space(data, labelled)
-    if data.dim * ngs.H1(elements.mesh, order=Form.named(elements.form).order).ndof > LARGEST:
+    if cells.displacements > LARGEST:
         return None
+    elements = elements_on(data, cells, labelled)
     composition = composed(data, elements, labelled)
     start = replace(data, displacement=np.where(np.isnan(waves), data.displacement, waves))
     experiment, sigma = Experiment(start, elements, composition=composition), noise_of(data, noise)

@@ -1,14 +1,11 @@
 """The inversion of wave data zone by zone: overlapping boxes in processes of their own, then once more, each among its neighbours.
 
 A zone is a complete problem, as the displacements of its boundary are unknown with the noise that they were measured with. So
-zones are inverted by `invert_in_space`, each for itself, and their logarithms of moduli and their waves joined by shares that
-fall to zero at cut faces (`zones`). A pass of consistency then inverts each zone again from the joined maps, with one weight for
-all zones, its margins driven by the joined waves and drawn to the joined map (`consistent`), and joins again. The shared weight
-is that of the evidence of all zones together, so that a zone that sees little does not choose its own,
-
-    α = Σ γ_z / Σ (γ_z/α_z),
-
-γ_z numbers determined in a zone, γ_z/α_z their regulariser's energy. Memory is that of a zone, times how many are under way.
+zones are inverted by `invert_in_space`, each for itself in the elements that one inversion of the body has there (`zones`), and
+their logarithms of moduli and their waves joined by shares that fall to zero at cut faces. A pass of consistency then inverts
+each zone again from the joined maps, with one weight for all zones, its margins driven by the joined waves and drawn to the
+joined map (`consistent`), and joins again. The shared weight is that of the evidence of all zones together, so that a zone that
+sees little, or all of what is rough, does not choose its own (`together`). Memory is that of a zone, times how many are under way.
 """
 
 from __future__ import annotations
@@ -25,21 +22,27 @@ from ngbrain import pool
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
 from ngbrain.inverse.answer import Answer, told
+from ngbrain.inverse.composition import elements_on
 from ngbrain.inverse.consistent import Neighbourhood, invert_among
 from ngbrain.inverse.direct import uniform_shear
+from ngbrain.inverse.discretise import form_of
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
+from ngbrain.inverse.lattice import Lattice, lattice
 from ngbrain.inverse.priors import extent
 from ngbrain.inverse.quality import noise_level
 from ngbrain.inverse.regularise import smooth
+from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space
 from ngbrain.inverse.together import Together, concluded
 from ngbrain.inverse.zones import FEWEST, PartOfWaves, cut, part, spacing
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
-SIDE, OVERLAP = 1.5, 0.4
+SIDE, OVERLAP = 1.7, 0.6
 """Of a zone, and of an overlap, in wave lengths of shear at the highest frequency."""
+LESS = 0.05
+"""Of a cell, by which sizes may be too short for whole ones."""
 
 
 def invert_by_subzones(
@@ -58,8 +61,9 @@ def invert_by_subzones(
     """Property maps of wave data in space, zone by zone.
 
     noise       relative to the rms of each component over all data; by default what the data say, or what a smooth fit leaves
-    size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths
-    overlap     m, how deep neighbours reach into each other; by default `OVERLAP` wave lengths, less where `size` is small
+    size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths. Zones are of whole elements
+    overlap     m, how deep neighbours reach into each other, a third of a wave length or so for each element; by default
+                `OVERLAP` wave lengths, less where `size` is small
     processes   zones at a time, each in a process of its own; the answer does not depend on it. With more than one a script
                 has to call this under `if __name__ == "__main__":`
     labelled    whether each label has fields of its own
@@ -87,7 +91,7 @@ def invert_by_subzones(
     >>> bool(abs(np.median(found.maps["storage"]) / 4000 - 1) < 0.03), found.model["zones"]
     (True, 2)
     """
-    size, overlap = _sizes(data, size, overlap)
+    _checked(data, size, overlap)
     for name, value, least in (("passes", passes, 0), ("rounds", rounds, 1), ("processes", processes, 1)):
         if value < least:
             raise InputError(name, value, f"at least {least}")
@@ -96,25 +100,29 @@ def invert_by_subzones(
     if labelled and data.labels is None:
         raise InputError("labels", "not given", "a whole number for each point, or one field for all")
     level, note = noise_level(data, noise)
-    zones = cut(data, size, overlap)
+    cells = lattice(data, form_of(data))
+    zones = cut(data, cells, *_in_cells(data, cells, size, overlap))
     if not zones:
         raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
     common = Common(
         max(level, LEAST), float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint)
     )
-    parts = [part(data, zone) for zone in zones]
+    parts = [(*part(data, zone), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(tell)
-    tasks: list[pool.Task] = [(name, _alone, (name, own, common)) for name, (own, _) in zip(names, parts, strict=True)]
-    found = [Together(data, zones, list(pool.run(tasks, processes, hear).values()))]
+    tasks: list[pool.Task] = [
+        (name, _alone, (name, own, box, common)) for name, (own, _, box) in zip(names, parts, strict=True)
+    ]
+    rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
+    found = [Together(data, zones, rough, list(pool.run(tasks, processes, hear).values()))]
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
-        for name, zone, answer, (own, chosen) in zip(names, zones, last.answers, parts, strict=True):
+        for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
-            tasks.append((name, _among, (f"{name}, pass {i + 1}", own, around, answer, common)))
-        found.append(Together(data, zones, list(pool.run(tasks, processes, hear).values())))
-    return concluded(found, noise=common.noise, floor=LEAST, labelled=labelled, notes=[note] if note else [])
+            tasks.append((name, _among, (f"{name}, pass {i + 1}", own, box, around, answer, common)))
+        found.append(Together(data, zones, rough, list(pool.run(tasks, processes, hear).values()), found[0]))
+    return concluded(found, cells, noise=common.noise, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
 @dataclass(frozen=True)
@@ -151,10 +159,11 @@ class Common:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(name: str, data: PartOfWaves, common: Common, *, tell: pool.Tell) -> Answer:
+def _alone(name: str, data: PartOfWaves, cells: Lattice, common: Common, *, tell: pool.Tell) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         found = invert_in_space(
             data,
+            elements_on(data, cells, common.labelled),
             noise=common.noise,
             regulariser=common.prior,
             labelled=common.labelled,
@@ -164,16 +173,24 @@ def _alone(name: str, data: PartOfWaves, common: Common, *, tell: pool.Tell) -> 
         )
         return Answer.of(found)
 
-    return common.kept(name, told(data, replace(common, folder=None)), invert)
+    return common.kept(name, told(data, cells, replace(common, folder=None)), invert)
 
 
 def _among(
-    name: str, data: PartOfWaves, around: Neighbourhood, before: Answer, common: Common, *, tell: pool.Tell
+    name: str,
+    data: PartOfWaves,
+    cells: Lattice,
+    around: Neighbourhood,
+    before: Answer,
+    common: Common,
+    *,
+    tell: pool.Tell,
 ) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         try:
             found = invert_among(
                 data,
+                elements_on(data, cells, common.labelled),
                 around,
                 common.prior,
                 noise=common.noise,
@@ -187,7 +204,7 @@ def _among(
             return before
         return Answer.of(found)
 
-    return common.kept(name, told(data, replace(common, folder=None), around.known), invert)
+    return common.kept(name, told(data, cells, replace(common, folder=None), around.known), invert)
 
 
 def _around(last: Together, points: Array, share: Array, own: PartOfWaves, chosen: Array) -> Neighbourhood:
@@ -214,23 +231,33 @@ def _hearing(tell: Callable[[Iteration], None]) -> pool.Tell:
     return lambda iteration: tell(iteration)
 
 
-def _sizes(data: WaveData, size: float | None, overlap: float | None) -> tuple[float, float]:
+def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
     if data.dim != 3:
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
     for name, value in (("size", size), ("overlap", overlap)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a length in m")
+    if (size is None or overlap is None) and not data.frequency.any():
+        raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wave length")
+
+
+def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
+    """Size and overlap (dim,) in whole cells: not more than asked, and as near as can be, but at least one.
+
+    Raises `InputError` where that leaves less than a cell beside the overlap, or too few points.
+    """
+    side = np.array([np.diff(plane).max() for plane in cells.planes])
     if size is None or overlap is None:
-        fastest = float(data.frequency.max())
-        if fastest == 0:
-            raise InputError("size or overlap", "not given", "lengths in m: quasi-static data have no wave length")
-        wave = np.sqrt(uniform_shear(data) / data.density) / fastest
+        wave = np.sqrt(uniform_shear(data) / data.density) / float(data.frequency.max())
         size = SIDE * wave if size is None else size
         overlap = min(OVERLAP * wave, OVERLAP / SIDE * size) if overlap is None else overlap
-    least = overlap + FEWEST ** (1 / 3) * spacing(data)
-    if size < least:
-        raise InputError("size", f"{size:.3g}", f"{least:.3g} m or more, {overlap:.3g} of it an overlap")
-    return size, overlap
+    most, shared = (size / side + LESS).astype(int), np.maximum(np.rint(overlap / side), overlap > 0).astype(int)
+    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * spacing(data))
+    if size < least * (1 - LESS / 2) or not np.all(most > shared):
+        raise InputError(
+            "size", f"{size:.3g}", f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
+        )
+    return most, shared
 
 
 def _folder(checkpoint: str | os.PathLike[str] | None) -> Path | None:

@@ -11,10 +11,12 @@ import numpy as np
 from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
+from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.one_body import level_as_one_body
 from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution
 from ngbrain.inverse.quantities import quantities
+from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
 from ngbrain.inverse.weights import Level
 from ngbrain.inverse.zones import Zone, disagreement, joined, spacing
@@ -25,17 +27,17 @@ APART = 0.1
 """Disagreement of two zones from which a note says so."""
 CLOSEST = 0.01
 """Disagreement that counts at least: neighbours are not believed more closely."""
-NONE = 1e-3
-"""Numbers determined that count at least, where none are."""
 
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Zones of `data` and an `Answer` of each."""
+    """Zones of `data`, how rough maps in each are, and an `Answer` of each; with `alone`, when they knew nothing of each other."""
 
     data: WaveData
     zones: Sequence[Zone]
+    rough: Sequence[Rough]
     answers: Sequence[Answer]
+    alone: Together | None = None
 
     @cached_property
     def logarithms(self) -> dict[str, Array]:
@@ -73,18 +75,40 @@ class Together:
 
     @cached_property
     def weights(self) -> dict[str, float]:
-        """Field → the weight at which the regularisers' energies in all zones are what the numbers determined there want.
+        """Field → the weight that the evidence of all zones wants: α = Σ s_z α_z E_z / E, s_z the mean of a zone's share.
 
-        α = Σ γ_z / Σ (γ_z/α_z): a zone that determines little hardly counts.
+        A zone's own weight α_z makes α_z E_z what the numbers that its data determine want, E_z the roughness of its map; E is
+        that of the joined one. So a rough place that several zones see counts once.
         """
-        numbers: dict[str, float] = {}
-        energies: dict[str, float] = {}
-        for answer in self.answers:
+        found = {}
+        for name, wanted in self.wanted.items():
+            parts = zip(self.zones, self.rough, strict=True)
+            joint = self.logarithms[name.split(" ")[0]]
+            found[name] = wanted / sum(
+                rough.of(self._where(name, zone, joint[zone.points]), zone.share) for zone, rough in parts
+            )
+        return found
+
+    @cached_property
+    def wanted(self) -> dict[str, float]:
+        """Field → Σ s_z α_z E_z, by zones that know nothing of each other."""
+        if self.alone:
+            return self.alone.wanted
+        found: dict[str, float] = {}
+        for zone, rough, answer in zip(self.zones, self.rough, self.answers, strict=True):
             for name, weight in answer.weights.items():
-                number = max(answer.determined.get(name, 0.0), NONE)
-                numbers[name] = numbers.get(name, 0.0) + number
-                energies[name] = energies.get(name, 0.0) + number / weight
-        return {name: number / energies[name] for name, number in numbers.items()}
+                own = self._logarithm(answer, name.split(" ")[0])
+                part = float(np.mean(zone.share)) * weight * rough.of(self._where(name, zone, own))
+                found[name] = found.get(name, 0.0) + part
+        return found
+
+    def _where(self, name: str, zone: Zone, values: Array) -> Array:
+        """A zone's values of a quantity where a field of it is; NaN elsewhere."""
+        _, _, label = name.partition(" ")
+        if not label:
+            return values
+        assert self.data.labels is not None  # fields of labels have seen to it
+        return np.where(self.data.labels[zone.points] == int(label), values, np.nan)
 
     @cached_property
     def determined(self) -> dict[str, float]:
@@ -135,16 +159,19 @@ class Together:
 
     @cached_property
     def _own(self) -> dict[str, list[Array]]:
-        return {
-            name: [np.log(answer.maps[name] - floor) for answer in self.answers] for name, floor in self._floors.items()
-        }
+        return {name: [self._logarithm(answer, name) for answer in self.answers] for name in self._floors}
+
+    def _logarithm(self, answer: Answer, quantity: str) -> Array:
+        return np.log(answer.maps[quantity] - self._floors[quantity])
 
     @cached_property
     def _floors(self) -> dict[str, float]:
         return {quantity.name: quantity.floor for quantity in quantities(self.data, 1.0)}
 
 
-def concluded(found: Sequence[Together], *, noise: float, floor: float, labelled: bool, notes: list[str]) -> Inversion:
+def concluded(
+    found: Sequence[Together], cells: Lattice, *, noise: float, floor: float, labelled: bool, notes: list[str]
+) -> Inversion:
     """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
     first, last = found[0], found[-1]
     data, answers, zones = last.data, last.answers, last.zones
@@ -152,7 +179,7 @@ def concluded(found: Sequence[Together], *, noise: float, floor: float, labelled
     rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
     level = Level(rows[-1].misfit, rows[-1].expected)
     effect, snr = last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
-    body = level_as_one_body(data, last.logarithms, last.waves, noise, labelled)
+    body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled)
     of_plane, combined = of_fibres(data, last.maps)
     notes = [*notes, *_of_zones(found), *of_misfit(level.ratio, noise, floor), *of_few(last.determined), *of_plane]
     notes += [*of_scale(data), *([] if effect is None else [of_bulk(effect)])]

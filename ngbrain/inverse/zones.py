@@ -1,20 +1,22 @@
 """Zones: overlapping boxes that wave data are cut into, and how maps of zones are joined.
 
-Boxes come from cuts in two, each between points and across the longest side, so that zones have about as many points as their
-neighbours. They reach half an overlap beyond their cuts. There a zone's share of the joined map falls from 1 smoothly to 0 at
-its face, where its answer is worst: all shares at a point sum up to 1.
+Boxes are of whole cells of the body's lattice, so that a zone's elements are those that one inversion of the body has there: in
+others the same data give maps that are as far apart as zones are. They come from cuts in two, each across the longest side, so
+that zones have about as many points as their neighbours, and share the cells around a cut. There a zone's share of the joined map
+falls from 1 smoothly to 0 at its face, where its answer is worst: all shares at a point sum up to 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from ngbrain.inverse.lattice import Lattice
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -22,6 +24,8 @@ FEWEST = 216
 """A zone, or a piece of one that touches none of its others, has more points than this: the smallest spline's coefficients."""
 WIDE = 8
 """Points along each side of a zone's grid at least, those outside of the zone too: splines want as many."""
+ON = 1e-6
+"""Cells that a point may be off a face that it is on."""
 TOUCHING = 1.8
 """Spacings between points that touch, those across the diagonal of a voxel too."""
 
@@ -32,13 +36,12 @@ class Zone:
 
     points  (k,) which points of the data, growing
     share   (k,) of the joined map
-    low, high  (dim,) m, the box that it reaches to
+    cells   its part of the body's lattice
     """
 
     points: Array
     share: Array
-    low: Array
-    high: Array
+    cells: Lattice
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,33 +56,33 @@ class PartOfWaves(WaveData):
         return self.of_all
 
 
-def cut(data: WaveData, size: float, overlap: float) -> list[Zone]:
+def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Sequence[int] | Array) -> list[Zone]:
     """Zones of the points of the mask.
 
-    size     m, longest side of a zone, its overlaps with neighbours included
-    overlap  m, how deep neighbours reach into each other; 0: not at all
+    size     (dim,) cells of a zone along each coordinate at most, its overlaps with neighbours included: more than `overlap`
+    overlap  (dim,) cells that neighbours share; 0: none
 
     Points in pieces of no more than `FEWEST` are in no zone; the list is empty where all are.
 
-    >>> line = np.arange(20) * 2e-3
-    >>> grid = np.array([[x, y, z] for z in line[:8] for y in line[:8] for x in line])
-    >>> data = WaveData(grid, 1e-6 * np.ones((1, 1280, 3)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
-    >>> [len(zone.points) for zone in cut(data, size=0.024, overlap=0.008)]
-    [768, 768]
+    >>> line = np.arange(19) * 2e-3
+    >>> grid = np.array([[x, y, z] for z in line[:7] for y in line[:7] for x in line])
+    >>> data = WaveData(grid, 1e-6 * np.ones((1, 931, 3)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> cells = Lattice((np.linspace(0, 0.036, 7), *[np.linspace(0, 0.012, 3)] * 2), np.ones((6, 2, 2), bool), "P3")
+    >>> [(zone.cells.cells.shape, len(zone.points)) for zone in cut(data, cells, [4] * 3, [2] * 3)]
+    [((4, 2, 2), 637), ((4, 2, 2), 637)]
     """
     points = data.points[data.mask]
-    low, high = np.full(data.dim, -np.inf), np.full(data.dim, np.inf)
+    at = np.stack(
+        [np.interp(x, plane, np.arange(len(plane))) for x, plane in zip(points.T, cells.planes, strict=True)], 1
+    )
+    shape, far = np.array(cells.cells.shape), np.full(data.dim, np.inf)
     touching = TOUCHING * spacing(data)
     zones, numbers = [], np.flatnonzero(data.mask)
-    for a, b in _boxes(points, low, high, size, overlap):
-        near = _within(points, a, b, overlap)
+    for box in _boxes(at, Box(0 * shape, shape, -far, far), np.asarray(size), np.asarray(overlap)):
+        near = box.holds(at)
         near[near] = _in_large_pieces(points[near], touching)
         if near.any():
-            reach = [
-                np.where(np.isinf(end), points[near].min(axis=0) if sign < 0 else points[near].max(axis=0), end + grown)
-                for sign, end, grown in ((-1, a, -overlap / 2), (1, b, overlap / 2))
-            ]
-            zones.append(Zone(numbers[near], _ramps(points[near], a, b, overlap), *reach))
+            zones.append(Zone(numbers[near], box.ramps(at[near], np.asarray(overlap)), _seen(cells, box, at[near])))
     return _normed(zones, len(data.points))
 
 
@@ -130,7 +133,8 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
 
     √(Σ s_a s_b (v_a - v_b)² / Σ s_a s_b) over points and pairs a, b there.
 
-    >>> zones = [Zone(np.array([0, 1]), np.array([1, 0.5]), *np.eye(2)), Zone(np.array([1, 2]), np.array([0.5, 1]), *np.eye(2))]
+    >>> cells = Lattice((np.arange(2),) * 3, np.ones((1, 1, 1), bool), "P3")
+    >>> zones = [Zone(np.array([0, 1]), np.array([1, 0.5]), cells), Zone(np.array([1, 2]), np.array([0.5, 1]), cells)]
     >>> disagreement(zones, [np.array([1.0, 1.0]), np.array([1.5, 1.0])], 3)
     0.5
     """
@@ -147,29 +151,63 @@ def disagreement(zones: Sequence[Zone], values: Sequence[Array], n: int) -> floa
     return float(np.sqrt(np.sum(square * total) / pairs)) if pairs > 1e-9 else 0.0
 
 
-def _boxes(points: Array, low: Array, high: Array, size: float, overlap: float) -> list[tuple[Array, Array]]:
-    """Cuts in two until no box is longer than `size` with what it gains at its cut faces."""
-    inside = points[np.all((points > low) & (points < high), axis=1)]
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Cells `first` to `end` along each coordinate, the last ones left out, and the cuts that it is between, in cells."""
+
+    first: Array
+    end: Array
+    low: Array
+    high: Array
+
+    def holds(self, at: Array) -> Array:
+        """Which points (n, dim), in cells, are in these cells or on their faces."""
+        return np.all((at > self.first - ON) & (at < self.end + ON), axis=1)
+
+    def ramps(self, at: Array, overlap: Array) -> Array:
+        """Shares of the points before all add up to 1; where other zones leave a point out, the least is all of it."""
+        below = np.where(np.isinf(self.low), np.inf, at - self.first)
+        above = np.where(np.isinf(self.high), np.inf, self.end - at)
+        t = np.clip(np.minimum(below, above) / np.maximum(overlap, ON) + (overlap == 0), ON, 1)
+        return np.prod(t**2 * (3 - 2 * t), axis=1)
+
+    def between(self, axis: int, first: int, end: int, low: float, high: float) -> Box:
+        """The part along an axis."""
+        parts = [each.copy() for each in (self.first, self.end, self.low, self.high)]
+        for part, value in zip(parts, (first, end, low, high), strict=True):
+            part[axis] = value
+        return Box(*parts)
+
+
+def _boxes(at: Array, box: Box, size: Array, overlap: Array) -> list[Box]:
+    """Cuts in two until no box has more cells along a side than `size`; `at` (n, dim) are points, in cells."""
+    inside = at[np.all((at > box.low) & (at < box.high), axis=1)]
     if not len(inside):
         return []
-    length = np.ptp(points[_within(points, low, high, overlap)], axis=0)
-    axis = int(np.argmax(length))
-    if length[axis] <= size * (1 + 1e-9):
-        return [(low, high)]
-    number = max(2, int(np.ceil((length[axis] - overlap) / (size - overlap) - 1e-9)))
-    values, counts = np.unique(inside[:, axis], return_counts=True)
-    if len(values) < 2:
-        return [(low, high)]
-    before = np.cumsum(counts)[:-1] / len(inside)
+    near = at[box.holds(at)]
+    first = np.maximum(box.first, np.floor(near.min(axis=0) + ON).astype(int))
+    end = np.minimum(box.end, np.ceil(near.max(axis=0) - ON).astype(int))
+    axis = int(np.argmax((end - first) / size))
+    length, shared = int(end[axis] - first[axis]), int(overlap[axis])
+    if length <= size[axis]:
+        return [box]
+    number = max(2, int(np.ceil((length - shared) / (size[axis] - shared))))
+    starts = np.arange(first[axis] + 1, end[axis] - shared)
+    middles = starts + shared / 2
+    before = np.mean(inside[:, axis, None] < middles, axis=0)
     i = int(np.argmin(np.abs(before - (number // 2) / number)))
-    plane = (values[i] + values[i + 1]) / 2
-    upper, lower = high.copy(), low.copy()
-    upper[axis] = lower[axis] = plane
-    return _boxes(points, low, upper, size, overlap) + _boxes(points, lower, high, size, overlap)
+    start, middle = int(starts[i]), float(middles[i])
+    left = box.between(axis, box.first[axis], start + shared, box.low[axis], middle)
+    right = box.between(axis, start, box.end[axis], middle, box.high[axis])
+    return _boxes(at, left, size, overlap) + _boxes(at, right, size, overlap)
 
 
-def _within(points: Array, low: Array, high: Array, overlap: float) -> Array:
-    return np.all((points > low - overlap / 2) & (points < high + overlap / 2), axis=1)
+def _seen(cells: Lattice, box: Box, at: Array) -> Lattice:
+    """The box's part of a lattice, without cells that no point `at` (n, dim) is in."""
+    part = cells.part(box.first, box.end)
+    edges = [np.arange(n + 1) for n in part.cells.shape]
+    counts = np.histogramdd(np.clip(at - box.first, 0, np.array(part.cells.shape)), edges)[0]
+    return replace(part, cells=part.cells & (counts > 0))
 
 
 def _in_large_pieces(points: Array, reach: float) -> Array:
@@ -180,16 +218,8 @@ def _in_large_pieces(points: Array, reach: float) -> Array:
     return np.bincount(piece)[piece] > FEWEST
 
 
-def _ramps(points: Array, low: Array, high: Array, overlap: float) -> Array:
-    if not overlap:
-        return np.ones(len(points))
-    depth = np.minimum(points - (low - overlap / 2), (high + overlap / 2) - points) / overlap
-    t = np.clip(depth, 0, 1)
-    return np.prod(t**2 * (3 - 2 * t), axis=1)
-
-
 def _normed(zones: list[Zone], n: int) -> list[Zone]:
     total = np.zeros(n)
     for zone in zones:
         total[zone.points] += zone.share
-    return [Zone(z.points, z.share / total[z.points], z.low, z.high) for z in zones]
+    return [Zone(z.points, z.share / total[z.points], z.cells) for z in zones]

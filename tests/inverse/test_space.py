@@ -204,7 +204,7 @@ def voxels(spacing, turn, side=0.048):
 @pytest.fixture
 def short_waves(monkeypatch):
     """Of 8 mm whatever the data: elements are then as small as voxels allow."""
-    monkeypatch.setattr("ngbrain.inverse.discretise.uniform_shear", lambda data: data.density * (50.0 * 8e-3) ** 2)
+    monkeypatch.setattr("ngbrain.inverse.lattice.uniform_shear", lambda data: data.density * (50.0 * 8e-3) ** 2)
 
 
 TURNED = Rotation.from_euler("xyz", (5, 80, 5), degrees=True).as_matrix()
