@@ -41,8 +41,10 @@ from ngbrain.io.waves import WaveData
 Array = np.ndarray
 SIDE, OVERLAP = 1.7, 0.6
 """Of a zone, and of an overlap, in wave lengths of shear at the highest frequency."""
+FEW = 2
+"""Elements along a zone's side at least beside an overlap, where voxels are too large for more in `SIDE`."""
 LESS = 0.05
-"""Of a cell, by which sizes may be too short for whole ones."""
+"""Of an element, by which a size may be too short for whole ones."""
 
 
 def invert_by_subzones(
@@ -242,21 +244,24 @@ def _checked(data: WaveData, size: float | None, overlap: float | None) -> None:
 
 
 def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float | None) -> tuple[Array, Array]:
-    """Size and overlap (dim,) in whole cells: not more than asked, and as near as can be, but at least one.
+    """Size and overlap (dim,) in whole cells: a given size not exceeded, others as near as can be, an overlap at least one.
 
     Raises `InputError` where that leaves less than a cell beside the overlap, or too few points.
     """
     side = np.array([np.diff(plane).max() for plane in cells.planes])
+    wave = np.inf
     if size is None or overlap is None:
         wave = np.sqrt(uniform_shear(data) / data.density) / float(data.frequency.max())
-        size = SIDE * wave if size is None else size
-        overlap = min(OVERLAP * wave, OVERLAP / SIDE * size) if overlap is None else overlap
-    most, shared = (size / side + LESS).astype(int), np.maximum(np.rint(overlap / side), overlap > 0).astype(int)
+    if overlap is None:
+        overlap = OVERLAP * wave if size is None else min(OVERLAP * wave, OVERLAP / SIDE * size)
+    shared = np.maximum(np.rint(overlap / side), overlap > 0).astype(int)
+    if size is None:
+        return np.maximum(np.rint(SIDE * wave / side).astype(int), shared + FEW), shared
+    most = (size / side + LESS).astype(int)
     least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * spacing(data))
-    if size < least * (1 - LESS / 2) or not np.all(most > shared):
-        raise InputError(
-            "size", f"{size:.3g}", f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
-        )
+    if size < least * (1 - 1e-9) or not np.all(most > shared):
+        wanted = f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
+        raise InputError("size", f"{size:.3g}", wanted)
     return most, shared
 
 

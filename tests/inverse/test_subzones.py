@@ -11,8 +11,9 @@ from planewaves import RHO, grid, shear_waves, wave_number
 
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.files import finite
+from ngbrain.inverse.lattice import lattice
 from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.subzones import invert_by_subzones
+from ngbrain.inverse.subzones import _in_cells, invert_by_subzones
 from ngbrain.io.waves import WaveData
 
 SHEAR, HERTZ = 4000 + 1200j, 80.0
@@ -130,6 +131,14 @@ def test_a_zone_that_fails_is_named(monkeypatch):
 def test_bad_input(changes, choices, words):
     with pytest.raises(InputError, match=words):
         invert_by_subzones(wave_data(**changes), **{**ZONES, **choices})
+
+
+@pytest.mark.parametrize(("spacing", "side", "shared"), [(2e-3, 5, 2), (9e-3, 3, 1)])
+def test_zones_by_default(spacing, side, shared):
+    """Along the bar five elements that share two, a third of a wave each; three where voxels are a third of a wave."""
+    points = grid(26, 12, 12, spacing=spacing)
+    data = WaveData(points, clean(points), [HERTZ], RHO, "isotropic", "viscoelastic", bulk=2e5)
+    assert [each[0] for each in _in_cells(data, lattice(data, "P3"), None, None)] == [side, shared]
 
 
 def test_data_in_the_plane():
