@@ -35,7 +35,7 @@ from ngbrain.threads import set_threads
 Record = dict
 Maps = dict[str, np.ndarray]
 BLOCK = BallInBlock(0.06, (0.03, 0.03, 0.03), 0.010, (4000 + 1600j, 8000 + 3200j), 80.0, 0.009)
-NOISE, FAILED, PASSES = 0.02, 0.1, 2
+NOISE, FAILED, PASSES = 0.02, 0.1, 1
 WAVE = 0.026
 """Length of a wave of shear in the block (m)."""
 SIZES = (1.0, 1.35, 1.7)

@@ -125,7 +125,8 @@ def test_data_in_space(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_data_in_space_by_zones(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 1.0)  # two of them
+    monkeypatch.setattr("ngbrain.inverse.subzones.SIDE", 0.7)  # two of them
+    monkeypatch.setattr("ngbrain.inverse.subzones.OVERLAP", 0.2)
     points = grid(16, 8, 8, spacing=3e-3)
     labels = 1 + (points[:, 1] > 0.01)
     kind = ("isotropic", "viscoelastic")

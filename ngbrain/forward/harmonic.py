@@ -161,7 +161,8 @@ class Harmonic:
     def works(self, omega: float, trial: CoefficientFunction, test: CoefficientFunction) -> list[CoefficientFunction]:
         """The integrands over volume, bilinear in `trial` and `test`; from the energy, by differentiation.
 
-        Apart, not summed: NGSolve evaluates an integrand for each pair of entries of all the gradients and values in it.
+        Apart, not summed: NGSolve evaluates an integrand for each pair of entries of all the gradients and values in it. In space,
+        where multiplying is dearer than evaluating, what has the same gradients is one: cubes of third order take .35 s, not .56.
         """
         (u, p, grad_u), (v, q, grad_v) = self.split(trial), self.split(test)
         strain, along = self.strain(u, grad_u).MakeVariable(), self.strain(v, grad_v)
@@ -173,7 +174,8 @@ class Harmonic:
             works.append(pressing.Diff(strain, along) + pressing.Diff(pressure, q))
             works.append(derivative(pressed, pressure, q, "bulk"))
         elif self.bulk is not None:
-            works.append(derivative(self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain), strain, along, "bulk"))
+            pressed = derivative(self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain), strain, along, "bulk")
+            works = [works[0] + pressed] if self.mesh.dim == 3 else [*works, pressed]
         if omega:
             works.append(-(omega**2) * self.inertia(u, v))
         return [self.kinematics.weight() * work for work in works]

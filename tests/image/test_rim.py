@@ -29,6 +29,7 @@ def averaged(volume):
     return seen(data, affine)
 
 
+@pytest.mark.slow
 def test_tissue_in_voxels_of_3_mm(cache):
     scan, whole = averaged(mni152().volume), mni152().volume
     found = tissues(scan)

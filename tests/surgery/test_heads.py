@@ -80,6 +80,7 @@ def test_one_tissue_twice_is_that_tissue(model):
     assert np.abs(forces[0] - forces[1]).max() < 1e-10 * np.abs(forces[1]).max()
 
 
+@pytest.mark.slow
 def test_the_first_push_of_the_blade(model):
     run = ProtocolRun(model, model.ramp("push"), None).go(until=0.2)
     row, body = run.rows[-1], run.transient.body
