@@ -40,6 +40,7 @@ WAVE = 0.026
 """Length of a wave of shear in the block (m)."""
 SIZES = (1.0, 1.35, 1.7)
 PARTS = ("storage", "loss")
+TIMES, PER_CENT = (200, 300, 400, 600, 800, 1200, 1600), (1, 1.5, 2, 3, 4, 5, 7, 10, 20, 50, 100, 200)
 COLOURS = {"algebraic": "#D55E00", "one inversion": "#4d4d4d", 1.0: "#56B4E9", 1.35: "#0072B2", 1.7: "#009E73"}
 
 
@@ -135,7 +136,7 @@ def chart(records: list[Record], png: str) -> None:
                     f"{r['passes']}", (r["cpu_s"], 100 * r[key][1]), textcoords="offset points", xytext=(7, 5)
                 )
         axes.set(xscale="log", yscale="log", xlabel="CPU time, s")
-        for axis, ticks in ((axes.xaxis, (200, 400, 800, 1600)), (axes.yaxis, (2, 3, 5, 10, 20, 50, 100, 200))):
+        for axis, ticks in ((axes.xaxis, TIMES), (axes.yaxis, PER_CENT)):
             axis.set_ticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
         axes.grid(True, alpha=0.3)
