@@ -233,9 +233,8 @@ def _of_zones(found: Sequence[Together]) -> list[str]:
         notes.append(f"zones differ where they overlap, {words} (rms): larger zones, or more data, would tell")
     lost = last.data.mask & np.isnan(next(iter(last.maps.values())))
     if lost.any():
-        notes.append(
-            f"{int(lost.sum())} of {int(last.data.mask.sum())} points are in pieces too small for a zone: no map there"
-        )
+        of_all = f"{int(lost.sum())} of {int(last.data.mask.sum())} points"
+        notes.append(f"{of_all} have no map: they are in no element, at the border, or in pieces too small for a zone")
     going = sum(not answer.converged for answer in last.answers)
     if going:
         notes.append(f"{going} of {len(last.answers)} zones had not settled when their iterations were used up")

@@ -8,7 +8,7 @@ from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.rough import Rough
-from ngbrain.inverse.together import Together
+from ngbrain.inverse.together import Together, _of_zones
 from ngbrain.inverse.zones import cut
 
 LENGTH, CELL = 0.048, 4e-3
@@ -62,3 +62,8 @@ def test_a_smoother_joined_map_wants_a_larger_weight(bar):
 def test_a_map_without_slopes_has_a_weight(bar):
     found = together(*bar, lambda x: np.full(len(x), 8.0), (3.0, 3.0))
     assert all(np.isfinite(weight) and weight > 0 for weight in found.weights.values())
+
+
+def test_points_without_a_map_are_said(bar):
+    found = together(*bar, lambda x: np.where(x[:, 0] < 1e-3, np.nan, 8.0), (3.0, 3.0))
+    assert [note for note in _of_zones([found]) if note.startswith("81 of 2025 points have no map")]
