@@ -65,6 +65,7 @@ def pressed(make_body, plate, control):
     return rows[:, 1].max(), transient.progress
 
 
+@pytest.mark.slow
 def test_half_an_hour_takes_few_steps(make_body, plate):
     """Even steps take fifteen times as many and are less exact, steps chosen beforehand a good half more."""
     peak, fine = pressed(make_body, plate, ErrorControl(1e-6, touch=0.01))
