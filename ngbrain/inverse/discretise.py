@@ -90,7 +90,7 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
 
 
 def form_of(data: WaveData, order: int = 3) -> str:
-    """One with pressures for nearly incompressible tissue."""
+    """Elements of an order in words, with pressures for nearly incompressible tissue."""
     return f"P{order}/P{order - 1}" if bulk_ratio(data) > NEARLY else f"P{order}"
 
 

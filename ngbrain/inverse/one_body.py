@@ -31,6 +31,7 @@ def level_as_one_body(
 ) -> Level | None:
     """Misfit and where it is expected with given maps, the boundary's displacements alone unknown; None for a body too large.
 
+    cells       the body's
     logarithms  quantity → ln(value - floor) (n,), NaN where there is none
     waves       (loads, n, dim) m, what the boundary starts from; NaN where there are none
     noise       relative, as `noise_of` takes it
