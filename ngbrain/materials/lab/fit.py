@@ -75,17 +75,19 @@ def fit(
     >>> round(fit(NeoHooke, data, {"mu": 500.0}).parameters["mu"])
     999
     """
-    problem = _Problem(law, checked_curves(data), dict(start), bounds or {}, weights or {})
-    results = [result for guess in problem.guesses(starts, seed) if (result := problem.solve(guess)) is not None]
-    if not results:
-        raise ConvergenceError("none of the starts of the fit ended; try another guess or bounds")
-    best = min(results, key=lambda result: result.cost)
-    alike = best.cost * (1 + SAME_OPTIMUM) + 1e-24
-    return problem.report(best, sum(result.cost <= alike for result in results), starts)
+    return Problem(law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
 
-class _Problem:
-    """Scaled misfits as a function of the parameters; infinite where the law refuses them."""
+class Problem:
+    """Scaled misfits as a function of the parameters; infinite where the law refuses them.
+
+    What stresses a specimen has at given parameters, `stresses`, is for others to say anew.
+    """
+
+    slope: str | Callable[[np.ndarray], np.ndarray] = "3-point"
+    """Derivative of the misfits (data, parameters), or how scipy is to find it."""
+    ends: Mapping[str, float] = {"xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-12}
+    """When scipy may stop."""
 
     def __init__(
         self,
@@ -113,27 +115,23 @@ class _Problem:
             law(**start)
         except TypeError as error:
             raise InputError("start", ", ".join(self.names), f"the arguments of the law ({error})") from error
-        self._parameters = {name: ngs.Parameter(value) for name, value in start.items()}
-        self._specimens = self._elastic()
+        self.parameters = {name: ngs.Parameter(value) for name, value in start.items()}
+        self.prepare()
         if not np.isfinite(self.misfits(self.start)).all():
-            self._curves(dict(start))  # raises what is wrong
+            self.stresses(dict(start))  # raises what is wrong
             raise InputError("start", start, "parameters with finite stress at all data")
 
-    def _elastic(self) -> dict[str, Specimen]:
+    def prepare(self) -> None:
         """One expression for each curve, built once: its parameters are set again and again."""
         plain = [curve for curve in self.curves if curve.times is None]
-        if not plain:
-            return {}
-        law = self.law(**self._parameters)
-        return {
-            curve.label: Specimen.of_law(cast(Law, law), MODES[curve.mode], len(curve.stretches)) for curve in plain
-        }
+        law = cast(Law, self.law(**self.parameters)) if plain else None
+        self._specimens = {c.label: Specimen.of_law(law, MODES[c.mode], len(c.stretches)) for c in plain if law}
 
-    def _curves(self, values: Mapping[str, float]) -> list[np.ndarray]:
+    def stresses(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Nominal stress (Pa) along each curve."""
         law = self.law(**values)  # a law checks numbers
         for name, value in values.items():
-            self._parameters[name].Set(value)
+            self.parameters[name].Set(value)
         answers = []
         for curve in self.curves:
             if curve.times is None:
@@ -144,17 +142,21 @@ class _Problem:
                 answers.append(history(cast(Viscous, law), curve.mode, curve.times, curve.stretches))
         return answers
 
-    def _named(self, x: np.ndarray) -> dict[str, float]:
+    def named(self, x: np.ndarray) -> dict[str, float]:
+        """Parameters by name."""
         return dict(zip(self.names, x.tolist(), strict=True))
 
     def misfits(self, x: np.ndarray) -> np.ndarray:
         """(P - data)/peak at all data, one curve after the other."""
         try:
-            stresses = self._curves(self._named(x))
+            stresses = self.stresses(self.named(x))
         except (InputError, SolverError):
             return np.full(sum(len(curve.stress) for curve in self.curves), np.inf)
-        parts = zip(self._scales, stresses, self.curves, strict=True)
-        return np.concatenate([scale * (stress - curve.stress) for scale, stress, curve in parts])
+        return self.scaled([stress - curve.stress for stress, curve in zip(stresses, self.curves, strict=True)])
+
+    def scaled(self, stresses: list[np.ndarray]) -> np.ndarray:
+        """Stresses (Pa) along all curves over each one's peak, one curve after the other."""
+        return np.concatenate([scale * stress for scale, stress in zip(self._scales, stresses, strict=True)])
 
     def guesses(self, count: int, seed: int) -> list[np.ndarray]:
         """The start, and others that the law accepts."""
@@ -181,21 +183,29 @@ class _Problem:
                 guess[i] = low + (high - low) * u[i]
         return guess
 
+    def best(self, starts: int, seed: int) -> Fit:
+        """The best of several starts; `ConvergenceError` when none ends."""
+        results = [result for guess in self.guesses(starts, seed) if (result := self.solve(guess)) is not None]
+        if not results:
+            raise ConvergenceError("none of the starts of the fit ended; try another guess or bounds")
+        best = min(results, key=lambda result: result.cost)
+        alike = best.cost * (1 + SAME_OPTIMUM) + 1e-24
+        return self.report(best, sum(result.cost <= alike for result in results), starts)
+
     def solve(self, guess: np.ndarray) -> OptimizeResult | None:
         """Where this start ends, or None when it breaks down."""
         try:
             with np.errstate(all="ignore"):
                 return least_squares(
-                    self.misfits, guess, "3-point", (self.low, self.high), x_scale="jac", xtol=1e-12, ftol=1e-14,
-                    gtol=1e-12, max_nfev=400,
-                )  # fmt: skip
+                    self.misfits, guess, self.slope, (self.low, self.high), x_scale="jac", max_nfev=400, **self.ends
+                )
         except (ValueError, np.linalg.LinAlgError):
             return None
 
     def report(self, result: OptimizeResult, reached: int, starts: int) -> Fit:
         """Numbers of the optimum, with what the data say about them."""
-        values = self._named(result.x)
-        stresses = self._curves(values)
+        values = self.named(result.x)
+        stresses = self.stresses(values)
         active = self._active(result)
         return Fit(
             parameters=values,

@@ -1,0 +1,182 @@
+"""Constants of a law from tests of blocks that stick to their plates, as soft tissue is glued: by the whole field of each block.
+
+    P = F/A,  F the force on the upper plate and A the area that is glued, of a body in equilibrium under each deformation
+
+A block that sticks cannot widen at its ends when it is pressed, and its free sides do not shear: fits that take it for
+homogeneous (`materials.lab.fit`) put that into the constants.
+
+Source of the tests: Budday et al. 2017, 10.1016/j.actbio.2016.10.036.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.implicit import Case, Equilibria, StaticModel
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Force
+from ngbrain.forward.static import Static
+from ngbrain.materials.base import Law
+from ngbrain.materials.lab.curves import Curve, checked_curves
+from ngbrain.materials.lab.fit import Bounds, Fit, Problem
+from ngbrain.materials.lab.modes import mode_named
+from ngbrain.materials.points import initial_modulus
+from ngbrain.materials.viscous import Viscous
+from ngbrain.mesh import block
+
+Array = np.ndarray
+MOTIONS = {"uniaxial": (0.0, 0.0, 1.0), "shear": (1.0, 0.0, 0.0)}
+"""Where the upper plate goes, by test."""
+STIFF = 1e4
+"""K/μ of a block whose bulk modulus is not given, with the μ that a fit begins with; a tenth of it moves stresses by .7 %."""
+
+
+@dataclass(frozen=True)
+class Bonded:
+    """A block between two plates that it sticks to.
+
+    size    edges along x, y, z (m); the plates are at the ends of z, and one moves along z ("uniaxial") or x ("shear")
+    bulk    K (Pa); by default 10 000 times the initial shear modulus
+    maxh    of its elements (m); by default a third of the shortest edge
+    form    as `Static` takes it
+    levels  deformations computed for each curve on each side of rest; between them goes a polynomial through rest
+
+    Raises `InputError` for an edge or a number of levels that is not positive.
+
+    >>> from ngbrain.materials import NeoHooke, lab
+    >>> cube, law = Bonded((0.005, 0.005, 0.005), maxh=0.005, levels=1), NeoHooke(1000.0)
+    >>> bool(cube.stress(law, "uniaxial", [0.9])[0] < lab.stress(law, "uniaxial", [0.9])[0])  # pressed, it resists more
+    True
+    """
+
+    size: tuple[float, float, float] = (0.005, 0.005, 0.005)
+    bulk: float | None = None
+    maxh: float | None = None
+    form: str = "P3/P2"
+    levels: int = 5
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 3 or not all(edge > 0 for edge in self.size):
+            raise InputError("Bonded.size", self.size, "three lengths in m")
+        if not self.levels >= 1:
+            raise InputError("Bonded.levels", self.levels, "at least 1")
+
+    def stress(self, law: Law, mode: str, stretches: object) -> Array:
+        """Nominal stress (Pa, (n,)) at stretches λ or shears γ (n,), as `lab.stress` gives it for a homogeneous body."""
+        where = mode_named(mode).checked(stretches)
+        bodies, matrix = self._tests(mode, where, Material(law, self._bulk(law)))
+        for body in bodies:
+            body.solve()
+        return matrix @ np.array([body.force("top") @ MOTIONS[mode] for body in bodies])
+
+    def fit(
+        self,
+        law: Callable[..., Law],
+        data: Iterable[Curve],
+        start: Mapping[str, float],
+        bounds: Mapping[str, Bounds] | None = None,
+        starts: int = 1,
+        weights: Mapping[str, float] | None = None,
+        seed: int = 0,
+    ) -> Fit:
+        """As `lab.fit`, of elastic curves in uniaxial tests and shear, with exact derivatives; `law` takes ngsolve `Parameter`s.
+
+        Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises `InputError` for curves with times and for other tests.
+        """
+        return Blocks(self, law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
+
+    def _bulk(self, law: Law) -> float:
+        return STIFF * float(initial_modulus(law)) if self.bulk is None else self.bulk
+
+    def _tests(self, mode: str, stretches: Array, material: Material) -> tuple[list[Static], Array]:
+        """Bodies of one test, and the matrix from their forces (N) to nominal stresses (Pa) at all stretches."""
+        if mode not in MOTIONS:
+            raise InputError("mode", repr(mode), f"a test between plates: {' or '.join(MOTIONS)}")
+        mesh = block(self.size, self.maxh or min(self.size) / 3)
+        levels, parts = _levels(stretches - mode_named(mode).rest, self.levels)
+        ways = (tuple(float(e) * self.size[2] * along for along in MOTIONS[mode]) for e in levels)
+        bodies = [Static(mesh, {".*": material}, {"bottom": 0, "top": way}, form=self.form) for way in ways]
+        return bodies, parts / (self.size[0] * self.size[1])
+
+
+def _levels(strains: Array, most: int) -> tuple[Array, Array]:
+    """Where a curve is computed, and the matrix from values there to values at all strains; at rest there is nothing."""
+    levels, columns = [], []
+    for side in (-1, 1):
+        mine = side * strains > 0
+        if not mine.any():
+            continue
+        at = np.unique(strains[mine])
+        end = at[np.argmax(np.abs(at))]
+        if len(at) > most:
+            at = end * (1 - np.cos(np.pi * np.arange(1, most + 1) / most)) / 2
+        part = np.zeros((len(strains), len(at)))
+        part[mine] = _powers(strains[mine] / end, len(at)) @ np.linalg.inv(_powers(at / end, len(at)))
+        levels.append(at)
+        columns.append(part)
+    return np.concatenate(levels), np.hstack(columns)
+
+
+def _powers(x: Array, most: int) -> Array:
+    return x[:, None] ** np.arange(1, most + 1)
+
+
+class Blocks(Problem):
+    """A fit's misfits with blocks in place of homogeneous specimens; `model` is all of them."""
+
+    ends: Mapping[str, float] = {"xtol": 1e-6, "ftol": 1e-9, "gtol": 1e-9}
+
+    def __init__(
+        self,
+        plates: Bonded,
+        law: Callable[..., Law],
+        curves: list[Curve],
+        start: dict[str, float],
+        bounds: Mapping[str, Bounds],
+        weights: Mapping[str, float],
+    ) -> None:
+        for curve in curves:
+            if curve.times is not None:
+                raise InputError(f"data[{curve.label!r}].times", "given", "an elastic curve, without times")
+            if not np.any(curve.stretches != mode_named(curve.mode).rest):
+                raise InputError(f"data[{curve.label!r}].stretches", "all at rest", "some that deform")
+        self._plates = plates
+        super().__init__(law, curves, start, bounds, weights)
+
+    def prepare(self) -> None:
+        """One model of all blocks."""
+        law = self.law(**{name: parameter.Get() for name, parameter in self.parameters.items()})
+        if isinstance(law, Viscous):
+            raise InputError("law", "a relaxing one", "an elastic one")
+        material = Material(self.law(**self.parameters), self._plates._bulk(law))
+        tests = [self._plates._tests(curve.mode, curve.stretches, material) for curve in self.curves]
+        seen = [Force("top", (MOTIONS[curve.mode],)) for curve in self.curves]
+        cases = [Case(body, [force]) for (bodies, _), force in zip(tests, seen, strict=True) for body in bodies]
+        self.model = StaticModel(cases, self.parameters)
+        self._matrices = [matrix for _, matrix in tests]
+        ends = np.cumsum([0, *(matrix.shape[1] for matrix in self._matrices)])
+        self._places = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self._last: Equilibria | None = None
+
+    def stresses(self, values: Mapping[str, float]) -> list[Array]:
+        """Nominal stress (Pa) along each curve."""
+        self.law(**values)  # a law checks numbers
+        return self._along(self._at(np.array(list(values.values()), float)).data)
+
+    def slope(self, x: Array) -> Array:
+        """Derivative of the misfits (data, parameters)."""
+        there = self._at(x)
+        return np.array([self.scaled(self._along(there.push(unit))) for unit in np.eye(len(x))]).T
+
+    def _at(self, x: Array) -> Equilibria:
+        if self._last is None or not np.array_equal(self._last.theta, x):
+            self._last = self.model.at(x)
+        return self._last
+
+    def _along(self, forces: Array) -> list[Array]:
+        return [matrix @ forces[where] for matrix, where in zip(self._matrices, self._places, strict=True)]
