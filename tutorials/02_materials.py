@@ -81,7 +81,10 @@ for mode, stretch in (("uniaxial", 0.9), ("uniaxial", 1.1), ("shear", 0.2)):
     glued, free = (float(test(best.law, mode, [stretch])[0]) for test in (cube.stress, lab.stress))
     print(f"{mode:<9} {stretch}: {glued:8.1f} Pa glued, {free:8.1f} Pa homogeneous, {glued / free:.2f} times")
 whole = cube.fit(Ogden, data, best.parameters)
-print({key: round(value, 1) for key, value in whole.parameters.items()}, {key: round(r2, 2) for key, r2 in whole.r2.items()})
+print(
+    {key: round(value, 1) for key, value in whole.parameters.items()},
+    {key: round(r2, 2) for key, r2 in whole.r2.items()},
+)
 
 # %% [markdown]
 # The same law now follows the curves worse: what one exponent explains in homogeneous cubes, it does not in glued ones. Of
@@ -157,4 +160,6 @@ print(f"at 50 Hz: storage {G.real / 1e3:.2f}, loss {G.imag / 1e3:.2f} kPa")
 mu_fit, alpha = best.parameters["mu"], best.parameters["alpha"]
 print(f"μ = {mu_fit / 1e3:.2f} kPa, α = {alpha:.1f}")
 assert abs(mu_fit / 1442 - 1) < 0.03 and abs(alpha / -19.2 - 1) < 0.03, (mu_fit, alpha)
-assert abs(whole.parameters["mu"] / 1433 - 1) < 0.02 and abs(whole.parameters["alpha"] / -14.4 - 1) < 0.02, whole.parameters
+assert abs(whole.parameters["mu"] / 1433 - 1) < 0.02 and abs(whole.parameters["alpha"] / -14.4 - 1) < 0.02, (
+    whole.parameters
+)

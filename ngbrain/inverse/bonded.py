@@ -86,7 +86,8 @@ class Bonded:
     ) -> Fit:
         """As `lab.fit`, of elastic curves in uniaxial tests and shear, with exact derivatives; `law` takes ngsolve `Parameter`s.
 
-        Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises `InputError` for curves with times and for other tests.
+        Begin with what `lab.fit` finds. Intervals know nothing of the mesh: by default stresses are about 1 % too high. Raises
+        `InputError` for curves with times and for other tests.
         """
         return Blocks(self, law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
