@@ -10,9 +10,10 @@ and as r is 0 where it is taken, these have the minimum's e with its derivatives
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from operator import add
+from typing import TypeAlias
 
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
@@ -70,12 +71,21 @@ class Spectrum:
         return _sum(ngs.exp(log) * axis for log, axis in zip(logs, self._axes, strict=True))
 
 
+Moved: TypeAlias = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
+"""From `made` and `law` to `made` with a change of its parameters, which is zero but has a derivative."""
+
+
+def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
+    return made
+
+
 class Begun:
     """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`.
 
     Parameters are in the variable `made` alone; `law` is what it is equal to, by parameters alone.
 
     shape, G  C̄ and G at the start
+    moved     from `made` to one whose parameters change
     settled   what `Flow.settled` has: the strains in a law of which parameters are differentiated, and a share
     """
 
@@ -86,9 +96,11 @@ class Begun:
         shape: CoefficientFunction,
         G: CoefficientFunction,
         settled: CoefficientFunction,
+        moved: Moved = _still,
     ) -> None:
         start = Spectrum(G.trans * shape * G)
-        made = _start(branch, ngs.CF(tuple(start.x))).MakeVariable()
+        law = _start(branch, ngs.CF((settled[2], settled[3])))
+        made = moved(_start(branch, ngs.CF(tuple(start.x))), law).MakeVariable()
         slope, rest, eta = [made[0], made[1]], made[2], made[3]
         found = settled[2], settled[3]
         pairs = (slope, slope), (start.x, slope), (found, found)
@@ -96,7 +108,7 @@ class Begun:
         theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
         flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
         self.value = ngs.CF((G * start.stretched(flowed), eta / dt * factor))
-        self.made, self.law = made, _start(branch, ngs.CF(found))
+        self.made, self.law = made, law
 
 
 def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
@@ -105,19 +117,24 @@ def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:
 
 
 class Ended:
-    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made` and `law` as in `Begun`.
+    """What a step ends with at a shape C̄: `energy`, and `G` (nine entries); `made`, `law` and `moved` as in `Begun`.
 
     half     ten entries of `Begun`
     settled  see there
     """
 
     def __init__(
-        self, branch: Maxwell, shape: CoefficientFunction, half: CoefficientFunction, settled: CoefficientFunction
+        self,
+        branch: Maxwell,
+        shape: CoefficientFunction,
+        half: CoefficientFunction,
+        settled: CoefficientFunction,
+        moved: Moved = _still,
     ) -> None:
         G = ngs.CF(tuple(half[i] for i in range(9)), dims=(3, 3))
         kappa, end = half[9], Spectrum(G.trans * shape * G)
         law = branch.slopes(ngs.CF((settled[0], settled[1])))
-        made = law.MakeVariable()
+        made = moved(law, law).MakeVariable()
         W, first, second, a, b, c = (made[i] for i in range(6))
         off = [end.x[i] - settled[i] for i in range(2)]
         r, k = (first - 2 * kappa * off[0], second - 2 * kappa * off[1]), 2 * kappa

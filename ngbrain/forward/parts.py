@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 from typing import TypeAlias
 
 import ngsolve as ngs
@@ -16,12 +18,17 @@ Derivative: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
 
 
 class Block:
-    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points)."""
+    """Variables at quadrature points that go together: values, their change, and their weights; each (size, points).
 
-    def __init__(self, space: ngs.FESpace, size: int) -> None:
+    variable   the values, to be derived by
+    moved      values + s change, s a number that is zero: derived by it, a function of them is derived along the change
+    """
+
+    def __init__(self, space: ngs.FESpace, size: int, s: ngs.Parameter) -> None:
         self.value, self.change, self.weight = (ngs.GridFunction(ngs.VectorValued(space, size)) for _ in range(3))
         self.size = size
         self.variable = entries(self.value).MakeVariable()
+        self.moved = entries(self.value) + s * entries(self.change)
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,14 @@ class Part:
     def by_theta(self) -> Expressions:
         """Derivatives by each parameter's value."""
         return self.slopes if self.made is None else [times(self.value.Diff(self.made), s) for s in self.slopes]
+
+    def along(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
+        """Its change with s, and with parameters along their ways unless s moves them."""
+        moved = self.value.Diff(s)
+        if not self.slopes:
+            return moved
+        change = reduce(add, (slope * way for slope, way in zip(self.slopes, ways, strict=True)))
+        return moved + (change if self.made is None else times(self.value.Diff(self.made), change))
 
     def then(self, operator: Derivative) -> Part:
         """A linear operator of it that has no parameters."""

@@ -12,10 +12,10 @@ e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from operator import add
+from operator import add, attrgetter
 from typing import Any, TypeAlias
 
 import ngsolve as ngs
@@ -27,7 +27,7 @@ from ngbrain.forward.body import Body
 from ngbrain.forward.flow_forms import Begun, Ended, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
-from ngbrain.forward.parts import Block, Expressions, Part, entries, put, times, values, weighed
+from ngbrain.forward.parts import Block, Expressions, Part, put, values, weighed
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.viscous import overstress
 from ngbrain.tensors import deformation_gradient, of_six, six
@@ -35,6 +35,9 @@ from ngbrain.tensors import deformation_gradient, of_six, six
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
 """A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
+Seen: TypeAlias = Callable[[Block], CoefficientFunction]
+STILL, MOVED = attrgetter("variable"), attrgetter("moved")
+"""Blocks as what adjoints derive by, and as what changes along a direction."""
 
 
 class StepForms:
@@ -50,10 +53,10 @@ class StepForms:
         history, space = body.history, body.history.space
         self.points, self.dt = history.points, ngs.Parameter(1.0)
         flows = range(len(history.flows.flows))
-        self._pairs = [(Block(space, 6), Block(space, 6)) for _ in range(history.n_branches)]
-        self._strain = [Block(space, 6)] if flows else []
-        self._G, self._half = ([Block(space, size) for _ in flows] for size in (9, 10))
-        self._settled = [Block(space, 5) for _ in flows]
+        self._s = ngs.Parameter(0.0)
+        self._pairs = [(Block(space, 6, self._s), Block(space, 6, self._s)) for _ in range(history.n_branches)]
+        self._strain = [Block(space, 6, self._s)] if flows else []
+        self._G, self._half, self._settled = ([Block(space, size, self._s) for _ in flows] for size in (9, 10, 5))
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
         self._one = ngs.GridFunction(ngs.L2(body.mesh, order=0))
@@ -129,23 +132,31 @@ class StepForms:
     def _nothing(self, size: int) -> Part:
         return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
-    def _energies(self, material: Material, at: Deformation, p: CoefficientFunction) -> list[Part]:
+    def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
+        """With s times the law's change along the parameters' directions."""
+        ways = zip(self._slopes_of(law), self._directions.values(), strict=True)
+        return made + self._s * reduce(add, (slope * way for slope, way in ways))
+
+    def _energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
         """W, as `Body` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
-            energy += 0.5 * ngs.InnerProduct(of_six(e * over.variable - beta * stress.variable), at.shape)
-        flows = (
-            Part(ended.energy, self._slopes_of(ended.law), ended.made) for ended in self._ended(material, at.shape)
-        )
+            energy += 0.5 * ngs.InnerProduct(of_six(e * seen(over) - beta * seen(stress)), at.shape)
+        flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
         return [Part(energy, self._slopes_of(energy)), *flows]
 
-    def _ended(self, material: Material, shape: CoefficientFunction) -> list[Ended]:
+    def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Ended]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
-        return [Ended(branch, shape, half.variable, settled.variable) for branch, half, settled in parts]
+        moved = (self._theta_moved,) if seen is MOVED else ()
+        return [Ended(branch, shape, seen(half), settled.variable, *moved) for branch, half, settled in parts]
 
-    def _updates(self, material: Material, shape: CoefficientFunction) -> list[Part]:
+    def _of(self, value: CoefficientFunction, flow: Begun | Ended, seen: Seen) -> Part:
+        """What a flow gives; moved, its parameters go with s."""
+        return Part(value) if seen is MOVED else Part(value, self._slopes_of(flow.law), flow.made)
+
+    def _updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Part]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
         found, C = list[Part](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
@@ -154,38 +165,37 @@ class StepForms:
             factors = ngs.CF(step_factors(self.dt, branch.tau))
             made = ngs.CF((factors, new.value)).MakeVariable()
             both = zip(self._slopes_of(factors), new.slopes, strict=True)
-            moved = made[0] * over.variable + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - stress.variable)
+            moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
             found += [new, Part(moved, [ngs.CF(slopes) for slopes in both], made)]
         found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
         if self._strain:
-            flowed = [Part(ended.G, self._slopes_of(ended.law), ended.made) for ended in self._ended(material, shape)]
+            flowed = [self._of(ended.G, ended, seen) for ended in self._ended(material, shape, seen)]
             strain = replace(self._nothing(6), value=six(shape))
             found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
-    def _inner(self, material: Material) -> list[Part]:
+    def _inner(self, material: Material, seen: Seen) -> list[Part]:
         """P, block by block."""
-        found = list[Part]()
+        found, theta = list[Part](), (self._theta_moved,) if seen is MOVED else ()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
-            three = ngs.CF(tuple(G.variable[i] for i in range(9)), dims=(3, 3))
-            begun = Begun(branch, self.dt, of_six(self._strain[0].variable), three, settled.variable)
-            found.append(Part(begun.value, self._slopes_of(begun.law), begun.made))
+            nine, strain = seen(G), of_six(seen(self._strain[0]))
+            three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
+            begun = Begun(branch, self.dt, strain, three, settled.variable, *theta)
+            found.append(self._of(begun.value, begun, seen))
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
-    # Derivatives: by all of a block and then along its change, for one along a change has no memory of what its parts share.
+    # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.
 
     def _along(self, part: Part) -> CoefficientFunction:
-        """Change of a function with history, inner variables and parameters."""
-        found = [times(part.value.Diff(b.variable), entries(b.change)) for b in (*self.blocks, *self._half)]
-        found += [slope * way for slope, way in zip(part.by_theta, self._directions.values(), strict=True)]
-        return reduce(add, found)
+        """Change of a function with all that is moved."""
+        return part.along(self._s, list(self._directions.values()))
 
     def _changing(self, material: Material) -> Density:
-        return lambda at, p: reduce(add, map(self._along, self._energies(material, at, p)))
+        return lambda at, p: reduce(add, map(self._along, self._energies(material, at, p, MOVED)))
 
     def _weighted(self, material: Material) -> Density:
         return lambda at, p: reduce(
-            add, (w.value for w in weighed(self.blocks, self._updates(material, at.shape))), 0 * p
+            add, (w.value for w in weighed(self.blocks, self._updates(material, at.shape, STILL))), 0 * p
         )
 
     def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
@@ -196,41 +206,33 @@ class StepForms:
     def _backward(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
         F = deformation_gradient(self.body.u).MakeVariable()
-        moving = Deformation.of(F)
+        moving, held = Deformation.of(F), Deformation.of(deformation_gradient(self.body.u))
         u, q, _ = self._motion.components
-        changes = (part.Diff(F, ngs.Grad(u)) for part in (moving.shape, moving.C, moving.J, moving.F))
-        # Of expressions of their own: a variable is one wherever it is used.
-        free = (getattr(Deformation.of(deformation_gradient(self.body.u)), name) for name in ("shape", "C", "J", "F"))
-        ways = [
-            *zip((part.MakeVariable() for part in free), changes, strict=True),
-            ((1.0 * self.body.p).MakeVariable(), q),
-        ]
-        *held, p = (variable for variable, _ in ways)
-
-        def work(W: CoefficientFunction) -> CoefficientFunction:
-            return reduce(add, (ngs.InnerProduct(W.Diff(variable), way) for variable, way in ways))
-
-        works = [W.then(work) for W in self._energies(material, Deformation(*held), p)]
+        t = ngs.Parameter(0.0)
+        names = ("shape", "C", "J", "F")
+        # Variables of their own: what is derived by a block does not go into them again.
+        still = [getattr(held, name).MakeVariable() for name in names]
+        changes = [getattr(moving, name).Diff(F, ngs.Grad(u)) for name in names]
+        at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
+        p = (1.0 * self.body.p).MakeVariable() + t * q
+        works = [W.then(lambda part: part.Diff(t)) for W in self._energies(material, at, p, STILL)]
         return self._derived(
-            works + weighed(self.blocks, self._updates(material, held[0])), [*self.blocks, *self._half]
+            works + weighed(self.blocks, self._updates(material, still[0], STILL)), [*self.blocks, *self._half]
         )
 
     def _forward(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
-        F = deformation_gradient(self.body.u).MakeVariable()
-        shape = Deformation.of(F).shape
-        moving = shape.Diff(F, ngs.Grad(self._moving.components[0])).Reshape((9,))
-        held = shape.MakeVariable()
-        updates = self._updates(material, held)
-        return ngs.CF((0.0, *(times(u.value.Diff(held), moving) + self._along(u) for u in updates))).Compile()
+        F = deformation_gradient(self.body.u) + self._s * ngs.Grad(self._moving.components[0])
+        updates = self._updates(material, Deformation.of(F).shape, MOVED)
+        return ngs.CF((0.0, *map(self._along, updates))).Compile()
 
     def _inner_backward(self, material: Material) -> CoefficientFunction:
         """∂(M · P) by h and θ."""
-        return self._derived(weighed(self._half, self._inner(material)), self.blocks)
+        return self._derived(weighed(self._half, self._inner(material, STILL)), self.blocks)
 
     def _inner_forward(self, material: Material) -> CoefficientFunction:
         """δm."""
-        return ngs.CF((0.0, *map(self._along, self._inner(material)))).Compile()
+        return ngs.CF((0.0, *map(self._along, self._inner(material, MOVED)))).Compile()
 
     def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
         at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
