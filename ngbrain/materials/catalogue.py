@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ngbrain.errors import InputError, RangeWarning, nearest
-from ngbrain.materials.base import Law
+from ngbrain.materials.base import Law, Value
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
 from ngbrain.materials.viscous import Prony, Viscous, step_factors
@@ -90,6 +90,11 @@ class OgdenBranches:
         shares = (step_factors(dt, np.array(e / m))[1] for m, e in zip(self.mu[stay:], self.eta, strict=True))
         relaxed = (float(beta) * m for beta, m in zip(shares, self.mu[stay:], strict=True))
         return OgdenBranches((*self.mu[:stay], *relaxed), self.alpha, ())
+
+    def times(self, factor: Value) -> OgdenBranches:
+        """Moduli and viscosities times a factor, a number or an ngsolve `Parameter`; relaxation keeps its times."""
+        mu, eta = (tuple(factor * value for value in values) for values in (self.mu, self.eta))
+        return OgdenBranches(mu, self.alpha, eta)
 
     @property
     def initial_modulus(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
@@ -104,7 +104,17 @@ class Model:
         """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
         return self._materials(lambda tissue: tissue.branches.after(seconds), order)
 
-    def _materials(self, constants: Constants, order: int | None) -> dict[str, Material]:
+    def scaled(self, factors: Mapping[str, Value]) -> dict[str, Material]:
+        """The same with moduli and viscosities of some tissues (their `region`) times a factor: stiffer, as quick to relax.
+
+        Bulk moduli stay.
+        """
+        known = [tissue.region for tissue in self.scene.tissues]
+        if unknown := [name for name in factors if name not in known]:
+            raise InputError("tissue", repr(unknown[0]), nearest(unknown[0], known))
+        return self._materials(lambda tissue: tissue.branches.times(factors.get(tissue.region, 1.0)))
+
+    def _materials(self, constants: Constants, order: int | None = None) -> dict[str, Material]:
         mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         return {

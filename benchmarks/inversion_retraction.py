@@ -1,0 +1,152 @@
+"""Tissues' stiffness from a retraction: landmarks that move and the blade's force, on an idealised and on a real head.
+
+Truth: grey matter 1.5 and white .7 times their published constants; its run's elements are a fifth smaller and its time
+steps a third as far off. Sixteen landmarks within 2 cm of the cleft's floor, seen at five times with the force, 1 and 2 % noise
+(of the rms displacement and of the largest force). Looked for from the published constants, with both, and with either alone
+(`use`).
+`error`: the larger relative error of the two factors; `rounds`: accepted steps.
+
+    python benchmarks/inversion_retraction.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/inversion_retraction.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure
+
+from ngbrain.scene import Protocol, Scene
+from ngbrain.surgery.calibrate import Calibrated, Retracted, Seen, calibrate
+from ngbrain.surgery.model import Model
+
+Record = dict
+TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
+OPENING, RAMP, ELAPSED, STAGES = 3e-3, 5.0, 60.0, (2.5, 5.0, 10.0, 25.0, 60.0)
+LANDMARKS, NEAR = 16, 0.02
+NOISE, FINER = (0.01, 0.02), 0.8
+USES = ("both", "force", "landmarks")
+
+
+def operation(name: str, finer: float = 1.0, tolerance: float = 0.01) -> Scene:
+    """A shipped scene's continuous opening, shorter."""
+    scene = Scene.shipped(name)
+    body = replace(scene.body, site=scene.body.site * finer, near=scene.body.near * finer, far=scene.body.far * finer)
+    return replace(
+        scene,
+        body=body,
+        retraction=replace(scene.retraction, opening=OPENING, ramp=RAMP, elapsed=ELAPSED),
+        protocols=(Protocol(kind="continuous"),),
+        steps=replace(scene.steps, tolerance=tolerance),
+    )
+
+
+def landmarks(model: Model) -> np.ndarray:
+    """In tissue near the cleft's floor, at random."""
+    mesh, random, found = model.mesh, np.random.default_rng(5), list[np.ndarray]()
+    while len(found) < LANDMARKS:
+        point = model.cleft.target + random.uniform(-NEAR, NEAR, 3)
+        where = mesh(*point)
+        if where.nr >= 0 and not mesh[ngs.ElementId(ngs.VOL, where.nr)].mat.startswith("ventricle"):
+            found.append(point)
+    return np.array(found)
+
+
+def observed(name: str, finer: float, tolerance: float) -> Seen:
+    """Without noise."""
+    model = Model.of(operation(name, finer, tolerance))
+    points = landmarks(model)
+    retracted = Retracted(model, points, np.array(STAGES), list(TRUTH[name]))
+    data = retracted.run.at(np.array(list(TRUTH[name].values()))).data
+    moved, force = data[:, :-1].reshape(len(STAGES), -1, 3), data[:, -1]
+    return Seen(np.array(STAGES), points, moved, force, (1e-6, 1e-6))
+
+
+def noisy(seen: Seen, noise: float, use: str) -> Seen:
+    """Of a part of the displacements' rms and of the largest force."""
+    sigma = noise * float(np.sqrt(np.mean(seen.displacements**2))), noise * float(np.abs(seen.force).max())
+    random = np.random.default_rng(20260101)
+    moved = seen.displacements + sigma[0] * random.normal(size=seen.displacements.shape)
+    force = seen.force + sigma[1] * random.normal(size=seen.force.shape)
+    return replace(
+        seen,
+        displacements=moved if use != "force" else np.full_like(moved, np.nan),
+        force=force if use != "landmarks" else np.full_like(force, np.nan),
+        sigma=sigma,
+    )
+
+
+def record(name: str, model: Model, seen: Seen, noise: float, use: str) -> Record:
+    """One search."""
+    begun = time.process_time()
+    got: Calibrated = calibrate(model, noisy(seen, noise, use), list(TRUTH[name]))
+    factors = {tissue: float(band.value) for tissue, band in got.factors.items()}
+    ends = {tissue: [float(band.low), float(band.high)] for tissue, band in got.factors.items()}
+    made = {
+        "method": "ngbrain:Levenberg-Marquardt",
+        "head": name,
+        "use": use,
+        "noise": noise,
+        "order": model.scene.body.order,
+        "tetrahedra": model.mesh.ne,
+        "cpu_s": time.process_time() - begun,
+        "rounds": len(got.found.history),
+        "factors": factors,
+        "truth": TRUTH[name],
+        "intervals": ends,
+        "misfit_over_expected": got.found.level.ratio,
+        "error": max(abs(factors[tissue] / TRUTH[name][tissue] - 1) for tissue in factors),
+        "converged": got.found.converged,
+    }
+    print(line(made), file=sys.stderr, flush=True)
+    return made
+
+
+def measure(quick: bool) -> list[Record]:
+    """All heads."""
+    records = []
+    for name in list(TRUTH)[: 1 if quick else None]:
+        seen = observed(name, 1.0 if quick else FINER, 0.01 if quick else 0.003)
+        model = Model.of(operation(name))
+        for noise in NOISE[:1] if quick else NOISE:
+            for use in USES if noise == NOISE[0] and name == "idealised_fast" and not quick else USES[:1]:
+                records.append(record(name, model, seen, noise, use))
+    return records
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Factors with their intervals, and the truth."""
+    heads = list(dict.fromkeys(r["head"] for r in records))
+    plt, made, axes = figure(5.5 * len(heads) + 1, 4, len(heads))
+    for axis, head in zip(np.atleast_1d(axes), heads, strict=True):
+        mine = [r for r in records if r["head"] == head]
+        for k, (tissue, colour) in enumerate(zip(mine[0]["truth"], ("#0072B2", "#D55E00", "#009E73"), strict=False)):
+            at = np.arange(len(mine)) + 0.15 * k
+            found = np.array([r["factors"][tissue] for r in mine])
+            ends = np.array([r["intervals"][tissue] for r in mine]).T
+            axis.errorbar(at, found, np.abs(ends - found), fmt="o", color=colour, capsize=3, label=tissue)
+            axis.axhline(mine[0]["truth"][tissue], color=colour, lw=0.8, ls="--")
+        axis.set_xticks(range(len(mine)), [f"{r['use']}\n{r['noise']:.0%}" for r in mine])
+        axis.set(title=f"{head}: stiffness over published (dashed: truth)", ylim=(0, None))
+        axis.legend(frameon=False)
+        axis.grid(axis="y", alpha=0.25)
+    made.savefig(png, dpi=150)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """One record in words."""
+    ends = {t: "{:.3f} to {:.3f}".format(*r["intervals"][t]) for t in r["factors"]}
+    factors = ", ".join(f"{t} {value:.3f} ({ends[t]})" for t, value in r["factors"].items())
+    fit = f"misfit {r['misfit_over_expected']:.2f} of expected"
+    spent = f"{r['rounds']} rounds, {r['cpu_s']:.0f} s"
+    return f"{r['head']} {r['noise']:.0%} {r['use']:9}: {factors}, off {r['error']:.1%}, {fit}; {spent}"
+
+
+if __name__ == "__main__":
+    main(__doc__ or "", measure, chart, line)

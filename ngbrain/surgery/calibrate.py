@@ -1,0 +1,167 @@
+"""How stiff a patient's tissues are, from what a retraction was seen to do: landmarks that moved, and the force that it took.
+
+    least  ½ Σ |(d(s) - m)/σ|² + ½ Σ_l (ln s_l / ln r)²      over a factor s_l > 0 for each tissue
+
+s_l multiplies all moduli and viscosities of a tissue, so that it relaxes as quickly; r is how far published constants are
+apart. d are a whole run's: finite strains, contact and memory, on times that an adaptive run of the scene's own tissues chose.
+Derivatives are those of the run (`forward.through_time`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
+from ngbrain.forward.points import inside
+from ngbrain.forward.readings import Displacements, Force, Reading
+from ngbrain.forward.replay import times_of
+from ngbrain.forward.through_time import RunModel
+from ngbrain.inverse.band import LEVEL, Band
+from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Log, Unknown
+from ngbrain.inverse.posterior import Posterior
+from ngbrain.inverse.regularise import ridge
+from ngbrain.inverse.weights import Given
+from ngbrain.scene import Scene
+from ngbrain.surgery.model import WALLS, Model
+from ngbrain.surgery.protocols import Protocol
+
+Array = np.ndarray
+SPREAD = 3.0
+"""r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What was measured in a retraction; NaN where it was not.
+
+    times          (m,) s since it began
+    landmarks      (n, 3) m, where they were before
+    displacements  (m, n, 3) m
+    force          (m,) N that the blade puts on the wall it pushes, across the cleft
+    sigma          standard deviations of a displacement (m) and of the force (N)
+    """
+
+    times: Array
+    landmarks: Array
+    displacements: Array
+    force: Array
+    sigma: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        times, landmarks = np.asarray(self.times, float), np.asarray(self.landmarks, float)
+        m, n = len(times), len(landmarks)
+        for name, value, shape in (
+            ("landmarks", landmarks, (n, 3)),
+            ("displacements", self.displacements, (m, n, 3)),
+            ("force", self.force, (m,)),
+        ):
+            if np.shape(value) != shape:
+                raise InputError(f"Seen.{name}", f"of shape {np.shape(value)}", f"{shape}: times and landmarks say so")
+        if not all(sigma > 0 for sigma in self.sigma):
+            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N)")
+        if np.all(np.isnan(self.data)):
+            raise InputError("Seen", "nothing but NaN", "displacements or forces")
+
+    @property
+    def data(self) -> Array:
+        """(m, 3n + 1), forces last."""
+        return np.column_stack([np.reshape(self.displacements, (len(self.times), -1)), self.force])
+
+    def misfit(self) -> LeastSquares:
+        """Its weighted squares."""
+        return LeastSquares(self.data, np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1]))
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What was found.
+
+    factors  tissue → its factor s, with deviation and interval
+    scene    with tissues that are so stiff
+    found    where the search ended: `found.level` is the misfit and what it should be
+    """
+
+    factors: dict[str, Band]
+    scene: Scene
+    found: Found
+
+
+class Retracted:
+    """A scene's run of one protocol as a model: from factors of tissues to displacements of landmarks and the blade's force.
+
+    tissues  their `region`; all by default, in the order of the scene
+    grid     times (s) at which steps end; by default those of an adaptive run as the scene asks for it
+
+    Raises `InputError` for a blade of given force or with friction, a landmark outside of the tissue, an unknown tissue.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        landmarks: Array,
+        times: Array,
+        tissues: Sequence[str] = (),
+        protocol: int = 0,
+        grid: Array | None = None,
+    ) -> None:
+        scene = model.scene
+        program = model.program(scene, scene.protocols[protocol])
+        if not isinstance(program, Protocol) or scene.blade.friction:
+            raise InputError("scene", "with a blade of given force or with friction", "a given way, without friction")
+        if np.any(outside := ~inside(model.mesh, landmarks)):
+            raise InputError("landmarks", f"{np.sum(outside)} outside of the mesh", "points in the head's tissue")
+        names = tissues or [tissue.region for tissue in scene.tissues]
+        self.factors = {name: ngs.Parameter(1.0) for name in names}
+        run = model.run(program, materials=model.scaled(self.factors))
+        self.grid = times_of(model.run(program)) if grid is None else grid
+        x, y, z = (float(c) for c in model.cleft.across)
+        readings: list[Reading] = [Displacements(landmarks), Force(WALLS[0], (x, y, z))]
+        self.run = RunModel(run.body, run.motion, self.grid, self.factors, readings, times)
+
+
+def calibrate(
+    scene: Scene | Model,
+    seen: Seen,
+    tissues: Sequence[str] = (),
+    protocol: int = 0,
+    spread: float = SPREAD,
+    level: float = LEVEL,
+    tell: Callable[[Iteration], None] = lambda _: None,
+) -> Calibrated:
+    """Factors of a scene's tissues from what was seen of one of its protocols.
+
+    scene    the operation, with the tissues that the search begins with; or its `Model`, when there is one
+    tissues  `region` of those that are looked for; all by default
+    spread   r, by what factor a tissue may well differ from the scene's constants
+    level    probability of the intervals
+
+    A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Errors of mesh, times
+    and law are no part of an interval. Raises `InputError` as `Retracted` does, `ConvergenceError` where no step from the
+    start fits better.
+    """
+    if not spread > 1:
+        raise InputError("spread", spread, "a factor above 1")
+    model = scene if isinstance(scene, Model) else Model.of(scene)
+    retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
+    run = retracted.run
+    fields = Fields(run.theta, run.blocks, {name: Unknown(1.0, Log()) for name in retracted.factors})
+    held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
+    reduced = Reduced(run, seen.misfit(), fields, held, dict.fromkeys(held, 1 / math.log(spread) ** 2))
+    found = levenberg_marquardt(reduced, fields.start, Given(), tell)
+    posterior = Posterior(reduced.at(found.x), least=0.0)
+    bands = {name: _single(posterior.band(name, level)) for name in retracted.factors}
+    parts = [t.scaled(float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
+    return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), found)
+
+
+def _single(band: Band) -> Band:
+    return Band(*(float(np.ravel(value)[0]) for value in (band.value, band.deviation, band.low, band.high)))

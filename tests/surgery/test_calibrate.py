@@ -1,0 +1,123 @@
+"""Factors of tissues from a retraction: a known truth comes back, what data do not tell is said, nonsense is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngbrain.adjoint import check
+from ngbrain.errors import InputError
+from ngbrain.materials import constants
+from ngbrain.scene import Protocol, Scene
+from ngbrain.surgery.calibrate import Retracted, Seen, calibrate
+from ngbrain.surgery.model import Model
+
+TIMES = np.array([2.0, 6.0])
+TRUTH = {"cortex": 1.5, "white": 0.7}
+
+
+def operation(**blade):
+    scene = Scene.shipped("idealised_fast")
+    return replace(
+        scene,
+        body=replace(scene.body, site=0.008, near=0.02, far=0.05),
+        blade=replace(scene.blade, **blade),
+        retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=6.0),
+        protocols=(Protocol(kind="continuous"),),
+        steps=replace(scene.steps, tolerance=0.1),
+    )
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Model.of(operation())
+
+
+@pytest.fixture(scope="module")
+def landmarks(model):
+    around = np.array([[x, y, z] for x in (-12, 14) for y in (-8, 9) for z in (-6, 7)]) / 1000
+    return model.cleft.target + around
+
+
+@pytest.fixture(scope="module")
+def retracted(model, landmarks):
+    return Retracted(model, landmarks, TIMES, list(TRUTH))
+
+
+def seen(retracted, landmarks, noise, force=True):
+    data = retracted.run.at(np.array(list(TRUTH.values()))).data
+    moved, pushed = data[:, :-1].reshape(2, -1, 3), data[:, -1]
+    sigma = noise * float(np.sqrt(np.mean(moved**2))), noise * float(np.abs(pushed).max())
+    random = np.random.default_rng(2)
+    moved = moved + sigma[0] * random.normal(size=moved.shape)
+    pushed = pushed + sigma[1] * random.normal(size=2) if force else np.full(2, np.nan)
+    return Seen(TIMES, landmarks, moved, pushed, sigma)
+
+
+def test_constants_times_a_factor_relax_as_quickly():
+    cortex = constants("griffiths2024:cortex")
+    twice = cortex.times(2.0)
+    assert twice.initial_modulus == pytest.approx(2 * cortex.initial_modulus) and twice.alpha == cortex.alpha
+    assert twice.eta[0] / twice.mu[1] == pytest.approx(cortex.eta[0] / cortex.mu[1])
+
+
+@pytest.mark.slow
+def test_the_force_and_the_landmarks_have_their_derivatives(retracted):
+    at, along = np.array([1.2, 0.9]), np.array([0.5, -0.7])
+    scale = np.abs(retracted.run.at(at).data).max(axis=0)
+    there = retracted.run.at(at)
+    change = there.push(along) / scale
+    rates = check.taylor(lambda x: retracted.run.at(x).data / scale, lambda dx: change, at, along, steps=2, first=0.1)
+    assert np.all(np.abs(rates - 2) < 0.15), rates
+
+
+@pytest.mark.slow
+def test_a_known_truth_comes_back(model, retracted, landmarks):
+    got = calibrate(model, seen(retracted, landmarks, 0.01), list(TRUTH))
+    print(got.factors, got.found.level)
+    for name, factor in TRUTH.items():
+        band = got.factors[name]
+        assert band.value == pytest.approx(factor, rel=0.03) and band.low < factor < band.high
+    assert 0.4 < got.found.level.ratio < 2 and got.found.converged
+    stiff = {tissue.region: tissue.initial_modulus for tissue in got.scene.tissues}
+    before = {tissue.region: tissue.initial_modulus for tissue in model.scene.tissues}
+    assert stiff["white"] / before["white"] == pytest.approx(got.factors["white"].value)
+    assert stiff["ventricle.*"] == before["ventricle.*"]
+
+
+@pytest.mark.slow
+def test_landmarks_alone_tell_only_a_ratio(model, retracted, landmarks):
+    """On a given way all tissues may be as stiff as one likes together; the interval says so."""
+    got = calibrate(model, seen(retracted, landmarks, 0.01, force=False), list(TRUTH))
+    print(got.factors)
+    cortex, white = (got.factors[name] for name in TRUTH)
+    assert cortex.value / white.value == pytest.approx(1.5 / 0.7, rel=0.2)
+    assert cortex.high / cortex.low > 5 and cortex.low < 1.5 < cortex.high
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"displacements": np.zeros((1, 8, 3))}, "times and landmarks say so"),
+        ({"force": np.zeros(3)}, "times and landmarks say so"),
+        ({"sigma": (1e-4, 0.0)}, "positive standard deviations"),
+        ({"displacements": np.full((2, 8, 3), np.nan), "force": np.full(2, np.nan)}, "displacements or forces"),
+    ],
+)
+def test_measurements_without_sense_are_refused(wrong, said):
+    right = {"displacements": np.zeros((2, 8, 3)), "force": np.zeros(2), "sigma": (1e-4, 0.1)}
+    with pytest.raises(InputError, match=said):
+        Seen(TIMES, np.zeros((8, 3)), **{**right, **wrong})
+
+
+def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
+    with pytest.raises(InputError, match="1 outside of the mesh"):
+        Retracted(model, np.vstack([landmarks, [[1.0, 0, 0]]]), TIMES)
+    with pytest.raises(InputError, match="did you mean 'cortex'"):
+        Retracted(model, landmarks, TIMES, ["cortx"])
+    rough = replace(model, scene=replace(model.scene, blade=replace(model.scene.blade, friction=0.2)))
+    with pytest.raises(InputError, match="without friction"):
+        Retracted(rough, landmarks, TIMES)
+    data = Seen(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))
+    with pytest.raises(InputError, match="above 1"):
+        calibrate(model, data, spread=1.0)
