@@ -159,7 +159,7 @@ class Replayed:
             motion = model.Z.T @ row
             b = model.B.T @ row + forms.remembered(weights)
             if motion.any():
-                b += self._tissue(motion)
+                b += self._tissue(motion[None])[0]
             weights, slopes = forms.back(motion - solve(b), weights)
             for name, block in model.blocks.items():
                 total[block] += slopes[name]
@@ -174,7 +174,7 @@ class Replayed:
         for step in model.replay.forwards():
             solve = self._begin(step, len(directions))
             seen = model.row.get(step.n)
-            stiff = np.array([self._tissue(z) for z in model.Z.toarray()]) if seen is not None else np.empty(0)
+            stiff = self._tissue(model.Z.toarray()) if seen is not None else np.empty(0)
             for i, theta in enumerate(changes):
                 r = forms.changed(histories[i], theta)
                 x = -solve(r)
@@ -189,14 +189,16 @@ class Replayed:
         model.forms.begin(step.memory, model.replay.grid[step.n + 1] - model.replay.grid[step.n])
         return model.tangents.here(sides)
 
-    def _tissue(self, motion: Array) -> Array:
-        """K_f z of a motion z, where the body's tangent was just made: what is not contact's."""
-        body = self.model.body
+    def _tissue(self, motions: Array) -> Array:
+        """K_f z of some motions z, where the body's tangent was just made: what is not contact's."""
+        body, found = self.model.body, np.zeros(motions.shape)
         body.contact_form.AssembleLinearization(body.gfu.vec)
         z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
-        z.FV().NumPy()[:] = motion
-        product.data = body.contact_form.mat * z
-        return self.model.tangents.apply(motion) - product.FV().NumPy()
+        for i in np.flatnonzero(motions.any(axis=1)):  # displacements have none
+            z.FV().NumPy()[:] = motions[i]
+            product.data = body.contact_form.mat * z
+            found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
+        return found
 
 
 def _values(parameter: Parameter) -> Array:
