@@ -45,7 +45,10 @@ class Part:
     @property
     def by_theta(self) -> Expressions:
         """Derivatives by each parameter's value."""
-        return self.slopes if self.made is None else [times(self.value.Diff(self.made), s) for s in self.slopes]
+        if self.made is None:
+            return self.slopes
+        by_made = self.value.Diff(self.made)
+        return [times(by_made, slope) for slope in self.slopes]
 
     def along(self, s: ngs.Parameter, ways: Expressions) -> CoefficientFunction:
         """Its change with s, and with parameters along their ways unless s moves them."""
