@@ -51,7 +51,8 @@ class Tangents:
     def _solve(self, b: Array) -> Array:
         self.solves += 1
         if self._factor is not None and not self._fresh:
-            x, _, left = gmres(lambda y: self.apply(y) * self._free, self._factor, b, self._scale, EXACT, MOST)
+            first = self._factor(b)
+            x, _, left = gmres(lambda y: self.apply(y) * self._free, self._factor, first, self._scale, EXACT, MOST)
             if left <= EXACT:
                 return x
         if not self._fresh:

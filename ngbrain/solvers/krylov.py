@@ -83,13 +83,13 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
 
 
 def gmres(
-    apply: Apply, precondition: Apply, b: Array, scale: Array, rtol: float, most: int
+    apply: Apply, precondition: Apply, first: Array, scale: Array, rtol: float, most: int
 ) -> tuple[Array, int, float]:
-    """Solution of PAx = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
-    first = scale * precondition(b)
+    """Solution of PAx = `first` = Pb where ‖scale · P(b - Ax)‖ is least, iterations, and that norm as a part of its start."""
+    first = scale * first
     beta = float(np.linalg.norm(first))
     if beta == 0:
-        return np.zeros_like(b), 0, 0.0
+        return np.zeros_like(first), 0, 0.0
     basis, h = [first / beta], np.zeros((most + 1, most))
     for k in range(most):
         v = scale * precondition(apply(basis[k] / scale))

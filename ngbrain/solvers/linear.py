@@ -123,11 +123,11 @@ class Reused:
 
     condensed: Condensed
     old: Core
-    scale: Array
     rtol: float
     most: int
     iterations: int = 0
     left: float = 0.0
+    _scale: Array | None = None
     _last: tuple[Array, Array] | None = None
 
     def __call__(self, r: Array) -> Array:
@@ -137,8 +137,14 @@ class Reused:
         return self._last[1].copy()
 
     def _core(self, r: Array) -> Array:
+        first = self.old(r)
+        if self._scale is None:
+            self._scale = np.ones(len(r))
+            for field in self.condensed.fields:
+                size = np.linalg.norm(first[field] * self.condensed.free[field])
+                self._scale[field] = 1 / size if size > 0 else 1.0
         x, self.iterations, self.left = krylov.gmres(
-            self.condensed.apply, self.old, r, self.scale, self.rtol, self.most
+            self.condensed.apply, self.old, first, self._scale, self.rtol, self.most
         )
         return x
 
@@ -179,12 +185,7 @@ def reused(form: ngs.BilinearForm, kept: Solve, r: Array, rtol: float = 1e-2, mo
     """
     if not isinstance(kept, Direct):
         return None
-    condensed = Condensed(form)
-    solve = Reused(condensed, kept.core, np.ones(len(r)), rtol, most)
-    first = condensed.solve(kept.core, r)
-    for field in condensed.fields:
-        size = np.linalg.norm(first[field] * condensed.free[field])
-        solve.scale[field] = 1 / size if size > 0 else 1.0
+    solve = Reused(Condensed(form), kept.core, rtol, most)
     solve(r)
     return solve if solve.left <= rtol else None
 
