@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
@@ -52,14 +54,14 @@ def bulged(x: Array, y: Array) -> Array:
 class Hanging:
     """The block, seen at the vertices of a mesh; and ways to its shape without weight, all as (vertices, 2) m."""
 
-    def __init__(self, cells: int, fine: int, seed: int = 0) -> None:
+    def __init__(self, cells: int, fine: int, seed: int = 0, noise: float = NOISE) -> None:
         self.square = vertices(meshed(cells))
         self.mesh, simulation = meshed(cells), meshed(fine)
         known, nodes = self._model(simulation, "P3/P2"), vertices(simulation)
         seen = known.at((bulged(*nodes.T) - nodes).T.ravel()).data.reshape(-1, 2)
         self.truth = bulged(*self.square.T)
         self.moved = rms(seen - self.truth)
-        self.sigma = NOISE * self.moved / np.sqrt(2)
+        self.sigma = noise * self.moved / np.sqrt(2)
         self.seen = seen + self.sigma * np.random.default_rng(seed).normal(size=seen.shape)
         self.model = self._model(self.mesh, "P2/P1")
         self._free = np.tile(self.square[:, 1] < SIDE * (1 - 1e-9), 2)
@@ -93,7 +95,7 @@ class Hanging:
             shape = shape + missed
         return shape, rms(missed)
 
-    def found(self) -> tuple[Array, Found]:
+    def found(self, search: Callable[..., Found] = levenberg_marquardt) -> tuple[Array, Found]:
         """By the derivatives."""
         self.model.model.forget()
         inner, nodes = self.model.model, self.model.model.parts["nodes"]
@@ -104,5 +106,5 @@ class Hanging:
         drawn = Quadratic(sp.csr_array(basis.T @ smoothed @ basis), fields.start)
         misfit = LeastSquares(self.seen.ravel(), np.full(self.seen.size, self.sigma))
         reduced = Reduced(self.model, misfit, fields, {"nodes": drawn}, {"nodes": 10.0})
-        found = levenberg_marquardt(reduced, fields.start, Discrepancy())
+        found = search(reduced, fields.start, Discrepancy())
         return self.square + fields.theta(found.x).reshape(2, -1).T, found

@@ -15,6 +15,9 @@ Ogden            cube between plates that do not slide, μ and α fields that va
 fibres           a square with a field of fibre angles (30° to 80°) and k₁, Holzapfel-Gasser-Ogden, from one to three loads and
                  six starts each; `error` is the rms sine of the angle that they are off, `chosen` the start of the best fit
 
+Each of them, from its richest loads, by three optimisers too, and with twice the noise: `sets` is the CPU time in all equilibria
+from rest.
+
     python benchmarks/inversion_problems.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/inversion_problems.py --chart FILE.png < records.json
 """
@@ -23,7 +26,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 import ngsolve as ngs
@@ -43,6 +46,7 @@ from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Bounded, Fields, Scaled, Unknown
 from ngbrain.inverse.posterior import Posterior
+from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 from ngbrain.inverse.regularise import ridge, smooth
 from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.materials import HolzapfelGasserOgden, Ogden
@@ -50,6 +54,11 @@ from ngbrain.materials import HolzapfelGasserOgden, Ogden
 Record = dict
 Array = np.ndarray
 OURS = "ngbrain:Levenberg-Marquardt"
+SEARCHES: dict[str, Callable[..., Found]] = {
+    OURS: levenberg_marquardt,
+    "ngbrain:Newton-CG": newton_cg,
+    "ngbrain:L-BFGS": l_bfgs,
+}
 
 
 def lattice(n: int, dim: int) -> Array:
@@ -78,6 +87,14 @@ def record(problem: str, method: str, found: Found | None, model: StaticModel, b
         "rounds": len(found.history) if found else 0,
         "solves": asdict(model.solves),
     }
+
+
+def resting(model: StaticModel) -> float:
+    """CPU time (s) of all of a model's equilibria from rest."""
+    model.forget()
+    begun = time.process_time()
+    model.at(model.theta)
+    return time.process_time() - begun
 
 
 def shapes(cells: int, fine: int) -> list[Record]:
@@ -121,13 +138,15 @@ class Loaded:
         bodies = [Static(mesh, {".*": material}, {"bottom": 0, "top": self.loads[n]}, form=form) for n in names]
         return StaticModel([Case(body, seen) for body in bodies], of, steps=2)
 
-    def measured(self, mesh: ngs.Mesh, material: Material, seed: int = 0) -> dict[str, LeastSquares]:
+    def measured(
+        self, mesh: ngs.Mesh, material: Material, seed: int = 0, noise: float = NOISE
+    ) -> dict[str, LeastSquares]:
         """Load → its noisy data."""
         model = self.model(mesh, material, list(self.loads), "P3/P2", {"none": ngs.Parameter(0.0)})
         random, found = np.random.default_rng(seed), {}
         for name, (moved, force) in zip(self.loads, model.split(model.at(model.theta).data), strict=True):
             sizes = rms(moved.reshape(-1, self.dim)), np.linalg.norm(force)
-            sigma = NOISE * np.repeat(sizes, (len(moved), len(force)))
+            sigma = noise * np.repeat(sizes, (len(moved), len(force)))
             data = np.concatenate([moved, force])
             found[name] = LeastSquares(data + sigma * random.normal(size=len(data)), sigma)
         return found
@@ -144,12 +163,14 @@ LARGE = {"press": (0, 0, -0.02), "pull": (0, 0, 0.02), "shear": (0.025, 0, 0)}
 CUBE = Loaded(3, {"small": (0, 0, -0.001)} | LARGE, 5)
 
 
-def cube_data(fine: int) -> dict[str, LeastSquares]:
+def cube_data(fine: int, noise: float = NOISE) -> dict[str, LeastSquares]:
     """Of all loads."""
-    return CUBE.measured(meshed(fine, 3), Material(Ogden(MU, ALPHA), 2e4))
+    return CUBE.measured(meshed(fine, 3), Material(Ogden(MU, ALPHA), 2e4), noise=noise)
 
 
-def ogden(data: dict[str, LeastSquares], names: Sequence[str], cells: int, rounds: int = 30) -> Record:
+def ogden(
+    data: dict[str, LeastSquares], names: Sequence[str], cells: int, rounds: int = 30, method: str = OURS
+) -> Record:
     """μ and α from some of the loads."""
     mesh = meshed(cells, 3)
     space = ngs.H1(mesh, order=1)
@@ -157,12 +178,12 @@ def ogden(data: dict[str, LeastSquares], names: Sequence[str], cells: int, round
     mu.vec[:], alpha.vec[:] = 1500.0, -4.0
     of = {"mu": mu, "alpha": alpha}
     model = CUBE.model(mesh, Material(Ogden(mu, alpha), 2e4), names, "P2/P1", of)
-    begun = time.process_time()
+    unit, begun = resting(model), time.process_time()
     fields = Fields(model.theta, model.blocks, {"mu": Unknown(1500.0), "alpha": Unknown(-4.0, Bounded(-30, -0.5))})
     drawn = {name: smooth(space, fields.start[block]) for name, block in fields.blocks.items()}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, dict.fromkeys(of, 10.0))
-    found = levenberg_marquardt(reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
-    made = record("Ogden", OURS, found, model, begun)
+    found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
+    made = record("Ogden", method, found, model, begun)
     point = reduced.at(found.x)
     posterior = Posterior(point)
     errors = {"error_mu": off(mu, MU, mesh), "error_alpha": off(alpha, ALPHA, mesh)}
@@ -170,7 +191,7 @@ def ogden(data: dict[str, LeastSquares], names: Sequence[str], cells: int, round
     influence = {f"influence_{name}": value for name, value in point.state.influence().items()}
     return (
         made
-        | {"loads": "+".join(names), "error": float(np.sqrt(np.mean(np.square(list(errors.values())))))}
+        | {"loads": "+".join(names), "unit_s": unit, "error": float(np.sqrt(np.mean(np.square(list(errors.values())))))}
         | (errors | left | influence)
     )
 
@@ -184,33 +205,62 @@ def fibred(angle: ngs.CoefficientFunction, k1: float | ngs.Parameter) -> Materia
     return Material(HolzapfelGasserOgden(500.0, k1, 5.0, 0.0, ngs.CF((ngs.cos(angle), ngs.sin(angle), 0))), 2e4)
 
 
-def square_data(fine: int) -> dict[str, LeastSquares]:
+def square_data(fine: int, noise: float = NOISE) -> dict[str, LeastSquares]:
     """Of all loads."""
-    return SQUARE.measured(meshed(fine), fibred(ANGLE, K1))
+    return SQUARE.measured(meshed(fine), fibred(ANGLE, K1), noise=noise)
 
 
-def fibres(data: dict[str, LeastSquares], names: Sequence[str], cells: int, degrees: float, rounds: int = 25) -> Record:
+def fibres(
+    data: dict[str, LeastSquares],
+    names: Sequence[str],
+    cells: int,
+    degrees: float,
+    rounds: int = 25,
+    method: str = OURS,
+) -> Record:
     """Angles and k₁ from some of the loads, from uniform angles."""
     mesh = meshed(cells)
     angle, k1 = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(K1 / 2)
     angle.vec[:] = np.radians(degrees)
     model = SQUARE.model(mesh, fibred(angle, k1), names, "P2/P1", {"angle": angle, "k1": k1})
-    begun, found = time.process_time(), None
+    unit, begun, found = resting(model), time.process_time(), None
     fields = Fields(model.theta, model.blocks, {"angle": Unknown(np.radians(degrees), Scaled()), "k1": Unknown(K1 / 2)})
     drawn = {"angle": smooth(angle.space, np.radians(degrees)), "k1": ridge(fields.start[fields.blocks["k1"]])}
     reduced = Reduced(model, together([data[n] for n in names]), fields, drawn, {"angle": 10.0, "k1": 0.01})
     try:
-        found = levenberg_marquardt(reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
+        found = SEARCHES[method](reduced, fields.start, EvidenceOfNoise(), rounds=rounds)
     except ConvergenceError:
         pass  # it stays where it started
     model.put(fields.theta(fields.start if found is None else found.x))
     turned = ngs.Integrate(ngs.sin(angle - ANGLE) ** 2 * ngs.dx(bonus_intorder=6), mesh)
-    return record("fibres", OURS, found, model, begun) | {
+    return record("fibres", method, found, model, begun) | {
         "loads": "+".join(names),
+        "unit_s": unit,
         "start_degrees": degrees,
         "error": float(np.sqrt(turned)) / SIDE,
         "error_k1": abs(k1.Get() / K1 - 1),
     }
+
+
+def searched(quick: bool) -> list[Record]:
+    """Each problem by three optimisers, and by the first with twice the noise; times in sets of equilibria from rest."""
+    records = []
+    for noise, methods in ((NOISE, list(SEARCHES)[: 1 if quick else None]), (2 * NOISE, [OURS])):
+        of = Hanging(6, 16, noise=noise)
+        cube, square = cube_data(3 if quick else 5, noise), square_data(10 if quick else 16, noise)
+        for method in methods:
+            unit, begun = resting(of.model.model), time.process_time()
+            shape, found = of.found(SEARCHES[method])
+            made = record("unloaded shape", method, found, of.model.model, begun)
+            records += [
+                made | {"loads": "weight", "error": of.error(shape), "unit_s": unit},
+                ogden(cube, list(LARGE), 2 if quick else 3, method=method),
+                fibres(square, list(SQUARE.loads), 6, 60, method=method),
+            ]
+            for made in records[-3:]:
+                made |= {"noise": noise, "sets": made["cpu_s"] / made["unit_s"], "case": "search"}
+                print(line(made), file=sys.stderr, flush=True)
+    return records
 
 
 def chosen(records: list[Record]) -> list[Record]:
@@ -242,12 +292,25 @@ def measure(quick: bool) -> list[Record]:
     for number in (2,) if quick else (1, 2, 3):
         starts = (60, 150) if quick else range(0, 180, 30)
         told(chosen([fibres(square, loads[:number], 6, start) for start in starts]))
-    return records
+    return records + searched(quick)
 
 
 def chart(records: list[Record], png: str) -> None:
     """Errors, a panel for each problem."""
-    plt, made, (shape, tissue, fibre) = figure(13, 4.2, 3)
+    plt, made, (shape, tissue, fibre, search) = figure(17, 4.2, 4)
+    compared = [r for r in records if r.get("case") == "search"]
+    records = [r for r in records if r.get("case") != "search"]
+    marks, colours = (
+        dict(zip(("unloaded shape", "Ogden", "fibres"), "os^", strict=True)),
+        ("#0072B2", "#009E73", "#D55E00"),
+    )
+    for r in compared:
+        colour, filled = colours[list(SEARCHES).index(r["method"])], "full" if r["noise"] == NOISE else "none"
+        label = f"{r['problem']}, {r['method'].removeprefix('ngbrain:')}" if r["noise"] == NOISE else None
+        search.plot(r["sets"], r["error"], marks[r["problem"]], color=colour, fillstyle=filled, label=label)
+    search.set(xscale="log", yscale="log", xlabel="CPU time in sets of equilibria", ylabel="error")
+    search.set(title="three optimisers (open: 2 % noise)")
+    search.legend(frameon=False, fontsize=6)
     rows = [r for r in records if r["problem"] == "unloaded shape"]
     rows = [r for r in rows if r["ndof"] == rows[-1]["ndof"]]
     shape.barh([r["method"].removeprefix("ngbrain:") for r in rows], [r["error"] for r in rows], color="#0072B2")
@@ -283,10 +346,11 @@ def chart(records: list[Record], png: str) -> None:
 def line(r: Record) -> str:
     """One record in words."""
     errors = ", ".join(f"{key} {value:.3f}" for key, value in r.items() if key.startswith(("error", "left", "infl")))
-    start = f" from {r['start_degrees']}°{'*' if r['chosen'] else ''}" if "start_degrees" in r else ""
+    start = f" from {r['start_degrees']}°{'*' if r['chosen'] else ''}" if "chosen" in r else ""
     fit = "" if r["misfit_over_expected"] is None else f", misfit {r['misfit_over_expected']:.2f} of expected"
     how = f"{r['rounds']} rounds, {r['cpu_s']:.1f} s, converged {r['converged']}"
-    return f"{r['problem']:15} {r['method']:28} {r['loads']}{start}, {r['ndof']}: {errors}{fit}; {how}"
+    sets = f" ({r['sets']:.0f} sets of equilibria), noise {r['noise']:.0%}" if "sets" in r else ""
+    return f"{r['problem']:15} {r['method']:28} {r['loads']}{start}, {r['ndof']}: {errors}{fit}; {how}{sets}"
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
-from ngbrain.forward.flow_forms import Begun, Ended, step_factors
+from ngbrain.forward.flow_forms import Begun, Ended, Moved, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
 from ngbrain.forward.parts import Block, Expressions, Part, put, values, weighed
@@ -132,6 +132,10 @@ class StepForms:
     def _nothing(self, size: int) -> Part:
         return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
 
+    def _ways(self, seen: Seen) -> tuple[Moved, ...]:
+        """What moves the parameters of a flow with s, if anything is moved."""
+        return (self._theta_moved,) if seen is MOVED else ()
+
     def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
         """With s times the law's change along the parameters' directions."""
         ways = zip(self._slopes_of(law), self._directions.values(), strict=True)
@@ -149,8 +153,9 @@ class StepForms:
 
     def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Ended]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
-        moved = (self._theta_moved,) if seen is MOVED else ()
-        return [Ended(branch, shape, seen(half), settled.variable, *moved) for branch, half, settled in parts]
+        return [
+            Ended(branch, shape, seen(half), settled.variable, *self._ways(seen)) for branch, half, settled in parts
+        ]
 
     def _of(self, value: CoefficientFunction, flow: Begun | Ended, seen: Seen) -> Part:
         """What a flow gives; moved, its parameters go with s."""
@@ -176,11 +181,11 @@ class StepForms:
 
     def _inner(self, material: Material, seen: Seen) -> list[Part]:
         """P, block by block."""
-        found, theta = list[Part](), (self._theta_moved,) if seen is MOVED else ()
+        found = list[Part]()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
             nine, strain = seen(G), of_six(seen(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
-            begun = Begun(branch, self.dt, strain, three, settled.variable, *theta)
+            begun = Begun(branch, self.dt, strain, three, settled.variable, *self._ways(seen))
             found.append(self._of(begun.value, begun, seen))
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
