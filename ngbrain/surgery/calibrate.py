@@ -76,16 +76,18 @@ class Seen:
         """(m, 3n + 1), forces last."""
         return np.column_stack([np.reshape(self.displacements, (len(self.times), -1)), self.force])
 
-    def misfit(self) -> LeastSquares:
-        """Its weighted squares."""
-        return LeastSquares(self.data, np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1]))
+    def misfit(self, times: float = 1.0) -> LeastSquares:
+        """Its weighted squares, with standard deviations so many times as large."""
+        sigma = np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1])
+        return LeastSquares(self.data, times * sigma)
 
 
 @dataclass(frozen=True)
 class Calibrated:
     """What was found.
 
-    factors  tissue → its factor s, with deviation and interval
+    factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
+             coarse, counts as more noise
     scene    with tissues that are so stiff
     found    where the search ended: `found.level` is the misfit and what it should be
     """
@@ -144,9 +146,8 @@ def calibrate(
     spread   r, by what factor a tissue may well differ from the scene's constants
     level    probability of the intervals
 
-    A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Errors of mesh, times
-    and law are no part of an interval. Raises `InputError` as `Retracted` does, `ConvergenceError` where no step from the
-    start fits better.
+    A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
+    `Retracted` does, `ConvergenceError` where no step from the start fits better.
     """
     if not spread > 1:
         raise InputError("spread", spread, "a factor above 1")
@@ -155,9 +156,10 @@ def calibrate(
     run = retracted.run
     fields = Fields(run.theta, run.blocks, {name: Unknown(1.0, Log()) for name in retracted.factors})
     held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
-    reduced = Reduced(run, seen.misfit(), fields, held, dict.fromkeys(held, 1 / math.log(spread) ** 2))
-    found = levenberg_marquardt(reduced, fields.start, Given(), tell)
-    posterior = Posterior(reduced.at(found.x), least=0.0)
+    weights = dict.fromkeys(held, 1 / math.log(spread) ** 2)
+    found = levenberg_marquardt(Reduced(run, seen.misfit(), fields, held, weights), fields.start, Given(), tell)
+    missed = math.sqrt(max(1.0, found.level.ratio))
+    posterior = Posterior(Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x), least=0.0)
     bands = {name: _single(posterior.band(name, level)) for name in retracted.factors}
     parts = [t.scaled(float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
     return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), found)
