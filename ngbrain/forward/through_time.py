@@ -142,7 +142,7 @@ class Replayed:
 
     def pull(self, w: Array) -> Array:
         """Jᵀ w, by the columns of J where there are few."""
-        return self.gradient(w) if self.model.size > TOGETHER else np.tensordot(self.jacobian, w, 2)
+        return self.gradient(w) if self.model.size > TOGETHER else np.asarray(np.tensordot(self.jacobian, w, 2))
 
     @cached_property
     def jacobian(self) -> Array:
@@ -150,7 +150,9 @@ class Replayed:
         return self._pushed(np.eye(self.model.size))
 
     def gradient(self, w: Array) -> Array:
-        """Jᵀ w: a solve for each step."""
+        """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
+        if "jacobian" in vars(self):
+            return np.asarray(np.tensordot(self.jacobian, w, 2))
         model, forms = self.model, self.model.forms
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
         for step in model.replay.backwards():

@@ -28,7 +28,7 @@ from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import State, along, answer, embedded
 from ngbrain.ladder.rungs import PART, Model
 from ngbrain.ladder.waves import shaken
-from ngbrain.materials import Branch, HolzapfelGasserOgden, Maxwell, NeoHooke, Ogden, OgdenBranches, Viscous
+from ngbrain.materials import Branch, HolzapfelGasserOgden, NeoHooke, Ogden, OgdenBranches, Viscous
 from ngbrain.materials.base import Law, Value
 from ngbrain.scene.loading import GRAVITY, Given, Loading, Stuff
 
@@ -252,22 +252,14 @@ def _terms(mu: list[Value], alpha: list[float]) -> Law:
 
 
 def _hereditary(branches: OgdenBranches, factor: Value) -> Viscous:
-    return _remembering(branches, factor, lambda law, mu, eta: Branch(law, eta / mu))
+    made, stay = _flowing(branches, factor), branches.stay
+    times = (eta / mu for mu, eta in zip(branches.mu[stay:], branches.eta, strict=True))
+    relaxing = (Branch(branch.law, tau) for branch, tau in zip(made.flowing, times, strict=True))
+    return Viscous(made.equilibrium, tuple(relaxing))
 
 
 def _flowing(branches: OgdenBranches, factor: Value) -> Viscous:
-    return _remembering(branches, factor, lambda law, mu, eta: Maxwell(law, factor * eta))
-
-
-def _remembering(
-    branches: OgdenBranches, factor: Value, branch: Callable[[Law, float, float], Branch | Maxwell]
-) -> Viscous:
-    stay = branches.stay
-    relaxing = zip(branches.mu[stay:], branches.alpha[stay:], branches.eta, strict=True)
-    return Viscous(
-        _terms([factor * mu for mu in branches.mu[:stay]], list(branches.alpha[:stay])),
-        tuple(branch(_terms([factor * mu], [alpha]), mu, eta) for mu, alpha, eta in relaxing),
-    )
+    return branches.times(factor).law()
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,8 @@ def test_fields_of_many_unknowns_are_pushed_one_by_one(monkeypatch, rng):
     together = there.push(direction)
     w = weights(there.data, rng)
     pulled = there.pull(w)
+    assert np.array_equal(there.gradient(w), pulled)  # its columns are at hand
+    there = of.at(of.theta)
     assert pulled == pytest.approx(there.gradient(w), rel=1e-8, abs=1e-9 * np.abs(pulled).max())
     monkeypatch.setattr(through_time, "TOGETHER", 3)
     assert there.push(direction) == pytest.approx(together, rel=1e-9, abs=1e-12 * np.abs(together).max())
