@@ -123,7 +123,9 @@ def chart(records: list[Record], png: str) -> None:
             axis.errorbar(at, found, np.abs(ends - found), fmt="o", color=colour, capsize=3, label=tissue)
             axis.axhline(mine[0]["truth"][tissue], color=colour, lw=0.8, ls="--")
         axis.set_xticks(range(len(mine)), [f"{r['noise']:.0%} noise" for r in mine])
-        axis.set(title=f"{head}: stiffness over published (dashed: truth)", ylim=(0, None))
+        axis.set(
+            title=f"{head}: stiffness over published (dashed: truth)", ylim=(0, None), xlim=(-0.6, len(mine) - 0.3)
+        )
         axis.legend(frameon=False)
         axis.grid(axis="y", alpha=0.25)
     made.savefig(png, dpi=150)
