@@ -48,6 +48,11 @@ class Seen:
     displacements  (m, n, 3) m
     force          (m,) N that the blade puts on the wall it pushes, across the cleft
     sigma          standard deviations of a displacement (m) and of the force (N)
+
+    Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing measured.
+
+    >>> Seen(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
+    (1, 13)
     """
 
     times: Array
@@ -103,7 +108,8 @@ class Retracted:
     tissues  their `region`; all by default, in the order of the scene
     grid     times (s) at which steps end; by default those of an adaptive run as the scene asks for it
 
-    Raises `InputError` for a blade of given force or with friction, a landmark outside of the tissue, an unknown tissue.
+    `run` is the `RunModel`, `factors` its parameters. Raises `InputError` for a blade of given force or with friction, a landmark
+    outside of the mesh, an unknown tissue.
     """
 
     def __init__(
@@ -148,6 +154,9 @@ def calibrate(
 
     A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
     `Retracted` does, `ConvergenceError` where no step from the start fits better.
+
+    >>> found = calibrate(Scene.shipped("idealised_fast"), seen, ["cortex", "white"])  # doctest: +SKIP
+    >>> found.factors["white"].low, found.factors["white"].high, found.scene  # doctest: +SKIP
     """
     if not spread > 1:
         raise InputError("spread", spread, "a factor above 1")
