@@ -155,7 +155,8 @@ def calibrate(
     A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
     `Retracted` does, `ConvergenceError` where no step from the start fits better.
 
-    >>> found = calibrate(Scene.shipped("idealised_fast"), seen, ["cortex", "white"])  # doctest: +SKIP
+    >>> scene = Scene.shipped("idealised_fast")
+    >>> found = calibrate(scene, seen, ["cortex", "white"])  # doctest: +SKIP
     >>> found.factors["white"].low, found.factors["white"].high, found.scene  # doctest: +SKIP
     """
     if not spread > 1:
