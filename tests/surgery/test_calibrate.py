@@ -86,13 +86,13 @@ def test_a_known_truth_comes_back(model, retracted, landmarks):
 
 
 @pytest.mark.slow
-def test_landmarks_alone_tell_only_a_ratio(model, retracted, landmarks):
-    """On a given way all tissues may be as stiff as one likes together; the interval says so."""
+def test_landmarks_alone_tell_less(model, retracted, landmarks):
+    """Ventricles, which are not looked for, and bulk moduli give the scale."""
     got = calibrate(model, seen(retracted, landmarks, 0.01, force=False), list(TRUTH))
     print(got.factors)
-    cortex, white = (got.factors[name] for name in TRUTH)
-    assert cortex.value / white.value == pytest.approx(1.5 / 0.7, rel=0.2)
-    assert cortex.high / cortex.low > 5 and cortex.low < 1.5 < cortex.high
+    for name, factor in TRUTH.items():
+        band = got.factors[name]
+        assert band.low < factor < band.high and 1.1 < band.high / band.low < 1.2  # with the force 1.04 and 1.05
 
 
 @pytest.mark.parametrize(
