@@ -4,8 +4,8 @@ known    a cube of 5 mm of a one-term Ogden law (1442 Pa, -19.2), pressed and pu
          each curve by elements of fourth order (1.25 mm), with noise of 0, 1 and 2 % of each curve's peak, ten seeds. Fitted with
          homogeneous specimens and with cubes of several meshes and orders. `error` is the larger of the relative errors of μ and
          α; of seeds the median, with the worst beside it
-search   the same, coarse, without noise, from half of both constants, by three optimisers with the same derivatives; `sets` counts
-         equilibria of all cubes and solves with their tangents, in units of the first; `error` as above
+search   the same, coarse, without noise, from half of both constants, by three optimisers with the same derivatives: `sets` of
+         equilibria of all cubes, `solves` with all their tangents
 measured Budday's mean curves of four regions: constants and R² of both, `error` between one mesh and the next finer one
 
     python benchmarks/bonded_fits.py [--quick] [--json]      last line of --json: a list of records
@@ -106,7 +106,7 @@ def known(quick: bool) -> list[Record]:
 
 def searches(quick: bool) -> list[Record]:
     """Three optimisers on one problem."""
-    curves, records = noisy(exact(quick), 0.0, 0), []
+    curves, records = exact(quick), []
     scale = np.array(list(GUESS.values()))
     for method in ("Levenberg-Marquardt", "Newton-CG", "L-BFGS-B"):
         problem = Blocks(cube("P2/P1", 0.0025), Ogden, curves, GUESS, {}, {})

@@ -1,7 +1,8 @@
 """Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
-from ngbrain.materials.catalogue import BRAIN, CATALOGUE, OgdenBranches, constants, published
+from ngbrain.materials.branches import OgdenBranches
+from ngbrain.materials.catalogue import BRAIN, CATALOGUE, constants, published
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh

@@ -143,8 +143,8 @@ class Tissue(Section):
         return self._explicit(factor, self._constants.alpha)
 
     def _explicit(self, factor: float, alpha: tuple[float, ...]) -> Tissue:
-        mu, eta = (tuple(factor * value for value in values) for values in (self._constants.mu, self._constants.eta))
-        return replace(self, constants=None, mu=mu, alpha=alpha or None, eta=eta or None)
+        scaled = self._constants.times(factor)
+        return replace(self, constants=None, mu=scaled.mu, alpha=alpha or None, eta=scaled.eta or None)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,7 +93,7 @@ class Calibrated:
 
     factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
              coarse, counts as more noise
-    scene    with tissues that are so stiff
+    scene    with tissues that are so stiff; there bulk moduli go with them, as `bulk_ratio` stays
     found    where the search ended: `found.level` is the misfit and what it should be
     """
 

@@ -124,8 +124,10 @@ class Problem:
     def prepare(self) -> None:
         """One expression for each curve, built once: its parameters are set again and again."""
         plain = [curve for curve in self.curves if curve.times is None]
-        law = cast(Law, self.law(**self.parameters)) if plain else None
-        self._specimens = {c.label: Specimen.of_law(law, MODES[c.mode], len(c.stretches)) for c in plain if law}
+        self._specimens = dict[str, Specimen]()
+        if plain:  # a relaxing law need not take parameters
+            law = cast(Law, self.law(**self.parameters))
+            self._specimens |= {c.label: Specimen.of_law(law, MODES[c.mode], len(c.stretches)) for c in plain}
 
     def stresses(self, values: Mapping[str, float]) -> list[np.ndarray]:
         """Nominal stress (Pa) along each curve."""
