@@ -18,6 +18,7 @@ from ngbrain.forward.patterns import check_apart, check_regions
 from ngbrain.forward.tangent import Solve, Tangent
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
+from ngbrain.materials.points import EVERYWHERE
 from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green
 
 Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
@@ -37,7 +38,7 @@ class Body:
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
 
-    Unknowns are u, p and the offset of the contacts, of order k - 1 on their walls.
+    Unknowns are u, p and the offset of the contacts, of order k on their walls.
 
     Attributes: `fes`, `gfu` (compound), `u`, `p`, `offset` (its components), `history`, `friction` (`Grip`). Raises `InputError`
     for a pattern that matches no region or boundary.
@@ -61,7 +62,7 @@ class Body:
         self.contacts = tuple(contact for contact in contacts if not isinstance(contact, Friction))
         self.order, self.modulus = order, modulus
         spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
-        self.fes = ngs.FESpace([*spaces, offsets(mesh, rigid, order - 1)])
+        self.fes = ngs.FESpace([*spaces, offsets(mesh, rigid, order)])
         self.gfu = ngs.GridFunction(self.fes)
         self.u, self.p, self.offset = self.gfu.components
         self.friction = Grip(self.fes, [contact for contact in contacts if isinstance(contact, Friction)])
@@ -129,6 +130,7 @@ class Body:
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
         self.focused = True
+        self._near = np.flatnonzero(np.repeat(elements, self._points.size // elements.size))
         part, inside = self.friction.join(self._form(tissue)), self._without(~elements)
         self._tangent = Tangent(self.form, self._free_dofs, self.weights, part, inside)
 
@@ -163,15 +165,19 @@ class Body:
         """
         solve = None if r is None else self.refactorise(x, r)
         self.partial = solve is not None
-        self._stiffen(x)
-        return solve or self._tangent.renew(self.gfu.vec)
+        if solve is None:
+            self._stiffen(x)
+            solve = self._tangent.renew(self.gfu.vec)
+        return solve
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
         """The same with the tangent renewed where `focus` says, and elsewhere as it was when factorised.
 
         None without a focus or a factorisation, and if what it gives for r is too rough.
         """
-        self._stiffen(x)
+        if not self.focused:
+            return None
+        self._stiffen(x, self._near)
         return self._tangent.refresh(self.gfu.vec, r)
 
     def _relax(self, x: np.ndarray) -> None:
@@ -182,12 +188,12 @@ class Body:
             self.history.relax()
             self._relaxed, self._stiff = x.copy(), False
 
-    def _stiffen(self, x: np.ndarray) -> None:
-        """The same, with the branches' stiffness for the tangent."""
+    def _stiffen(self, x: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> None:
+        """The same, with the branches' stiffness for the tangent, everywhere or at some points."""
         self._relax(x)
         if self.history.flows and not self._stiff:
-            self.history.flows.stiffen()
-            self._stiff = True
+            self.history.flows.stiffen(where)
+            self._stiff = where is EVERYWHERE
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds; it ends with `finish`."""

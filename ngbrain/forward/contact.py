@@ -30,8 +30,9 @@ class Contact:
     is largest where a is θ/ε times the pressure, in the mean with each of its shape functions, and the wall then goes where
     the body should have put it but for (1 - θ) of the penalty's mean depth and for half the softness. It is an augmented
     Lagrangian, with the multiplier ε a/θ and θ just below 1, so that the equations of the offset keep a definite diagonal and
-    need no pivoting. Of an order less than the displacements' it does not lock a wall's elements, as a multiplier at every
-    point or a much higher penalty does. Forces, tangent and the offset's equation follow from the energy.
+    need no pivoting. Of the displacements' order it has no more equations than the wall has ways to go, and does not lock its
+    elements, as a multiplier at every point or a much higher penalty does. Forces, tangent and the offset's equation follow
+    from the energy.
 
     wall       boundary name or pattern; it sees only this body
     distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside

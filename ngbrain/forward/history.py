@@ -145,7 +145,7 @@ class History:
             twice = e * (e * self.overstress[k] + beta * first) + beta * last
             change, size = change + twice - once, size + twice
         for flow in self.flows.flows:
-            twice = flow.halved(half, self.strain, middle[0], end[0])
+            twice = flow.halved(half, middle[0], end[0])
             change, size = change + twice - flow.stress, size + twice
         return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(size**2)))
 

@@ -16,6 +16,8 @@ ORDER = 2
 """Of the history's steps."""
 SAFETY, SHRINK, GROW = 0.9, 0.3, 4.0
 """Of steps by their error: part of the step that would just do, and least and largest factor from one to the next."""
+LEAVING = 2
+"""Steps of a body that withdraws from tissue, in one that pushes."""
 OVER = 2.0
 """Tolerances by which the error of a step may be missed; it is taken again beyond."""
 
@@ -101,7 +103,7 @@ class StepControl:
         if at.touching and moved:
             start = self.contact_dt * self.restart
             growth = self.touch_growth if moved > 0 else self.release_growth
-            longest = self.contact_dt if moved > 0 else self.contact_dt / 2
+            longest = self.contact_dt if moved > 0 else self.contact_dt / LEAVING
         else:
             start, growth, longest = self.contact_dt, self.growth, self.dt_max
         return start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
@@ -125,7 +127,8 @@ class ErrorControl:
     touch       first step (s) after touch, and after each event
     longest     step (s)
     shortest    step (s) below which the run gives up
-    pushing     longest step (s) while a body moves in touch with the tissue
+    pushing     longest step (s) while a body moves in touch with the tissue; half of it while it withdraws, as the work of the
+                step in which it leaves is wrong by what it loses there
 
     The history is of second order, so a step's error grows with its third power: the next is 0.9 (tolerance/error)^⅓ times as
     long. That the path is not straight is not seen; after first touch steps grow from `touch` again. Raises `InputError` unless
@@ -152,8 +155,9 @@ class ErrorControl:
 
     def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
         """`touch` after an event, else by the error of the last step."""
-        moving = at.touching and travel(min(self.pushing, self.longest))
-        longest = min(self.pushing, self.longest) if moving else self.longest
+        pushing = min(self.pushing, self.longest)
+        moved = travel(pushing) if at.touching else 0.0
+        longest = pushing if moved > 0 else pushing / LEAVING if moved < 0 else self.longest
         return self.touch if at.rested else min(at.dt * (1.0 if at.cut else at.factor), longest)
 
     def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:

@@ -138,13 +138,18 @@ class Flow:
         self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
         self._pull = _congruence(self._step)
         self.energy, self.stress = np.zeros(n), np.zeros((6, n))
+        self._vectors = self.G
         self._elastic, self._start, self._share = np.zeros((2, n)), np.zeros((2, n)), np.ones(n)
         self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
         vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ tensors(shapes) @ self.G)
-        self._start = e = PLANE @ logs
+        self._begin(dt, vectors, PLANE @ logs)
+
+    def _begin(self, dt: float, vectors: np.ndarray, e: np.ndarray) -> None:
+        """The same where GᵀC̄G has these eigenvectors and the elastic strains are e."""
+        self._vectors, self._start = vectors, e
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
         strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
@@ -164,30 +169,36 @@ class Flow:
 
     def relax(self, shapes: np.ndarray) -> None:
         """Find the minimum at these shapes; NaN where there is none."""
-        self.points.put(self._pulled, np.einsum("nij,jn->in", self._pull, shapes))
+        self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, shapes))
         answer = self.points(self._first)
         x, by_a = answer[:2], answer[2:].reshape(2, 6, -1)
         e, slopes = self._minimum(x)
         self._here = x, by_a, slopes
         self.energy = slopes[0] + self.kappa * np.sum((x - e) ** 2, axis=0)
-        self.stress = 2 * HALF * np.einsum("nij,in->jn", self._pull, np.einsum("kn,kin->in", slopes[1:3], by_a))
+        self.stress = 2 * HALF * np.einsum("ijn,in->jn", self._pull, np.einsum("kn,kin->in", slopes[1:3], by_a))
 
-    def stiffness(self) -> np.ndarray:
-        """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the shapes of the last `relax`."""
-        (_, by_a, slopes), k = self._here, 2 * self.kappa
+    def stiffness(self, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
+        """∂²/∂C̄² of the energy by the six entries of C̄ (n, 6, 6), at the shapes of the last `relax`; or at some points."""
+        (_, by_a, slopes), k = self._here, 2 * self.kappa[where]
+        by_a, slopes, pull = by_a[..., where], slopes[:, where], np.moveaxis(self._pull[..., where], 2, 0)
         a, b, c = slopes[3:]
         det = (a + k) * (c + k) - b * b
         M = np.array([[a * (c + k) - b * b, k * b], [k * b, c * (a + k) - b * b]]) * k / np.where(det != 0, det, 1.0)
-        bent = np.einsum("kn,kijn->nij", slopes[1:3], self.points(self._second).reshape(2, 6, 6, -1))
+        bent = np.einsum("kn,kijn->nij", slopes[1:3], self.points(self._second, where).reshape(2, 6, 6, -1))
         bent += np.einsum("kln,kin,ljn->nij", M, by_a, by_a)
-        return np.swapaxes(self._pull, 1, 2) @ bent @ self._pull
+        return np.swapaxes(pull, 1, 2) @ bent @ pull
 
     def finish(self, shapes: np.ndarray) -> None:
         """End the step at these shapes."""
+        self._finish(shapes)
+
+    def _finish(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same; eigenvectors of the new GᵀC̄G, which flow does not turn, and its elastic strains."""
         vectors, logs = _spectrum(np.swapaxes(self._step, 1, 2) @ tensors(shapes) @ self._step)
         x = PLANE @ logs
         e, _ = self._minimum(x)
         self.G = self._step @ _compose(vectors, PLANE.T @ (e - x))
+        return vectors, e
 
     @property
     def settled(self) -> np.ndarray:
@@ -199,15 +210,14 @@ class Flow:
         """G after the first half of the present step, by rows, and κ (10, n)."""
         return np.vstack([self._step.reshape(-1, 9).T, self.kappa])
 
-    def halved(self, half: float, before: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """`stress` at the end of two steps of `half` seconds between these shapes; the step that was begun stays as it is."""
+    def halved(self, half: float, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """`stress` at the end of two steps of `half` seconds by way of these shapes; the step that was begun stays as it is."""
         twin = copy(self)  # its arrays are replaced, never written into
-        twin.begin(half, before)
+        twin._begin(half, self._vectors, self._start)
         twin.relax(middle)
-        twin.finish(middle)
-        twin.begin(half, middle)
+        twin._begin(half, *twin._finish(middle))
         twin.relax(end)
-        self.points.put(self._pulled, np.einsum("nij,jn->in", self._pull, end))  # a field is shared
+        self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, end))  # a field is shared
         return twin.stress
 
     def _at(self, e: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
@@ -300,9 +310,9 @@ class Flows:
         self._shapes = shapes
         self._set()
 
-    def stiffen(self) -> None:
-        """Set the curvature, of the shapes of the last `relax`."""
-        self._stiffness = np.sum([flow.stiffness() for flow in self.flows], axis=0)
+    def stiffen(self, where: np.ndarray | slice = EVERYWHERE) -> None:
+        """Set the curvature, of the shapes of the last `relax`; or at some points, all of their elements."""
+        self._stiffness[where] = np.sum([flow.stiffness(where) for flow in self.flows], axis=0)
         self._set()
 
     def _set(self) -> None:
@@ -334,10 +344,13 @@ def tensors(entries: np.ndarray) -> np.ndarray:
 
 
 def _congruence(G: np.ndarray) -> np.ndarray:
-    """The matrices (n, 6, 6) that take the six entries of C to those of GᵀCG."""
-    units = tensors(np.eye(6))
-    pulled = np.swapaxes(G, 1, 2)[:, None] @ units @ G[:, None]
-    return np.stack([pulled[:, :, i, j] for i, j in ENTRIES], axis=1)
+    """The matrices (6, 6, n) that take the six entries of C to those of GᵀCG."""
+    g = np.ascontiguousarray(np.moveaxis(G, 0, 2))
+    matrices = np.empty((6, 6, len(G)))
+    for row, (i, j) in zip(matrices, ENTRIES, strict=True):
+        for entry, (k, m) in zip(row, ENTRIES, strict=True):
+            entry[:] = g[k, i] * g[m, j] if k == m else g[k, i] * g[m, j] + g[m, i] * g[k, j]
+    return matrices
 
 
 def half_step_factors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

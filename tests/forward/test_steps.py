@@ -7,7 +7,7 @@ import pytest
 from pressing import PRESS, run
 
 from ngbrain.errors import InputError
-from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.forward.steps import ErrorControl, Progress, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
@@ -93,6 +93,12 @@ def test_no_step_is_longer_than_asked_for_while_it_pushes(make_body, plate):
     steps = np.diff(rows[:, 0])
     pushed = rows[1:, 0] <= 4.0
     assert 0.4 < steps[pushed].max() <= 0.5 and 100 < steps[~pushed].max() <= 400
+
+
+@pytest.mark.parametrize(("rate", "dt"), [(1.0, 2.0), (-1.0, 1.0), (0.0, 4.0)])
+def test_a_body_in_touch_withdraws_in_half_as_long_steps(rate, dt):
+    at = Progress(dt=1.0, touching=True, rested=False, factor=4.0)
+    assert ErrorControl(0.1, touch=0.1, pushing=2.0).proposed(at, lambda ahead: rate * ahead) == dt
 
 
 def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
