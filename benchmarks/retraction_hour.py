@@ -5,13 +5,13 @@ a tolerance of .01, at most 2.5 s while the blade pushes and 600 s while it rest
 
 run     each protocol on two threads, with the file that a restart goes on from: time on the clock and of the processors, steps,
         factorisations, peak and dose, how far tissue is inside the blade (of the opening), balance of work
-steps   each protocol on the fast demo's mesh, one thread, with these steps and with shorter ones; error: of the peak or of the
+steps   the one hold on the fast demo's mesh, one thread, with these steps and with shorter ones; error: of the peak or of the
         dose, the larger, from steps with a 64th of the tolerance and a quarter of the length
 
     python benchmarks/retraction_hour.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/retraction_hour.py --chart FILE.png < records.json
 
-`--quick` is the study of steps with the continuous hour alone.
+`--quick` is the study of steps alone.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def protocols(opening: float) -> tuple[Protocol, Protocol]:
     return continuous(opening, RAMP, HOUR), intermittent(opening, RAMP, HOUR, HOLD, REST)
 
 
-def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | None) -> tuple[dict, ProtocolRun]:
+def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | None) -> dict:
     """A whole run: a record of it, with the clock's minutes at which each step ended."""
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
     run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
     found, at, opening = answer(outcome(run), on.scene.patient), run.transient.progress, on.scene.retraction.opening
     last = run.rows[-1]
-    record = {
+    return {
         "method": "ngbrain:transient",
         "protocol": protocol.name,
         "order": on.scene.body.order,
@@ -85,30 +85,34 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
             "wall_min": minutes,
         },
     }
-    return record, run
 
 
 def measure(quick: bool) -> list[dict]:
     """All records."""
-    coarse, records = model("demo_fast"), []
-    for protocol in protocols(coarse.scene.retraction.opening)[: 1 if quick else 2]:
-        control = coarse.control()
-        finest = went(coarse, protocol, control.halved().halved(), None)[0]
-        for name, steps in {"asked": control, "halved": control.halved()}.items():
-            found = went(coarse, protocol, steps, None)[0]
-            errors = {key: abs(found[key] / finest[key] - 1) for key in ("peak_mmHg", "dose_mmHg_min")}
-            of = {"study": "steps", "steps": name, "threads": 1, "error": max(errors.values())}
-            records.append(of | {f"error_{key}": error for key, error in errors.items()} | found)
-        records.append({"study": "steps", "steps": "finest", "threads": 1, "error": None} | finest)
-    if quick:
-        return records
+    return studied() if quick else studied() + hours()
+
+
+def studied() -> list[dict]:
+    """What the length of steps does to an hour's hold."""
+    head, records = model("demo_fast"), []
+    held, control = protocols(head.scene.retraction.opening)[0], head.control()
+    finest = went(head, held, control.halved().halved(), None)
+    for name, steps in {"asked": control, "halved": control.halved()}.items():
+        found = went(head, held, steps, None)
+        errors = {f"error_{key}": abs(found[key] / finest[key] - 1) for key in ("peak_mmHg", "dose_mmHg_min")}
+        records.append({"study": "steps", "steps": name, "threads": 1, "error": max(errors.values())} | errors | found)
+    return [*records, {"study": "steps", "steps": "finest", "threads": 1, "error": None} | finest]
+
+
+def hours() -> list[dict]:
+    """Both protocols."""
+    records = []
     with threads(2):
         head = model("demo", far=FAR)
         for protocol in protocols(head.scene.retraction.opening):
             with tempfile.TemporaryDirectory() as folder:
-                records.append(
-                    {"study": "run", "threads": 2, "error": None} | went(head, protocol, None, Path(folder))[0]
-                )
+                found = went(head, protocol, None, Path(folder))
+            records.append({"study": "run", "threads": 2, "error": None} | found)
     return records
 
 
@@ -124,13 +128,10 @@ def chart(records: list[dict], path: str) -> None:
         pressure.plot(minutes, series["mmHg"], lw=1.4, **look)
         clock.plot(minutes, series["wall_min"], lw=1.8, **look)
         clock.axhline(ASKED_MIN[name], color=COLOURS[name], lw=1, ls=":")
-    for name in COLOURS:
-        of = [r for r in records if r["study"] == "steps" and r["protocol"] == name and r["error"] is not None]
-        for key, marker in (("error_peak_mmHg", "o"), ("error_dose_mmHg_min", "s")):
-            label = f"{name}, {'peak' if 'peak' in key else 'dose'}"
-            steps.plot(
-                [r["cpu_s"] for r in of], [r[key] for r in of], marker=marker, color=COLOURS[name], ms=5, label=label
-            )
+    of = [r for r in records if r["study"] == "steps" and r["error"] is not None]
+    for key, marker, label in (("error_peak_mmHg", "o", "peak"), ("error_dose_mmHg_min", "s", "dose")):
+        seconds, errors = [r["cpu_s"] for r in of], [r[key] for r in of]
+        steps.plot(seconds, errors, marker=marker, color=COLOURS["continuous"], ms=5, label=label)
     steps.axhline(0.02, color="#666666", lw=1, ls=":")
     pressure.set(xlabel="minute of the protocol", ylabel="pressure on the patch (mmHg)", title="What the tissue bears")
     clock.set(

@@ -37,13 +37,13 @@ def test_doubling_every_modulus_doubles_every_force():
 
 @pytest.mark.slow
 def test_contact_is_as_hard_as_one_three_times_harder(monkeypatch):
-    """Elastic, 4 mm, coarse elements: tissue stays out of the blade, and more penalty adds 1.8 % (0.8 with finer elements)."""
+    """Elastic, 4 mm, coarse elements: tissue stays out of the blade, and more penalty adds little."""
     set_threads(1)
     opening, rows = 4e-3, []
-    for factor in (1.0, 3.0):
-        monkeypatch.setattr(surgery_model, "PENALTY", factor * 500.0)
+    for penalty in (surgery_model.PENALTY, 3 * surgery_model.PENALTY):
+        monkeypatch.setattr(surgery_model, "PENALTY", penalty)
         rows.append(opened_elastic(opening))
-    assert rows[0].depth < 0.01 * opening < -rows[0].gap < 0.06 * opening
+    assert rows[0].depth < 0.007 * opening < -rows[0].gap < 0.035 * opening
     assert rows[0].energy_off < 2e-3
     assert rows[0].pressure == pytest.approx(rows[1].pressure, rel=0.02)
 
@@ -54,8 +54,8 @@ def test_without_its_offset_contact_is_a_matter_of_the_penalty(monkeypatch):
     set_threads(1)
     opening, rows = 4e-3, []
     monkeypatch.setattr(surgery_model, "MADE_UP", 0.0)
-    for factor in (1.0, 3.0):
-        monkeypatch.setattr(surgery_model, "PENALTY", factor * 500.0)
+    for penalty in (surgery_model.PENALTY, 3 * surgery_model.PENALTY):
+        monkeypatch.setattr(surgery_model, "PENALTY", penalty)
         rows.append(opened_elastic(opening))
     assert rows[0].depth > 0.015 * opening and rows[0].pressure < 0.97 * rows[1].pressure
 
