@@ -10,7 +10,7 @@ from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.transient import Transient
-from ngbrain.materials import Ogden
+from ngbrain.materials import Maxwell, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 
@@ -57,9 +57,10 @@ def test_a_part_renewed_where_nothing_changed_is_the_whole(pressed, rng):
     assert same == pytest.approx(exact, rel=1e-8, abs=1e-9 * np.abs(exact).max())
 
 
-def test_a_part_renewed_follows_a_change_inside_it():
+@pytest.mark.parametrize("law", [Ogden(1e3, -15.0), Viscous(Ogden(1e2, -15.0), (Maxwell(Ogden(9e2, -15.0), 1e6),))])
+def test_a_part_renewed_follows_a_change_inside_it(law):
     # A dent in the top of a block that is held all around, as a brain is.
-    body = Body(block((0.06,) * 3, 0.012), {"tissue": Material(Ogden(1e3, -15.0), 1.5e6)}, "^(?!top).*")
+    body = Body(block((0.06,) * 3, 0.012), {"tissue": Material(law, 1.5e6)}, "^(?!top).*")
     body.begin(0.5)
     body.focus(near(body))
     kept = body.factorise(body.state)
