@@ -139,7 +139,7 @@ def chart(records: list[dict], path: str) -> None:
         ylabel="minute on the clock, two threads",
         title="What it takes (dotted: asked)",
     )
-    steps.set(xscale="log", yscale="log", xlabel="CPU time, fast mesh (s)", ylabel="relative error of the steps")
+    steps.set(yscale="log", xlabel="CPU time, fast mesh (s)", ylabel="relative error of the steps")
     steps.set_title("Steps (dotted: 2 %)")
     for axes in (pressure, clock, steps):
         axes.legend(fontsize=8, frameon=False)
