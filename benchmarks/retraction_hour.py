@@ -31,7 +31,6 @@ from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Protocol, continuous, intermittent
-from ngbrain.surgery.retraction import outcome
 from ngbrain.surgery.runs import ProtocolRun
 from ngbrain.threads import threads
 from ngbrain.units import to_mmHg
@@ -60,7 +59,7 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
     run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
-    found, at, opening = answer(outcome(run), on.scene.patient), run.transient.progress, on.scene.retraction.opening
+    found, at, opening = answer(run.outcome(), on.scene.patient), run.transient.progress, on.scene.retraction.opening
     last = run.rows[-1]
     return {
         "method": "ngbrain:transient",

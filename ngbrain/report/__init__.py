@@ -52,6 +52,7 @@ def build(folder: str | os.PathLike[str]) -> Path:
         risks=tables.risks(answers),
         response=result.get("dose_response") or {},
         checks=tables.checks(result.get("checks") or {}),
+        worth=tables.worth(result.get("worth") or {}),
         equal_work=comparison.get("dose_at_equal_working_time_mmHg_min") or {},
         band=result.get("material_band") or {},
         laws=tables.band(result.get("material_band") or {}),

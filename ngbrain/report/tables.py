@@ -37,6 +37,7 @@ METRICS: tuple[tuple[str, str, str, bool], ...] = (
     ("peak_tip_pressure_mmHg", "Peak pressure at the tip (last 5 mm)", "mmHg", True),
     ("peak_centre_pressure_mmHg", "Peak pressure in the middle of the face (5 mm across)", "mmHg", True),
     ("peak_force_N", "Peak force on the blade", "N", True),
+    ("largest_contact_area_mm2", "Largest area in touch with the blade", "mm²", True),
     ("s_above_20_mmHg", "Time above 20 mmHg, in all", "s", True),
     ("longest_s_above_20_mmHg", "Time above 20 mmHg, longest without a break", "s", True),
     ("s_above_30_mmHg", "Time above 30 mmHg, in all", "s", True),
@@ -88,6 +89,9 @@ CHECKS: dict[str, Check] = {
     ),
     "order_plus_one": Check(
         "One polynomial order more moves the pressure by (relative; elastic, coarse mesh)", "stated, no limit set", None
+    ),
+    "larger_elements": Check(
+        "Elements 1.4 times as large move the first peak by (relative)", "stated, no limit set", None
     ),
     "min_net_reaction_N": Check(
         "Smallest net reaction of the wall", "not negative: no pull", lambda v: v >= -1e-5, "N"
@@ -166,7 +170,7 @@ def comparison(answers: Mapping[str, Any]) -> list[Row]:
     thresholds = sorted({t for a in answers.values() for t in a.get("volume_mps_above", {})}, key=float)
     for threshold in thresholds:
         values = [a.get("volume_mps_above", {}).get(threshold) for a in answers.values()]
-        rows.append(_row(f"Tissue with principal strain above {100 * float(threshold):g} %", "ml", values, True))
+        rows.append(_row(_strained(threshold), "ml", values, True))
     for key, name in VOLUMES.items():
         values = [(a.get("volumes_ml") or {}).get(key) for a in answers.values()]
         if any(_is_number(v) for v in values):
@@ -251,6 +255,25 @@ def band(given: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
     for name, value in sorted((given.get("peak_pressure_by_modulus_mmHg") or {}).items(), key=lambda item: item[1]):
         rows.append((f"as stiff as {name.split(':')[0]}", f"{number(moduli.get(name))} Pa", value))
     return rows
+
+
+def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
+    """(name, unit, texts) for each number: its value, what mesh, order and steps move it by, their sum, its range by material."""
+    thresholds = sorted(
+        (key for key in errors if key.startswith("volume_mps_above/")), key=lambda key: float(key.split("/")[1])
+    )
+    strained = [(key, _strained(key.split("/")[1]), "ml") for key in thresholds]
+    rows = []
+    for key, name, unit in [(key, name, unit) for key, name, unit, _ in METRICS] + strained:
+        if of := errors.get(key):
+            texts = [_shown(of.get(kind), unit) for kind in ("value", "mesh", "order", "step", "numerics")]
+            low, high = (_shown(value, unit) for value in of["material"])
+            rows.append((name, unit, [*texts, low if low == high else f"{low} to {high}"]))
+    return rows
+
+
+def _strained(threshold: str) -> str:
+    return f"Tissue with principal strain above {100 * float(threshold):g} %"
 
 
 def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:

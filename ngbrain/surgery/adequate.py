@@ -29,7 +29,6 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.model import Model as Made
-from ngbrain.surgery.retraction import outcome
 from ngbrain.surgery.runs import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
@@ -117,7 +116,7 @@ class Operation:
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
             elastic = made.elastic(scene.retraction.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
-            found[program.name], ndof = answers.answer(outcome(run), scene.patient), run.transient.body.fes.ndof
+            found[program.name], ndof = answers.answer(run.outcome(), scene.patient), run.transient.body.fes.ndof
         values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 

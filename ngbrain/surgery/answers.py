@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from ngbrain.scene import Patient, Scene
-from ngbrain.surgery.checks import HALF, ORDER
+from ngbrain.scene import Patient
 from ngbrain.surgery.injury import curve, dose, times_above
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
 from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.response import infarct
+from ngbrain.surgery.runs import Outcome
 from ngbrain.surgery.sampling import Spread
 from ngbrain.units import to_kPa, to_ml, to_mm, to_mmHg
 
-if TYPE_CHECKING:
-    from ngbrain.surgery.retraction import Outcome
-
-Runs = dict[str, "Outcome"]
+Runs = dict[str, Outcome]
+Answer = dict[str, Any]
+"""A protocol's numbers by name (`answer`)."""
 
 THRESHOLDS_MMHG = (20.0, 30.0)
 """Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6, after 15 minutes in the rat."""
-
-APART = 1e-9
-"""Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
 
 DENSITY = 1040.0
 """Of brain (kg/m³), about, for the speed of shear waves."""
@@ -42,26 +39,17 @@ LEFT_OUT = (
 )
 
 
-def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
+def answer(run: Outcome, patient: Patient) -> Answer:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
-    course, times = curve(t, pressure, run.events), {}
-    for threshold in THRESHOLDS_MMHG:
-        total, longest = times_above(course, threshold)
-        times[f"s_above_{threshold:.0f}_mmHg"] = total
-        times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
     peak, stress, rate = run.peak, run.largest["von_mises"], run.largest["rate"]
     return {
-        "peak_pressure_mmHg": float(pressure.max()),
+        **borne(t, pressure, run.events, patient),
         "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
         "peak_centre_pressure_mmHg": float(to_mmHg(run.column("centre_pressure").max())),
         "peak_force_N": float(run.column("force").max()),
+        "largest_contact_area_mm2": float(1e6 * run.column("area").max()),
         "min_net_reaction_N": float(run.column("net_reaction").min()),
-        "dose_mmHg_min": dose(course),
-        **times,
-        "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
-        **perfusion(patient, course),
-        **infarct(course),
         **_spread("mps", peak.mps),
         **_spread("oss", peak.oss),
         "strain_peak_at_s": peak.t,
@@ -91,6 +79,39 @@ def answer(run: Outcome, patient: Patient) -> dict[str, Any]:
             "min_gap_mm": to_mm(run.column("gap")).tolist(),
         },
     }
+
+
+def borne(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
+    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `injury.curve`."""
+    course, times = curve(t, pressure, events), {}
+    for threshold in THRESHOLDS_MMHG:
+        total, longest = times_above(course, threshold)
+        times[f"s_above_{threshold:.0f}_mmHg"] = total
+        times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
+    return {
+        "peak_pressure_mmHg": float(pressure.max()),
+        "dose_mmHg_min": dose(course),
+        **times,
+        "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
+        **perfusion(patient, course),
+        **infarct(course),
+    }
+
+
+def stiffer(found: Answer, factor: float, patient: Patient) -> Answer:
+    """The numbers of an answer if all pressures, forces and stresses were `factor` times what they are.
+
+    That is what moduli as many times as large do, on a given way of the blade, if their ratios (bulk to shear, branch to
+    branch, contact to tissue) and the times of relaxation stay and nothing has inertia; strain stays.
+    """
+    series = found["series"]
+    pressure = factor * np.array(series["pressure_mmHg"])
+    loads = {
+        key: factor * value
+        for key, value in found.items()
+        if re.match("peak_.*|min_net_reaction|von_mises_(?!peak)", key)
+    }
+    return found | loads | borne(np.array(series["t_s"]), pressure, found["events_s"], patient)
 
 
 def _spread(name: str, spread: Spread, unit: str = "", to_unit: Callable[[float], float] = float) -> dict[str, float]:
@@ -152,66 +173,7 @@ def model(made: Model, runs: Runs) -> dict[str, Any]:
     }
 
 
-def checks(scene: Scene, runs: Runs, results: dict[str, Any]) -> dict[str, float | None]:
-    """Name → value; what each should be is in the report. Worst over the protocols."""
-    energy, volume, off_force, off_gap, recontact = [], [], [], [], []
-    for run in runs.values():
-        kept = sum(run.column(name) for name in ("contact_energy", "tissue_work", "friction_work"))
-        gone = run.column("blade_work") - kept
-        energy.append(abs(gone[-1]) / run.column("tissue_work_size")[-1])
-        parts = np.array(list(run.peak.volume.values()))
-        volume.append(abs(parts.sum()) / np.abs(parts).max())
-        away = run.column("gap") > APART
-        away[0] = False  # the start, in touch without force
-        off_force.append(float(np.abs(run.column("force")[away]).max(initial=0.0)))
-        if away.any():
-            off_gap.append(float(run.column("gap")[away].min()))
-            recontact.append(_recovered(run, away))
-    ramp = scene.retraction.ramp
-    firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
-    peak = firsts[0] if firsts else float("nan")
-    halves, orders = results[HALF], results[ORDER]
-    whole = halves and (halves[0] or (firsts[0] if firsts else None))
-    return {
-        "reaction_balance": max(_imbalance(run) for run in runs.values()),
-        "volume_balance": float(max(volume)),
-        "energy_balance": float(max(energy)),
-        "dt_halving": abs(halves[1] / whole - 1) if whole else None,
-        "order_plus_one": abs(orders[1] / orders[0] - 1) if orders else None,
-        "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
-        "force_while_off_N": max(off_force),
-        "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,
-        "tissue_in_blade": max(float(run.column("depth").max()) for run in runs.values()) / scene.retraction.opening,
-        "deepest_in_blade": max(float(-run.column("gap").min()) for run in runs.values()) / scene.retraction.opening,
-        "first_peaks_differ": (max(firsts) - min(firsts)) / peak if len(firsts) > 1 else None,
-        "recontact_opening_below_release_mm": to_mm(min(recontact)) if recontact else None,
-    }
-
-
-def _imbalance(run: Outcome) -> float:
-    """Largest |blade + supports| over the largest blade force."""
-    force = run.column("force")
-    return float((run.column("balance") * force).max() / force.max())
-
-
-def _full_ramps(scene: Scene, runs: Runs) -> list[Outcome]:
-    """Runs that reach the full opening in one go."""
-    kinds = {p.name: p.kind for p in scene.protocols}
-    return [run for name, run in runs.items() if kinds[name] in ("continuous", "intermittent")]
-
-
-def _recovered(run: Outcome, away: np.ndarray) -> float:
-    """How much smaller (m) the opening is at touch again than when the blade began to let go; the smallest of all times."""
-    opening, advance = run.column("opening"), run.column("advance")
-    recovered = []
-    for i in np.flatnonzero(away[:-1] & ~away[1:]):
-        held = np.flatnonzero(advance[:i] >= advance[:i].max(initial=0.0) * (1 - 1e-9))  # a later one may go further
-        if held.size:
-            recovered.append(opening[held[-1]] - opening[i])
-    return min(recovered, default=float("nan"))
-
-
-def comparison(runs: Runs, numbers: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
     """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work."""
     findings, ways = [], {name: float(to_mm(run.column("advance").max())) for name, run in runs.items()}
     if max(ways.values()) - min(ways.values()) > SAME * max(ways.values()):

@@ -1,8 +1,12 @@
-"""What the numbers of a retraction are worth: time step, polynomial order, and the material's own uncertainty."""
+"""The runs that tell what the numbers of a retraction are worth: another time step, order, mesh, and exponent of the law.
+
+All of them open once and hold to the end (`Model.hold`), so that every number of an `answer` has its like.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,40 +22,51 @@ from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
+from ngbrain.surgery.answers import Answer, answer
 from ngbrain.surgery.model import Model
-from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.runs import ProtocolRun
 
 Point = tuple[float, np.ndarray]
 """Time (s) and all unknowns."""
-ORDER, HALF, MILLER = "one order more", "half steps", "Miller's exponent"
+Pair = tuple[Answer | None, Answer]
+"""What a change starts from, None where that is the scene's own hold; and what it gives."""
+ORDER, HALF, MESH, MILLER = "one order more", "half steps", "larger elements", "Miller's exponent"
 """The checks' names,"""
-WHOLE = "whole steps"
-"""and what half steps are compared with."""
+WHOLE, OWN = "whole steps", "hold"
+"""and those of what half steps and larger elements are compared with."""
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
 COARSE = {"site": 4e-3, "near": 10e-3, "far": 26e-3}
 """Element sizes (m) of the mesh on which half steps and one order more are affordable."""
+LARGER = math.sqrt(2)
+"""How many times as large the larger elements are, everywhere."""
 REACH = 25e-3
 """How far (m) from the cleft one order more is used: 15, 20, 25, 40 mm give 163, 160, 154, 154 mmHg on the fast idealised head."""
 HALVINGS = 3
 """How often an increment of the richer solution may be cut."""
 
 
-def half_steps(model: Model, folder: Path | None, resume: bool, tell: Tell) -> tuple[float | None, float]:
-    """Peak pressure (Pa) of the first opening on a coarse mesh, at the scene's time step and at half of it.
-
-    The first is None if the model's mesh is no finer: then it is the protocols' own.
-    """
+def half_steps(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+    """On a coarse mesh, at the scene's time step and at half of it; the first is None if the model's mesh is no finer."""
     coarse, control = _coarse(model), model.control()
-    whole = None if coarse is model else _first_peak(coarse, WHOLE, folder, resume, _muted(tell, HALF), control)
-    return whole, _first_peak(coarse, HALF, folder, resume, tell, control.halved())
+    whole = None if coarse is model else _held(coarse, WHOLE, folder, resume, _muted(tell, HALF), control)
+    return whole, _held(coarse, HALF, folder, resume, tell, control.halved())
 
 
-def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> float:
-    """Peak pressure (Pa) of the first opening with every exponent at -4.7 and the same moduli and times."""
+def larger_elements(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+    """On the scene's mesh, unless one of its protocols is that hold, and on one of `LARGER` elements."""
+    body = model.scene.body
+    sizes = {name: LARGER * getattr(body, name) for name in COARSE}
+    larger = Model.of(replace(model.scene, body=replace(body, **sizes)), model.head)
+    holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
+    own = None if holds else _held(model, OWN, folder, resume, _muted(tell, MESH))
+    return own, _held(larger, MESH, folder, resume, tell)
+
+
+def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Answer:
+    """With every exponent at -4.7 and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
-    return _first_peak(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, tell)
+    return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, tell)
 
 
 def _coarse(model: Model) -> Model:
@@ -61,11 +76,11 @@ def _coarse(model: Model) -> Model:
     return model if body == scene.body else Model.of(replace(scene, body=body), model.head)
 
 
-def _first_peak(
+def _held(
     model: Model, name: str, folder: Path | None, resume: bool, tell: Tell, control: Control | None = None
-) -> float:
-    run = ProtocolRun(model, model.ramp(name), folder, resume, control=control).go(tell)
-    return max(row.pressure for row in run.rows)
+) -> Answer:
+    run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(tell)
+    return answer(run.outcome(), model.scene.patient)
 
 
 def _muted(tell: Tell, name: str) -> Tell:
@@ -73,23 +88,23 @@ def _muted(tell: Tell, name: str) -> Tell:
     return lambda _, t, __: tell(name, t, 0.0)
 
 
-def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) -> tuple[float, float]:
-    """`order_peaks`, kept in a file and taken from there on resume."""
+def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
+    """`orders`, kept in a file and taken from there on resume."""
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():
         kept = json.loads(path.read_text())
         if kept["scene"] == scene:
-            low, high = kept["pressure_Pa"]
+            low, high = kept["answers"]
             return low, high
     tell(ORDER, 0.0, 0.0)
-    peaks = order_peaks(model)
+    found = orders(model)
     if path is not None:
-        write_json(path, {"scene": scene, "pressure_Pa": peaks})
-    return peaks
+        write_json(path, {"scene": scene, "answers": found})
+    return found
 
 
-def order_peaks(model: Model) -> tuple[float, float]:
-    """Patch pressure (Pa) at full opening on a coarse mesh, at the scene's order and one more.
+def orders(model: Model) -> tuple[Answer, Answer]:
+    """At full opening, and nothing after it, on a coarse mesh: at the scene's order and one more.
 
     Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One
     order more is used within `REACH` of the cleft; further out the tissue goes where the poorer solution has it.
@@ -97,9 +112,15 @@ def order_peaks(model: Model) -> tuple[float, float]:
     coarse = _coarse(model)
     ramp, order = model.scene.retraction.ramp, model.scene.body.order
     protocol, control = coarse.ramp("elastic"), StepControl(ramp / 10, first=0.05)
-    low, high = (coarse.run(protocol, control, coarse.elastic(ramp, k), k) for k in (order, order + 1))
-    for run in (low, high):
-        run.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)  # digits enough for a comparison in percent
+    runs = [
+        ProtocolRun(coarse, protocol, None, False, None, control, coarse.elastic(ramp, k), k)
+        for k in (order, order + 1)
+    ]
+    low, high = (run.transient for run in runs)
+    for transient in (low, high):
+        transient.newton = Newton(
+            rtol=1e-4, xtol=1e-5, max_factorisations=20
+        )  # digits enough for a comparison in percent
     high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
     high.body.begin(ramp)
     embedded, walls = ngs.GridFunction(high.body.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
@@ -113,9 +134,13 @@ def order_peaks(model: Model) -> tuple[float, float]:
         wanted = (at.t, np.array(embedded.vec.FV().NumPy()))
         _go(high, reached, wanted, HALVINGS)
         reached = wanted
+        if at.t == protocol.times[-1]:
+            for run in runs:
+                run.look(run.transient.body, at, record)
 
     low.run(follow)
-    return _pressure(coarse, low), _pressure(coarse, high)
+    first, second = (answer(run.outcome(), model.scene.patient) for run in runs)
+    return first, second
 
 
 def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
@@ -131,8 +156,3 @@ def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     _go(run, start, middle, halvings - 1)
     _go(run, middle, end, halvings - 1)
-
-
-def _pressure(model: Model, transient: Transient) -> float:
-    observe = Observer(transient.body, model.blades, model.held)
-    return observe(0.0, 0.0, 1.0).pressure

@@ -227,6 +227,11 @@ class Model:
         r = self.scene.retraction
         return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
 
+    def hold(self, name: str) -> Protocol:
+        """The first opening, held to the end."""
+        r = self.scene.retraction
+        return continuous(r.opening, r.ramp, r.elapsed, name)
+
 
 def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
     """What pushes which wall; they share the way that the scene asks for."""

@@ -6,7 +6,7 @@ import os
 import pickle
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,14 +19,14 @@ from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.pool import Tell
 from ngbrain.scene import Scene
-from ngbrain.surgery import answers, band, checks, response
+from ngbrain.surgery import answers, band, checks, response, worth
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.protocols import Force, Protocol
-from ngbrain.surgery.runs import Peak, ProtocolRun, table
-from ngbrain.surgery.sampling import Spread
+from ngbrain.surgery.runs import Outcome, ProtocolRun
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
     checks.ORDER: checks.one_order_more,
+    checks.MESH: checks.larger_elements,
     checks.HALF: checks.half_steps,
     checks.MILLER: checks.miller,
 }
@@ -38,30 +38,6 @@ POLL = 0.2
 """Seconds between looks for a beginning that another process computes."""
 _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a protocol's run leaves behind, small enough to pass between processes.
-
-    rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
-    strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
-    beginning shared with another protocol
-    """
-
-    rows: dict[str, np.ndarray]
-    events: tuple[float, ...]
-    peak: Peak
-    largest: dict[str, Spread]
-    working_s: float
-    steps: int
-    rejected: int
-    newton: int
-    factorisations: int
-
-    def column(self, name: str) -> np.ndarray:
-        """One column of the record."""
-        return self.rows[name]
 
 
 def solve(
@@ -98,7 +74,8 @@ def solve(
     runs = {p.name: results[p.name] for p in scene.protocols}
     checked = {name: results[_CHECK + name] for name in _CHECKS}
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
-    worth = answers.checks(scene, runs, checked)
+    factors = [modulus / band.modulus_near_site(model, runs) for modulus in band.published_moduli().values()]
+    errors = worth.errors(worth.hold(scene, found, checked), checked, factors, scene.patient)
     driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
     result = {
         "verb": "retract",
@@ -110,11 +87,12 @@ def solve(
         "head": model.head.describe(model.mesh),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
-        "checks": worth,
+        "checks": worth.checks(scene, runs, errors),
         "answers": found,
+        "worth": errors,
         "comparison": answers.comparison(runs, found),
         "dose_response": response.points(),
-        "material_band": band.material_band(model, driven, checked[checks.MILLER], worth) if driven else {},
+        "material_band": band.material_band(model, driven, checked[checks.MILLER], errors) if driven else {},
         "left_out": answers.left_out(model, runs),
         "time_s": time.perf_counter() - started,
     }
@@ -153,7 +131,7 @@ def _lead(
             part = begun.with_suffix(".part")
             part.write_bytes(pickle.dumps(snapshot))
             os.replace(part, begun)
-        return outcome(run.go(told))
+        return run.go(told).outcome()
 
 
 def _follow(
@@ -163,15 +141,7 @@ def _follow(
     while not begun.exists():
         time.sleep(POLL)
     with pool.helped(tell) as told:
-        return outcome(ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told))
-
-
-def outcome(run: ProtocolRun) -> Outcome:
-    """What is left of a run that has come to its end."""
-    assert run.peak is not None
-    at = run.transient.progress
-    work = (at.steps, at.rejected, at.newton, at.work.factorisations)
-    return Outcome(table(run.rows), run.protocol.times, run.peak, run.largest, run.protocol.working_s, *work)
+        return ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told).outcome()
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:

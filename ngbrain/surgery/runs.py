@@ -86,8 +86,35 @@ class Peak:
         return cls(**{**saved, "mps": Spread(**saved["mps"]), "oss": Spread(**saved["oss"])})
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What a protocol's run leaves behind, small enough to pass between processes.
+
+    rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
+    strain at its largest; largest: other measures at theirs; steps, rejected, newton, factorisations: work, with that of a
+    beginning shared with another protocol
+    """
+
+    rows: dict[str, np.ndarray]
+    events: tuple[float, ...]
+    peak: Peak
+    largest: dict[str, Spread]
+    working_s: float
+    steps: int
+    rejected: int
+    newton: int
+    factorisations: int
+
+    def column(self, name: str) -> np.ndarray:
+        """One column of the record."""
+        return self.rows[name]
+
+
 class ProtocolRun:
-    """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes."""
+    """A protocol on a model, with its record; `go` runs it to the end and writes `FOLDER/NAME.vtkhdf` as it goes.
+
+    control, materials, order   others than the scene's
+    """
 
     def __init__(
         self,
@@ -98,14 +125,15 @@ class ProtocolRun:
         start: Snapshot | None = None,
         control: Control | None = None,
         materials: dict[str, Material] | None = None,
+        order: int | None = None,
     ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
-        self.transient: Transient = model.run(protocol, control, materials)
+        self.transient: Transient = model.run(protocol, control, materials, order)
         body = self.transient.body
         self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
         self.observer = Observer(body, model.blades, model.held)
-        self.sampler = Sampler(body, model.cleft, model.parts())
+        self.sampler = Sampler(body, model.cleft, model.parts(order))
         self.rows: list[Row] = []
         self.peak: Peak | None = None
         self.largest: dict[str, Spread] = {}
@@ -116,14 +144,14 @@ class ProtocolRun:
         elif start is not None:
             self._take(*start)
         else:
-            self._look(self.transient.body, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
+            self.look(self.transient.body, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
 
     def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
         """Run to the end (or to `until`, s); raises what `Transient.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 
         def watch(body: Body, at: Progress, record: NewtonRecord) -> None:
-            self._look(body, at, record)
+            self.look(body, at, record)
             if tell is not None:
                 tell(self.protocol.name, at.t, at.t / end)
 
@@ -134,7 +162,15 @@ class ProtocolRun:
         """This run as it stands, for another protocol that is the same up to here to go on from."""
         return deepcopy(self._state()), list(self.frames)
 
-    def _look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
+    def outcome(self) -> Outcome:
+        """What is left of a run that has come to its end."""
+        assert self.peak is not None
+        at = self.transient.progress
+        work = (at.steps, at.rejected, at.newton, at.work.factorisations)
+        return Outcome(table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s, *work)
+
+    def look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
+        """Put the body as it stands on record."""
         self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
         spreads = sample.spreads()

@@ -21,6 +21,7 @@ from ngbrain.surgery.blades import Spatula
 from ngbrain.surgery.response import points
 
 RADIUS = 0.05  # m
+KINDS = ("value", "mesh", "order", "step", "numerics", "material")
 PROTOCOLS = ("continuous", "intermittent", "my own <way>")
 
 
@@ -147,6 +148,11 @@ def series(peak_mmHg: float, blade_mm: float) -> dict[str, list[float]]:  # noqa
     }
 
 
+def worth(value: float, mesh: float, order: float | None, step: float, numerics: float, *material: float) -> dict:
+    """Of one number."""
+    return dict(zip(KINDS, (value, mesh, order, step, numerics, list(material)), strict=True))
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as `demo` leaves it, with a displacement made up."""
@@ -201,6 +207,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "geometry": geometry,
         "checks": {"reaction_balance": 3.2e-9, "dt_halving": 0.05, "gap_while_off_mm": None, "unheard_of": 1.5},
         "dose_response": points(),
+        "worth": {
+            "peak_pressure_mmHg": worth(146.04, 7.1, None, 0.8, 7.9, 60.0, 146.04),
+            "mps_p95": worth(0.231, 0.004, 0.012, 0.0, 0.016, 0.231, 0.231),
+            "volume_mps_above/0.34": worth(0.41, 0.02, 0.03, 0.01, 0.06, 0.2, 0.5),
+            "volumes_ml/window": worth(1.0, 0.1, 0.1, 0.1, 0.3, 1.0, 1.0),
+        },
         "material_band": {
             "peak_pressure_mmHg": {"as given": 146.04, "Miller alpha -4.7": 60.0},
             "beyond_fit_ml": 6.31,
@@ -288,6 +300,9 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
         "In all 60.0 to 146 mmHg. Beside that, the numerics: half the time step moves the peak as given by 7.3 mmHg."
         in text
     )
+    assert "Peak pressure under the blade mmHg 146 7.10 – 0.800 7.90 60.0 to 146 " in text
+    assert "95th percentile % 23.1 0.400 1.20 0 1.60 23.1 Tissue with" in text
+    assert "above 34 % ml 0.410 0.0200 0.0300 0.0100 0.0600 0.200 to 0.500 " in text
     assert "3.2e-09 at most 1e-4 met" in text
     assert "0.0500 less than 0.03 NOT MET" in text
     assert "does not apply" in text

@@ -7,10 +7,11 @@ import pytest
 
 from ngbrain.forward.steps import StepControl
 from ngbrain.scene import Scene
-from ngbrain.surgery.checks import order_peaks
+from ngbrain.surgery.checks import orders
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Observer
 from ngbrain.threads import set_threads
+from ngbrain.units import mmHg
 
 
 def opened(model, share):
@@ -28,7 +29,7 @@ def opened(model, share):
 def test_corners_keep_their_volume_and_the_pressure_is_that_of_one_order_more():
     set_threads(1)
     model = Model.of(Scene.shipped("idealised_fast"))
-    ours, third_order = order_peaks(model)
+    ours, third_order = (mmHg(found["peak_pressure_mmHg"]) for found in orders(model))
     naive, collapsed = opened(model, 0.0)
     again, smallest = opened(model, 1.0)
     assert again == pytest.approx(ours, rel=0.01)
