@@ -162,4 +162,17 @@ def _summary(result: dict[str, Any]) -> str:
             f"{name:<14}{a['peak_pressure_mmHg']:>10.1f}{a['peak_tip_pressure_mmHg']:>10.1f}{a['peak_force_N']:>9.2f}"
             f"{a['s_above_20_mmHg']:>8.0f}{a['dose_mmHg_min']:>15.0f}{a['mps_p95']:>9.3f}"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_worth(result["worth"])])
+
+
+def _worth(errors: dict[str, Any]) -> list[str]:
+    """Of the peak and of strain, in a line each, where they are known."""
+    lines = []
+    for key, name, unit in (("peak_pressure_mmHg", "peak", " mmHg"), ("mps_p95", "MPS p95", "")):
+        of = errors.get(key, {})
+        parts = [f"{kind} {of[kind]:.2g}" for kind in ("mesh", "order", "step") if of.get(kind) is not None]
+        if parts:
+            low, high = of["material"]
+            between = f"with other published tissue {low:.3g} to {high:.3g}{unit}"
+            lines.append(f"of a hold: {name} {of['value']:.3g}{unit}, moved by {', '.join(parts)}{unit}; {between}")
+    return lines

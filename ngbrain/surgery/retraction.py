@@ -26,7 +26,7 @@ from ngbrain.surgery.runs import Outcome, ProtocolRun
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
     checks.ORDER: checks.one_order_more,
-    checks.MESH: checks.larger_elements,
+    checks.MESH: checks.other_elements,
     checks.HALF: checks.half_steps,
     checks.MILLER: checks.miller,
 }

@@ -34,7 +34,7 @@ def hold(scene: Scene, found: Mapping[str, Answer], checked: Mapping[str, Any]) 
 def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[float], patient: Patient) -> Errors:
     """Name of a number of a hold → its value, what numerics move it by, and its range over published materials, in its own unit.
 
-    mesh       by which elements `checks.LARGER` times as large everywhere move it
+    mesh       by which other elements do, everywhere, see `checks.OTHER`
     order      by which one polynomial order more near the cleft does, elastic, on a coarse mesh; what follows from the
                pressure over time moves as if all of it moved by the share that the peak does
     step       by which half the time step does, on a coarse mesh
@@ -135,7 +135,7 @@ def checks(scene: Scene, runs: Runs, errors: Errors) -> dict[str, float | None]:
         "energy_balance": float(max(energy)),
         "dt_halving": _relative(of_peak, "step"),
         "order_plus_one": _relative(of_peak, "order"),
-        "larger_elements": _relative(of_peak, "mesh"),
+        "other_elements": _relative(of_peak, "mesh"),
         "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
         "force_while_off_N": max(off_force),
         "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,

@@ -55,7 +55,7 @@ def test_every_number_has_its_errors_and_its_range():
 
 
 def test_a_scene_that_measures_its_own_errors_is_compared_with_itself():
-    """Half steps on the scene's own mesh, larger elements against a hold that no protocol is."""
+    """Half steps on the scene's own mesh, other elements against a hold that no protocol is."""
     found = errors(held(40.0), checked() | {HALF: (None, held(39.0)), MESH: (held(40.0), held(43.0))}, [], Patient())
     assert (found["peak_pressure_mmHg"]["step"], found["peak_pressure_mmHg"]["mesh"]) == pytest.approx((1.0, 3.0))
 
@@ -79,18 +79,20 @@ def test_the_hold_is_a_protocol_or_the_one_that_was_made_for_the_check():
     assert hold(other, {}, checked() | {MESH: None}) is None
 
 
+@pytest.mark.parametrize("site", [4e-3, 3e-3])
 @pytest.mark.parametrize("protocols", [0, 1])
-def test_larger_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protocol_is_one(monkeypatch, protocols):
+def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protocol_is_one(monkeypatch, protocols, site):
     scene = Scene.shipped("idealised_fast")
-    scene = replace(scene, protocols=scene.protocols[protocols:])
+    body = replace(scene.body, site=site)
+    scene = replace(scene, body=body, protocols=scene.protocols[protocols:])
     ran = []
     monkeypatch.setattr(checks, "_held", lambda model, name, *_: ran.append((name, model.scene.body)) or held(40.0))
     monkeypatch.setattr(checks.Model, "of", lambda scene, head: Namespace(scene=scene))
-    own, _ = checks.larger_elements(Namespace(scene=scene, head=None), None, False, lambda *_: None)
-    (name, larger), body = ran[-1], scene.body
+    own, _ = checks.other_elements(Namespace(scene=scene, head=None), None, False, lambda *_: None)
+    name, other = ran[-1]
     assert name == MESH and [name for name, _ in ran[:-1]] == ["hold"] * protocols and (own is None) == (not protocols)
     for size in ("site", "near", "far"):
-        assert getattr(larger, size) == pytest.approx(2**0.5 * getattr(body, size))
+        assert getattr(other, size) / getattr(body, size) == pytest.approx(2**0.5 if site < 4e-3 else 2**-0.5)
 
 
 def test_what_came_back_is_from_where_the_blade_let_go_though_it_goes_further_later():
