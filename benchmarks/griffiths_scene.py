@@ -66,10 +66,6 @@ class Theirs:
         """Nothing: they do not look at their error."""
         return ""
 
-    def halved(self) -> Control:
-        """Not asked for."""
-        raise NotImplementedError
-
 
 def scene(head: str, opening: float) -> Scene:
     """A shipped scene with two spatulas that share the way."""

@@ -5,13 +5,13 @@ a tolerance of .01, at most 2.5 s while the blade pushes and 600 s while it rest
 
 run     each protocol on two threads, with the file that a restart goes on from: time on the clock and of the processors, steps,
         factorisations, peak and dose, how far tissue is inside the blade (of the opening), balance of work
-steps   the one hold on the fast demo's mesh, one thread, with these steps and with shorter ones; error: of the peak or of the
-        dose, the larger, from steps with a 64th of the tolerance and a quarter of the length
+steps   both on the fast demo's mesh, one thread, with these steps and with shorter ones; error: of the peak or of the
+        dose, the larger; of one hold from steps with a 64th of the tolerance and a quarter of the length, of six from half of it
 
     python benchmarks/retraction_hour.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/retraction_hour.py --chart FILE.png < records.json
 
-`--quick` is the study of steps alone.
+`--quick` is the study of steps of one hold alone.
 """
 
 from __future__ import annotations
@@ -88,19 +88,29 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
 
 def measure(quick: bool) -> list[dict]:
     """All records."""
-    return studied() if quick else studied() + hours()
+    return studied(quick) if quick else studied(quick) + hours()
 
 
-def studied() -> list[dict]:
-    """What the length of steps does to an hour's hold."""
-    head, records = model("demo_fast"), []
-    held, control = protocols(head.scene.retraction.opening)[0], head.control()
-    finest = went(head, held, control.halved().halved(), None)
-    for name, steps in {"asked": control, "halved": control.halved()}.items():
-        found = went(head, held, steps, None)
-        errors = {f"error_{key}": abs(found[key] / finest[key] - 1) for key in ("peak_mmHg", "dose_mmHg_min")}
-        records.append({"study": "steps", "steps": name, "threads": 1, "error": max(errors.values())} | errors | found)
-    return [*records, {"study": "steps", "steps": "finest", "threads": 1, "error": None} | finest]
+def studied(quick: bool) -> list[dict]:
+    """What the length of steps does to an hour: one hold with two kinds of shorter ones, six holds with half as long ones."""
+    head = model("demo_fast")
+    one, six = protocols(head.scene.retraction.opening)
+    asked, halved = head.control(), head.control().halved()
+    first = {"asked": asked, "halved": halved, "finest": halved.halved()}
+    records = compared(head, one, first)
+    return records if quick else records + compared(head, six, {"asked": asked, "halved": halved})
+
+
+def compared(on: Model, protocol: Protocol, controls: dict[str, Control]) -> list[dict]:
+    """Errors from the last one's peak and dose."""
+    found = {name: went(on, protocol, control, None) for name, control in controls.items()}
+    *_, finest = found.values()
+    records = []
+    for name, of in found.items():
+        errors = {f"error_{key}": abs(of[key] / finest[key] - 1) for key in ("peak_mmHg", "dose_mmHg_min")}
+        known = {"error": None} if of is finest else {"error": max(errors.values())} | errors
+        records.append({"study": "steps", "steps": name, "threads": 1} | known | of)
+    return records
 
 
 def hours() -> list[dict]:
@@ -128,9 +138,11 @@ def chart(records: list[dict], path: str) -> None:
         clock.plot(minutes, series["wall_min"], lw=1.8, **look)
         clock.axhline(ASKED_MIN[name], color=COLOURS[name], lw=1, ls=":")
     of = [r for r in records if r["study"] == "steps" and r["error"] is not None]
-    for key, marker, label in (("error_peak_mmHg", "o", "peak"), ("error_dose_mmHg_min", "s", "dose")):
-        seconds, errors = [r["cpu_s"] for r in of], [r[key] for r in of]
-        steps.plot(seconds, errors, marker=marker, color=COLOURS["continuous"], ms=5, label=label)
+    for name, colour in COLOURS.items():
+        mine = [r for r in of if r["protocol"] == name]
+        for key, marker, label in (("error_peak_mmHg", "o", "peak"), ("error_dose_mmHg_min", "s", "dose")):
+            seconds, errors = [r["cpu_s"] for r in mine], [r[key] for r in mine]
+            steps.plot(seconds, errors, marker=marker, color=colour, ms=5, label=f"{label}, {name}")
     steps.axhline(0.02, color="#666666", lw=1, ls=":")
     pressure.set(xlabel="minute of the protocol", ylabel="pressure on the patch (mmHg)", title="What the tissue bears")
     clock.set(
