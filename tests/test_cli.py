@@ -172,7 +172,8 @@ def retract(*arguments):
 def numbers(out):
     """What a run found out: all of its result but how long it took."""
     result = json.loads((out / "result.json").read_text())
-    return {name: result[name] for name in ("answers", "checks", "comparison", "material_band", "geometry", "model")}
+    named = ("answers", "checks", "comparison", "material_band", "geometry", "model", "worth")
+    return {name: result[name] for name in named}
 
 
 def alike(one, other):
@@ -205,6 +206,11 @@ def test_a_run_leaves_its_files_and_its_truths(finished):
     assert checks["force_while_off_N"] == 0 and checks["gap_while_off_mm"] > 0
     assert checks["first_peaks_differ"] < 1e-6 and checks["min_net_reaction_N"] > -1e-5
     assert checks["dt_halving"] < 0.03 and checks["order_plus_one"] < 0.1
+    peak = result["worth"]["peak_pressure_mmHg"]
+    assert peak["value"] == result["answers"]["continuous"]["peak_pressure_mmHg"]
+    assert 0 < peak["mesh"] < 0.3 * peak["value"] and 0 < peak["order"] < 0.1 * peak["value"] and 0 < peak["step"]
+    assert peak["material"][0] < peak["value"] < peak["material"][1]
+    assert all(of["numerics"] is not None for of in result["worth"].values())
     for answer in result["answers"].values():
         for threshold, ml in answer["volume_mps_above"].items():
             assert sum(v[threshold] for v in answer["volume_mps_above_by_region_ml"].values()) == pytest.approx(ml)
@@ -241,7 +247,7 @@ def test_resume_after_the_end_computes_nothing_and_says_the_same(finished):
     scene, out = finished
     before, files = numbers(out), [*out.glob("*.vtkhdf"), *(out / "checks").iterdir()]
     written = {path: path.stat().st_mtime_ns for path in files}
-    assert len(written) == 5
+    assert len(written) == 6
     retract(scene, out, "--resume", "--threads", "2")
     assert numbers(out) == before
     assert written == {path: path.stat().st_mtime_ns for path in files}
