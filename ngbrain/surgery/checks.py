@@ -121,10 +121,8 @@ def orders(model: Model) -> tuple[Answer, Answer]:
         for k in (order, order + 1)
     ]
     low, high = (run.transient for run in runs)
-    for transient in (low, high):
-        transient.newton = Newton(
-            rtol=1e-4, xtol=1e-5, max_factorisations=20
-        )  # digits enough for a comparison in percent
+    for transient in (low, high):  # digits enough for a comparison in percent
+        transient.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)
     high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
     high.body.begin(ramp)
     embedded, walls = ngs.GridFunction(high.body.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
