@@ -41,8 +41,8 @@ COARSE = {"site": 4e-3, "near": 10e-3, "far": 26e-3}
 OTHER = math.sqrt(2)
 """How many times as large other elements are, everywhere; as small where a mesh is as coarse as `COARSE` at the site.
 
-With 4, 2.8 and 2 mm at the site the peak of a hold is 11.7, 4.0 and 1.1 % from that with 1.4 mm on MNI152, and this says 7.3, 6.8 and
-2.8 %; on the idealised head 4.8, 0.0 and 1.8 %, and 4.8, 5.0 and 1.8 % (`benchmarks/retraction_mesh.py`). Larger elements, 5.7 mm,
+With 4, 2.8, 2 mm at the site the peak of a hold is 11.7, 4.0 and 1.1 % from that with 1.4 mm on MNI152, and this says 7.3, 6.8,
+2.8 %; on the idealised head 4.8, 0.0, 1.8 %, and 4.8, 5.0, 1.8 % (`benchmarks/retraction_mesh.py`). Larger elements, 5.7 mm,
 would say 2.5 % of the first.
 """
 REACH = 25e-3
