@@ -30,7 +30,7 @@ from ngbrain.inverse.parameters import Fields, Log, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import ridge
 from ngbrain.inverse.weights import Given
-from ngbrain.scene import Scene
+from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
 from ngbrain.surgery.protocols import Protocol
 
@@ -93,7 +93,7 @@ class Calibrated:
 
     factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
              coarse, counts as more noise
-    scene    with tissues that are so stiff; there bulk moduli go with them, as `bulk_ratio` stays
+    scene    with tissues that are so stiff, their bulk moduli as they were
     found    where the search ended: `found.level` is the misfit and what it should be
     """
 
@@ -171,8 +171,13 @@ def calibrate(
     missed = math.sqrt(max(1.0, found.level.ratio))
     posterior = Posterior(Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x), least=0.0)
     bands = {name: _single(posterior.band(name, level)) for name in retracted.factors}
-    parts = [t.scaled(float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
+    parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
     return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), found)
+
+
+def _stiff(tissue: Tissue, factor: float) -> Tissue:
+    """With its bulk modulus, as in the search."""
+    return replace(tissue.scaled(factor), bulk_ratio=tissue.bulk_ratio / factor)
 
 
 def _single(band: Band) -> Band:

@@ -83,6 +83,8 @@ def test_a_known_truth_comes_back(model, retracted, landmarks):
     before = {tissue.region: tissue.initial_modulus for tissue in model.scene.tissues}
     assert stiff["white"] / before["white"] == pytest.approx(got.factors["white"].value)
     assert stiff["ventricle.*"] == before["ventricle.*"]
+    for old, new in zip(model.scene.tissues, got.scene.tissues, strict=True):
+        assert new.bulk == pytest.approx(old.bulk)
 
 
 @pytest.mark.slow
