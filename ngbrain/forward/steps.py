@@ -127,8 +127,9 @@ class ErrorControl:
     touch       first step (s) after touch, and after each event
     longest     step (s)
     shortest    step (s) below which the run gives up
-    pushing     longest step (s) while a body moves in touch with the tissue; half of it while it withdraws, as the work of the
-                step in which it leaves is wrong by what it loses there
+    pushing     longest step (s) while a body moves in touch with the tissue,
+    way         and furthest (m) that it goes in one; half of both while it withdraws, as the work of the step in which it
+                leaves is wrong by what it loses there
 
     The history is of second order, so a step's error grows with its third power: the next is 0.9 (tolerance/error)^⅓ times as
     long. That the path is not straight is not seen; after first touch steps grow from `touch` again. Raises `InputError` unless
@@ -145,6 +146,7 @@ class ErrorControl:
     longest: float = np.inf
     shortest: float = 1e-4
     pushing: float = np.inf
+    way: float = np.inf
 
     def __post_init__(self) -> None:
         if not 0 < self.tolerance < 1:
@@ -152,13 +154,16 @@ class ErrorControl:
         if not 0 < self.shortest <= self.touch <= min(self.longest, self.pushing):
             found = f"shortest {self.shortest:g}, touch {self.touch:g}, longest {self.longest:g}, pushing {self.pushing:g} s"
             raise InputError("ErrorControl", found, "0 < shortest ≤ touch ≤ longest and pushing")
+        if not self.way > 0:
+            raise InputError("ErrorControl.way", self.way, "a way > 0 (m)")
 
     def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
-        """`touch` after an event, else by the error of the last step."""
-        pushing = min(self.pushing, self.longest)
-        moved = travel(pushing) if at.touching else 0.0
-        longest = pushing if moved > 0 else pushing / LEAVING if moved < 0 else self.longest
-        return self.touch if at.rested else min(at.dt * (1.0 if at.cut else at.factor), longest)
+        """`touch` after an event, else by the error of the last step; no further than `way`."""
+        moved = travel(self.touch) if at.touching else 0.0
+        longest = self.longest
+        if moved:
+            longest = min(self.pushing, longest, self.touch * self.way / abs(moved)) / (LEAVING if moved < 0 else 1)
+        return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
     def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
         """Whether the error is over `OVER` times the tolerance."""
@@ -181,4 +186,5 @@ class ErrorControl:
             longest=self.longest / 2,
             shortest=self.shortest / 2,
             pushing=self.pushing / 2,
+            way=self.way / 2,
         )

@@ -64,6 +64,11 @@ BALANCED = 1e-5
 """Forces left over at the end of a step, of all: a hundredth of what steps and meshes leave, for a third less iterations."""
 FIRST, SHORTEST = 0.1, 0.01
 """First step after touch and after an event, in the longest one while the blade pushes; and where a run gives up, in that."""
+FURTHEST = 0.25 * (1 + 1e-6)
+"""How far the blade goes in a step, of the opening, and half as far while it withdraws; round-off makes no two steps of a quarter.
+
+A coarse head opened and let go by 2 mm in 2 s has its work in balance to 0.2 %; in steps of any way, to 4 %.
+"""
 FOCUS = 28e-3
 """Within this distance (m) of the cleft's walls the tangent is renewed more often than elsewhere."""
 TISSUE = "^(?!ventricle).*"
@@ -205,7 +210,8 @@ class Model:
         """The scene's time steps."""
         steps = self.scene.steps
         touch = min(FIRST * steps.contact, steps.longest)
-        return ErrorControl(steps.tolerance, touch, steps.longest, SHORTEST * touch, steps.contact)
+        way = FURTHEST * self.scene.retraction.opening
+        return ErrorControl(steps.tolerance, touch, steps.longest, SHORTEST * touch, steps.contact, way)
 
     @staticmethod
     def program(scene: Scene, asked: SceneProtocol) -> Protocol | Force:

@@ -101,6 +101,19 @@ def test_a_body_in_touch_withdraws_in_half_as_long_steps(rate, dt):
     assert ErrorControl(0.1, touch=0.1, pushing=2.0).proposed(at, lambda ahead: rate * ahead) == dt
 
 
+@pytest.mark.parametrize(("rate", "dt"), [(1.0, 1.5), (-1.0, 0.75), (10.0, 0.15), (-10.0, 0.075), (0.0, 4.0)])
+def test_no_step_goes_further_than_asked_for_and_half_as_far_as_it_withdraws(rate, dt):
+    at, control = Progress(dt=1.0, touching=True, rested=False, factor=4.0), ErrorControl(0.1, touch=0.1, way=1.5)
+    assert control.proposed(at, lambda ahead: rate * ahead) == pytest.approx(dt)
+    assert control.halved().way == 0.75
+
+
+def test_the_first_step_goes_no_further_either():
+    control = ErrorControl(0.1, touch=0.1, way=0.02)
+    assert control.proposed(Progress(touching=True), lambda ahead: 1.0 * ahead) == pytest.approx(0.02)
+    assert control.proposed(Progress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
+
+
 def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
     def made():
         drive = plate(*HALF_AN_HOUR)
@@ -122,6 +135,7 @@ def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
         ({"touch": 1e-5}, "ErrorControl"),
         ({"longest": 0.01}, "0 <"),
         ({"pushing": 0.01}, "0 <"),
+        ({"way": 0.0}, "ErrorControl.way"),
     ],
 )
 def test_bad_input(values, name):

@@ -14,7 +14,7 @@ from ngbrain.forward.steps import ErrorControl, StepControl
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Steps, Tissue
 from ngbrain.surgery import model as surgery_model
-from ngbrain.surgery.model import Model
+from ngbrain.surgery.model import FURTHEST, Model
 from ngbrain.surgery.observe import Observer
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.runs import ProtocolRun, table
@@ -122,13 +122,15 @@ def opened_elastic(opening, friction=0.0):
 
 def test_the_scene_chooses_the_steps():
     scene = Scene.shipped("idealised_fast")
+    way = FURTHEST * scene.retraction.opening
+    assert way == pytest.approx(1.25e-3, rel=2e-6) and way > 1.25e-3
     scene = replace(scene, steps=Steps(contact=2.0, longest=0.1, tolerance=1e-3))
     assert Model.control(Namespace(scene=scene)) == ErrorControl(
-        1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0
+        1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0, way=way
     )
     scene = replace(scene, steps=Steps(contact=2.0, longest=100.0))
     assert Model.control(Namespace(scene=scene)) == ErrorControl(
-        0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0
+        0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0, way=way
     )
 
 

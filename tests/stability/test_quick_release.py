@@ -1,0 +1,38 @@
+"""A blade that opens and lets go faster than the longest step of a scene. Naive: steps by their error alone, of which one covers
+half of the way back, and the work is wrong by what is lost as the blade leaves. Ours: no step goes further than a quarter of
+the opening, or an eighth back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngbrain.scene import Protocol, Scene
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.runs import ProtocolRun
+from ngbrain.threads import set_threads
+
+
+def lost(model, control):
+    """Share of the work that is not in balance when the blade has left."""
+    run = ProtocolRun(model, model.program(model.scene, model.scene.protocols[0]), None, control=control).go(until=10.0)
+    last = run.rows[-1]
+    assert last.force == 0 < last.gap
+    return abs(last.blade_work - last.contact_energy - last.tissue_work) / last.tissue_work_size
+
+
+@pytest.mark.slow
+def test_the_work_of_a_quick_release_is_in_balance():
+    set_threads(1)
+    scene = Scene.shipped("idealised_fast")
+    scene = replace(
+        scene,
+        body=replace(scene.body, site=0.008, near=0.02, far=0.05),
+        retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=24.0),
+        protocols=(Protocol(kind="intermittent", hold=5.0, rest=10.0),),
+    )
+    model = Model.of(scene)
+    naive = lost(model, replace(model.control(), way=np.inf))
+    ours = lost(model, model.control())
+    print(naive, ours)
+    assert naive > 0.01 and ours < 0.005
