@@ -83,18 +83,18 @@ def answer(run: Outcome, patient: Patient) -> Answer:
 
 def borne(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
     """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `injury.curve`."""
-    course, times = curve(t, pressure, events), {}
+    over_time, times = curve(t, pressure, events), {}
     for threshold in THRESHOLDS_MMHG:
-        total, longest = times_above(course, threshold)
+        total, longest = times_above(over_time, threshold)
         times[f"s_above_{threshold:.0f}_mmHg"] = total
         times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
     return {
         "peak_pressure_mmHg": float(pressure.max()),
-        "dose_mmHg_min": dose(course),
+        "dose_mmHg_min": dose(over_time),
         **times,
         "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
-        **perfusion(patient, course),
-        **infarct(course),
+        **perfusion(patient, over_time),
+        **infarct(over_time),
     }
 
 
@@ -104,14 +104,19 @@ def stiffer(found: Answer, factor: float, patient: Patient) -> Answer:
     That is what moduli as many times as large do, on a given way of the blade, if their ratios (bulk to shear, branch to
     branch, contact to tissue) and the times of relaxation stay and nothing has inertia; strain stays.
     """
-    series = found["series"]
-    pressure = factor * np.array(series["pressure_mmHg"])
+    t, pressure, events = course(found)
     loads = {
         key: factor * value
         for key, value in found.items()
         if re.match("peak_.*|min_net_reaction|von_mises_(?!peak)", key)
     }
-    return found | loads | borne(np.array(series["t_s"]), pressure, found["events_s"], patient)
+    return found | loads | borne(t, factor * pressure, events, patient)
+
+
+def course(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """What `borne` takes of an answer: times (s), pressure (mmHg), events (s)."""
+    series = found["series"]
+    return np.array(series["t_s"]), np.array(series["pressure_mmHg"]), found["events_s"]
 
 
 def _spread(name: str, spread: Spread, unit: str = "", to_unit: Callable[[float], float] = float) -> dict[str, float]:

@@ -10,7 +10,7 @@ from ngbrain.surgery.model import Model
 from ngbrain.surgery.worth import Errors
 from ngbrain.units import to_mmHg
 
-MOVES = {"step": "half the time step", "order": "one order more", "mesh": "elements of another size"}
+MOVES = {"step": "half the time step", "order": "one order more", "mesh": "another size of elements"}
 """What numerics are changed by, in words."""
 
 

@@ -13,13 +13,14 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import SolverError
+from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.body import Body
 from ngbrain.forward.steps import Control, Progress, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
 from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell
+from ngbrain.scene import Body as SceneBody
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.answers import Answer, answer
@@ -65,7 +66,7 @@ def other_elements(model: Model, folder: Path | None, resume: bool, tell: Tell) 
     other = replace(body, **{name: factor * getattr(body, name) for name in COARSE})
     holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
     own = None if holds else _held(model, OWN, folder, resume, _muted(tell, MESH))
-    return own, _held(Model.of(replace(model.scene, body=other), model.head), MESH, folder, resume, tell)
+    return own, _held(_meshed(model, other), MESH, folder, resume, tell)
 
 
 def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Answer:
@@ -78,7 +79,15 @@ def _coarse(model: Model) -> Model:
     """The same scene on a mesh that errors are affordable on."""
     scene = model.scene
     body = replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()})
-    return model if body == scene.body else Model.of(replace(scene, body=body), model.head)
+    return model if body == scene.body else _meshed(model, body)
+
+
+def _meshed(model: Model, body: SceneBody) -> Model:
+    """The same scene on another mesh. Where there is none a check is missing, not the whole result: raises `SolverError`."""
+    try:
+        return Model.of(replace(model.scene, body=body), model.head)
+    except InputError as error:
+        raise SolverError(f"no mesh for a check: {error}") from error
 
 
 def _held(

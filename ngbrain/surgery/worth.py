@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.scene import Patient, Scene
-from ngbrain.surgery.answers import Answer, Runs, borne, stiffer
+from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
 from ngbrain.surgery.runs import Outcome
 from ngbrain.units import to_mm
@@ -95,14 +95,9 @@ def _order_of_pressure(own: Answer, pair: tuple[Answer, Answer] | None, patient:
     if not pair:
         return {}
     low, high = (each["peak_pressure_mmHg"] for each in pair)
-    names = _numbers(borne(*_course(own), patient))
+    names = _numbers(borne(*course(own), patient))
     moved = _apart((own, stiffer(own, high / low, patient)))
     return {name: moved[name] for name in names}
-
-
-def _course(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    series = found["series"]
-    return np.array(series["t_s"]), np.array(series["pressure_mmHg"]), found["events_s"]
 
 
 def _relative(of: Mapping[str, Any], kind: str) -> float | None:

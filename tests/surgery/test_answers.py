@@ -106,7 +106,7 @@ def test_the_band_is_the_peak_times_published_moduli_over_that_near_the_site():
     assert found["peak_pressure_by_modulus_mmHg"].keys() == published_moduli().keys()
     assert found["peak_pressure_range_mmHg"] == pytest.approx([18.0, 50 * 6825.142 / 1500])
     errors = found["discretisation_error_mmHg"]
-    assert errors == {"half the time step": 0.5, "one order more": 2.0, "elements of another size": None}
+    assert errors == {"half the time step": 0.5, "one order more": 2.0, "another size of elements": None}
     assert found["fitted_strain_by_region"] == {"grey": 0.1, "white": 0.3} and found["fitted_strain"] == 0.1
     assert (found["beyond_fit_ml"], found["beyond_fit_percent"]) == pytest.approx((4.0, 0.4))
 

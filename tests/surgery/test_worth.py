@@ -6,8 +6,9 @@ from types import SimpleNamespace as Namespace
 import numpy as np
 import pytest
 
+from ngbrain.errors import InputError, SolverError
 from ngbrain.scene import Patient, Protocol, Scene
-from ngbrain.surgery import checks
+from ngbrain.surgery import checks, retraction
 from ngbrain.surgery.answers import stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
 from ngbrain.surgery.worth import _recovered, errors, hold
@@ -93,6 +94,17 @@ def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protoc
     assert name == MESH and [name for name, _ in ran[:-1]] == ["hold"] * protocols and (own is None) == (not protocols)
     for size in ("site", "near", "far"):
         assert getattr(other, size) / getattr(body, size) == pytest.approx(2**0.5 if site < 4e-3 else 2**-0.5)
+
+
+def test_a_check_that_has_no_mesh_is_missing_and_the_result_stands(monkeypatch):
+    def none(scene, head):
+        raise InputError("body.far_mm", 85, "less")
+
+    monkeypatch.setattr(checks.Model, "of", none)
+    model = Namespace(scene=Scene.shipped("idealised_fast"), head=None)
+    with pytest.raises(SolverError, match=r"no mesh for a check.*far_mm"):
+        checks.other_elements(model, None, False, lambda *_: None)
+    assert retraction._check(model, MESH, None, False, lambda *_: None) is None
 
 
 def test_what_came_back_is_from_where_the_blade_let_go_though_it_goes_further_later():
