@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.solvers.condensed import sparse
+from ngbrain.solvers.condensed import rows, sparse
 from ngbrain.solvers.device import PIVOTED, Device, Factor
 
 if TYPE_CHECKING:
@@ -54,6 +54,10 @@ class Factorised:
         self._in.FV().NumPy()[:] = x
         self._out.data = self._forms[self.body.waves[number].omega].mat * self._in
         return self._out.FV().NumPy().copy()
+
+    def reactions(self, number: int, x: Array, where: Array) -> Array:
+        """A x at some unknowns (indices): of a few, in a fraction of the time of `apply`."""
+        return np.asarray(rows(self._forms[self.body.waves[number].omega].mat, where) @ x)
 
     def matrix(self, number: int) -> sp.csr_array:
         """A of the wave."""

@@ -230,17 +230,16 @@ class Linearised:
         return sp.csr_array(sp.hstack([r * columns[first] for first, r in self.model.alike[omega].values()]))
 
     def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:
-        """For each wave λ and what is left of Bᵀ w̄ at held unknowns."""
-        found = []
+        """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
+        found, driving = [], self.model.driving
         for k, part in enumerate(np.conj(w)):
             b = self.model.spread(part)
             adjoint = self.factors.solve(k, b)
-            found.append((adjoint, b - self.factors.apply(k, adjoint)))
+            found.append((adjoint, b[driving] - self.factors.reactions(k, adjoint, driving)))
         return found
 
     def _of_boundary(self, adjoints: list[tuple[Array, Array]]) -> Array:
-        left = [rest[self.model.driving] for _, rest in adjoints]
-        return np.concatenate([part for rest in left for part in (rest.real, -rest.imag)])
+        return np.concatenate([part for _, rest in adjoints for part in (rest.real, -rest.imag)])
 
     def _function(self, u: Array) -> ngs.GridFunction:
         gfu = ngs.GridFunction(self.model.body.fes)

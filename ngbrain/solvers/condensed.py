@@ -53,6 +53,16 @@ def sparse(matrix: ngs.BaseMatrix) -> sp.csr_array:
     return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
 
 
+def rows(matrix: ngs.BaseMatrix, where: Array) -> sp.csr_array:
+    """A copy of some of its rows (indices)."""
+    values, columns, begins = (np.asarray(part) for part in matrix.CSR())
+    begins = begins.astype(np.int64)
+    lengths = np.diff(begins)[where]
+    ends = np.cumsum(lengths)
+    places = np.repeat(begins[where] - ends + lengths, lengths) + np.arange(lengths.sum())
+    return sp.csr_array((values[places], columns[places], np.append(0, ends)), shape=(len(where), matrix.width))
+
+
 def free(form: ngs.BilinearForm) -> Array:
     """Which unknowns of a form are to be solved for together."""
     return np.fromiter(form.space.FreeDofs(form.condense), bool, form.space.ndof)
