@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.calibrate import add_calibrate
 from ngbrain.cli.invert import add_invert
 from ngbrain.cli.ladder import add_solve
 from ngbrain.cli.mesh import add_mesh
@@ -82,23 +83,25 @@ def _parser() -> argparse.ArgumentParser:
     retract.set_defaults(verb=_retract)
     mesh = add_mesh(verbs)
     invert, predict, loaded = add_invert(verbs), add_predict(verbs), add_solve(verbs)
+    stiff = add_calibrate(verbs)
     folders = (
         (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
-        (loaded, "solved"),
+        (loaded, "solved"), (stiff, "calibrated"),
     )  # fmt: skip
+    assembling = invert, predict, loaded, stiff
     for verb, folder in folders:
         kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
-        if verb in (demo, retract):
+        if verb in (demo, retract, stiff):
             verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         verb.add_argument(
             "--threads",
             type=_positive,
-            default=1 if verb in (invert, predict, loaded) else os.cpu_count() or 1,
+            default=1 if verb in assembling else os.cpu_count() or 1,
             metavar="N",
-            help="for assembly (1)" if verb in (invert, predict, loaded) else "processes side by side",
+            help="for assembly (1)" if verb in assembling else "processes side by side",
         )
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress bar")
     return parser

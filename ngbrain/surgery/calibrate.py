@@ -10,7 +10,7 @@ Derivatives are those of the run (`forward.through_time`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import ngsolve as ngs
@@ -25,7 +25,6 @@ from ngbrain.forward.through_time import RunModel
 from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import ridge
@@ -33,58 +32,11 @@ from ngbrain.inverse.weights import Given
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
 from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.seen import Seen
 
 Array = np.ndarray
 SPREAD = 3.0
 """r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What was measured in a retraction; NaN where it was not.
-
-    times          (m,) s since it began
-    landmarks      (n, 3) m, where they were before
-    displacements  (m, n, 3) m
-    force          (m,) N that the blade puts on the wall it pushes, across the cleft
-    sigma          standard deviations of a displacement (m) and of the force (N)
-
-    Raises `InputError` for shapes that do not fit together, a σ that is not positive, nothing measured.
-
-    >>> Seen(np.array([60.0]), np.zeros((4, 3)), np.zeros((1, 4, 3)), np.array([0.3]), (2e-4, 0.01)).data.shape
-    (1, 13)
-    """
-
-    times: Array
-    landmarks: Array
-    displacements: Array
-    force: Array
-    sigma: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        times, landmarks = np.asarray(self.times, float), np.asarray(self.landmarks, float)
-        m, n = len(times), len(landmarks)
-        for name, value, shape in (
-            ("landmarks", landmarks, (n, 3)),
-            ("displacements", self.displacements, (m, n, 3)),
-            ("force", self.force, (m,)),
-        ):
-            if np.shape(value) != shape:
-                raise InputError(f"Seen.{name}", f"of shape {np.shape(value)}", f"{shape}: times and landmarks say so")
-        if not all(sigma > 0 for sigma in self.sigma):
-            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N)")
-        if np.all(np.isnan(self.data)):
-            raise InputError("Seen", "nothing but NaN", "displacements or forces")
-
-    @property
-    def data(self) -> Array:
-        """(m, 3n + 1), forces last."""
-        return np.column_stack([np.reshape(self.displacements, (len(self.times), -1)), self.force])
-
-    def misfit(self, times: float = 1.0) -> LeastSquares:
-        """Its weighted squares, with standard deviations so many times as large."""
-        sigma = np.append(np.full(3 * len(self.landmarks), self.sigma[0]), self.sigma[1])
-        return LeastSquares(self.data, times * sigma)
 
 
 @dataclass(frozen=True)
@@ -94,11 +46,13 @@ class Calibrated:
     factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
              coarse, counts as more noise
     scene    with tissues that are so stiff, their bulk moduli as they were
+    fitted   what would be seen of it, as `Seen.data`
     found    where the search ended: `found.level` is the misfit and what it should be
     """
 
     factors: dict[str, Band]
     scene: Scene
+    fitted: Array
     found: Found
 
 
@@ -132,7 +86,8 @@ class Retracted:
         run = model.run(program, materials=model.scaled(self.factors))
         self.grid = times_of(model.run(program)) if grid is None else grid
         x, y, z = (float(c) for c in model.cleft.across)
-        readings: list[Reading] = [Displacements(landmarks), Force(WALLS[0], (x, y, z))]
+        readings: list[Reading] = [Displacements(landmarks)] if len(landmarks) else []
+        readings.append(Force(WALLS[0], (x, y, z)))
         self.run = RunModel(run.body, run.motion, self.grid, self.factors, readings, times)
 
 
@@ -143,7 +98,8 @@ def calibrate(
     protocol: int = 0,
     spread: float = SPREAD,
     level: float = LEVEL,
-    tell: Callable[[Iteration], None] = lambda _: None,
+    start: Mapping[str, float] | None = None,
+    tell: Callable[[Iteration, dict[str, float]], None] = lambda *_: None,
 ) -> Calibrated:
     """Factors of a scene's tissues from what was seen of one of its protocols.
 
@@ -151,6 +107,8 @@ def calibrate(
     tissues  `region` of those that are looked for; all by default
     spread   r, by what factor a tissue may well differ from the scene's constants
     level    probability of the intervals
+    start    tissue → factor where the search begins (1)
+    tell     called after every round with the factors by then, from which another search may go on
 
     A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
     `Retracted` does, `ConvergenceError` where no step from the start fits better.
@@ -167,12 +125,21 @@ def calibrate(
     fields = Fields(run.theta, run.blocks, {name: Unknown(1.0, Log()) for name in retracted.factors})
     held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
     weights = dict.fromkeys(held, 1 / math.log(spread) ** 2)
-    found = levenberg_marquardt(Reduced(run, seen.misfit(), fields, held, weights), fields.start, Given(), tell)
+
+    def told(iteration: Iteration) -> None:
+        tell(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
+
+    begun = {name: (start or {}).get(name, 1.0) for name in retracted.factors}
+    if not all(factor > 0 for factor in begun.values()):
+        raise InputError("start", start, "factors above 0")
+    first = np.log(list(begun.values()))
+    found = levenberg_marquardt(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
-    posterior = Posterior(Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x), least=0.0)
+    point = Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x)
+    posterior = Posterior(point, least=0.0)
     bands = {name: _single(posterior.band(name, level)) for name in retracted.factors}
     parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
-    return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), found)
+    return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), point.state.data, found)
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:

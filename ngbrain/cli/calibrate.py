@@ -1,0 +1,167 @@
+"""The verb `calibrate`: how stiff a patient's tissues are, from landmarks and forces of a retraction."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, nearest, require
+from ngbrain.inverse.files import finite
+from ngbrain.inverse.found import Iteration
+from ngbrain.io import write_json
+from ngbrain.io.versions import versions
+from ngbrain.io.whole import whole
+from ngbrain.progress import ProgressLine
+from ngbrain.report import calibrated as page
+from ngbrain.scene import Scene
+from ngbrain.surgery.calibrate import SPREAD, Calibrated, calibrate
+from ngbrain.surgery.seen import Seen
+from ngbrain.threads import threads
+
+ROUND = "factors.json"
+"""Factors after the last round, which `--resume` begins with."""
+
+
+def add_calibrate(verbs: Any) -> argparse.ArgumentParser:
+    """Add the verb to a parser's verbs."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "calibrate", help="how stiff a patient's tissues are, from what a retraction was seen to do"
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `retract`")
+    parser.add_argument(
+        "--landmarks",
+        type=Path,
+        metavar="FILE.csv",
+        help="columns t_s, x_mm, y_mm, z_mm (where it was before), ux_mm, uy_mm, uz_mm (how far it has moved)",
+    )
+    parser.add_argument("--landmark-sd", type=float, metavar="MM", help="standard deviation of a displacement")
+    parser.add_argument(
+        "--force", type=Path, metavar="FILE.csv", help="columns t_s, force_N: of the blade, across the cleft"
+    )
+    parser.add_argument("--force-sd", type=float, metavar="N", help="standard deviation of a force")
+    parser.add_argument(
+        "--tissues", metavar="NAMES", help="which are looked for: regions of the scene, with commas (all)"
+    )
+    parser.add_argument("--protocol", metavar="NAME", help="which of the scene's was seen (the first)")
+    parser.add_argument(
+        "--spread",
+        type=float,
+        default=SPREAD,
+        metavar="FACTOR",
+        help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
+    )
+    parser.set_defaults(verb=run)
+    return parser
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, search, write, report, print."""
+    started, rounds = time.monotonic(), list[Iteration]()
+    scene, seen, protocol = _checked(arguments)
+    folder: Path = arguments.output
+    folder.mkdir(parents=True, exist_ok=True)
+    start = json.loads((folder / ROUND).read_text()) if arguments.resume and (folder / ROUND).exists() else None
+    with ProgressLine(arguments.quiet) as line, threads(arguments.threads):
+
+        def tell(iteration: Iteration, factors: dict[str, float]) -> None:
+            rounds.append(iteration)
+            write_json(folder / ROUND, factors)
+            misfit = iteration.misfit / iteration.expected
+            line.tell(f"round {len(rounds)}: misfit {misfit:.3g} times what is expected")
+
+        line.tell("head, mesh, and the scene's own run")
+        tissues = arguments.tissues.split(",") if arguments.tissues else ()
+        found = calibrate(scene, seen, tissues, protocol, arguments.spread, start=start, tell=tell)
+    result = {
+        "verb": "calibrate",
+        "title": scene.title,
+        "versions": versions(),
+        "seed": 0,
+        "threads": arguments.threads,
+        "scene": scene.to_dict(),
+        **described(scene, seen, found),
+        "rounds": [asdict(each) for each in rounds],
+        "time_s": time.monotonic() - started,
+    }
+    result = finite(result)
+    whole(folder / "scene.toml", lambda part: part.write_text(found.scene.to_toml(), encoding="utf-8"))
+    write_json(folder / "result.json", result)
+    report = page.build(folder / "report.html", result)
+    if not arguments.quiet:
+        print(summary(result), f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}", sep="\n")
+
+
+def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
+    """Scene, measurements, number of the protocol; what is wrong or missing is said before the work begins."""
+    for package in ("matplotlib", "jinja2"):
+        require(package, "report")
+    folder: Path = arguments.output
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    if not (arguments.landmarks or arguments.force):
+        raise InputError("--landmarks", "missing", "it or --force, or both")
+    for option, table, deviation in (
+        ("--landmark-sd", arguments.landmarks, arguments.landmark_sd),
+        ("--force-sd", arguments.force, arguments.force_sd),
+    ):
+        if table and not (deviation or 0) > 0:
+            raise InputError(option, deviation, "how far a measurement may well be off, more than 0")
+    scene = Scene.from_toml(arguments.scene)
+    names = [protocol.name for protocol in scene.protocols]
+    if arguments.protocol and arguments.protocol not in names:
+        raise InputError("--protocol", repr(arguments.protocol), nearest(arguments.protocol, names))
+    seen = Seen.read(arguments.landmarks, arguments.force, arguments.landmark_sd or 1.0, arguments.force_sd or 1.0)
+    return scene, seen, names.index(arguments.protocol) if arguments.protocol else 0
+
+
+def described(scene: Scene, seen: Seen, found: Calibrated) -> dict[str, Any]:
+    """What was found as plain data; lengths in mm, forces in N."""
+    before = {tissue.region: tissue.initial_modulus for tissue in scene.tissues}
+    after = {tissue.region: tissue.initial_modulus for tissue in found.scene.tissues}
+    level = found.found.level
+    return {
+        "tissues": {
+            name: {**asdict(band), "modulus_Pa": after[name], "modulus_before_Pa": before[name]}
+            for name, band in found.factors.items()
+        },
+        "misfit": {"value": level.misfit, "expected": level.expected, "ratio": level.ratio},
+        "converged": found.found.converged,
+        "times_s": seen.times.tolist(),
+        "landmarks_mm": (1000 * seen.landmarks).tolist(),
+        "seen": _plain(seen.data) | {"landmark_sd_mm": 1000 * seen.sigma[0], "force_sd_N": seen.sigma[1]},
+        "fitted": _plain(found.fitted),
+        "notes": _notes(found),
+    }
+
+
+def _plain(data: Any) -> dict[str, Any]:
+    moved = (1000 * data[:, :-1]).reshape(len(data), -1, 3)
+    return {"displacements_mm": moved.tolist(), "force_N": data[:, -1].tolist()}
+
+
+def _notes(found: Calibrated) -> list[str]:
+    notes = []
+    if found.found.level.ratio > page.UNEXPLAINED:
+        notes.append(
+            f"what is missed is {found.found.level.ratio:.3g} times what the measurements' errors explain: elements, laws or the "
+            "blade's place differ from what was seen; intervals count it as noise"
+        )
+    if not found.found.converged:
+        notes.append("the search was still on its way when it ended")
+    return notes
+
+
+def summary(result: dict[str, Any]) -> str:
+    """The result as text: factors with their intervals, the misfit, notes."""
+    lines = [f"{'tissue':<24}{'factor':>8}{'95 % interval':>18}{'initial modulus':>18}"]
+    for name, of in result["tissues"].items():
+        interval = f"{of['low']:.3g} to {of['high']:.3g}"
+        lines.append(f"{name:<24}{of['value']:>8.3g}{interval:>18}{of['modulus_Pa'] / 1000:>14.3g} kPa")
+    lines.append(
+        f"misfit: {result['misfit']['ratio']:.3g} times what is expected, after {len(result['rounds'])} rounds"
+    )
+    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])
