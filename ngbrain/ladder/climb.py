@@ -229,9 +229,12 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 
 
 def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
-    """The level to climb to: a part of the step that was judged, if it has one and what is left then is within the tolerance."""
+    """The level to climb to: a part of the step that was judged, if it has one and what all further ones then change is tolerable.
+
+    As `_floored` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
+    """
     whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
-    left = LEFT ** len(rung.taken) * np.abs(rung.estimates[axis.name].change)
+    left = LEFT ** len(rung.taken) * sum(np.abs(rung.estimates[name].change) for name in rung.taken) * axis.tail
     return part if part and part.endswith(PART) and np.all(left <= tolerances) else whole
 
 

@@ -79,13 +79,15 @@ def test_a_step_is_judged_whole_and_climbed_in_part_where_that_will_do() -> None
     axes = axes_of(asked)
     assert [axes["mesh"].judged(level) for level in ("0", "0+", "1", "1+")] == ["1", "1", "2", "2"]
     for change, order, taken, to in (
-        (0.03, "1", ("mesh",), "0+"),
-        (0.05, "1", ("mesh",), "1"),
-        (0.05, "1", ("mesh", "order"), "0+"),
-        (0.03, "2", ("mesh",), "0+"),
+        (0.02, "1", ("mesh",), "0+"),
+        (0.03, "1", ("mesh",), "1"),
+        (0.04, "1", ("mesh", "order"), "0+"),
+        (0.06, "1", ("mesh", "order"), "1"),
+        (0.02, "2", ("mesh",), "0+"),
     ):
         model = linear(asked, order=order)
-        rung = Rung(model, np.ones(1), 1, {"mesh": Estimate(np.full(1, change), "", to="1")}, np.ones(1), taken)
+        changes = {name: Estimate(np.full(1, change), "", to="1") for name in taken}
+        rung = Rung(model, np.ones(1), 1, changes, np.ones(1), taken)
         assert _towards(axes["mesh"], rung, np.full(1, 0.01)) == to
     order = Rung(linear(asked), np.ones(1), 1, {"order": Estimate(np.ones(1), "", to="2")}, np.ones(1), ("order",))
     assert _towards(axes["order"], order, np.ones(1)) == "2"
@@ -101,13 +103,13 @@ def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
 
 
 def test_a_climb_goes_over_a_part_and_is_as_accurate_as_asked() -> None:
-    asked = scene(replace(FORCE, tolerance=0.02))
+    asked = scene(replace(FORCE, tolerance=0.03))
     bounds = {"order": "2", "mesh": "1", "strain": "linear", "extent": "near"}
     keeper = Keeper(Bench(asked))
     found = climb(asked, bounds, keeper=keeper)
     assert found.chosen.model["mesh"] == "0+"
     rich = keeper({**found.chosen.model, "order": "2", "mesh": "1"}).answers
-    assert np.abs(relative(found.chosen.answers, rich)).max() < 0.02
+    assert np.abs(relative(found.chosen.answers, rich)).max() < 0.03
 
 
 def test_a_model_starts_where_the_one_most_like_it_came_to_rest(monkeypatch) -> None:
