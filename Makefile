@@ -48,7 +48,9 @@ $(PEERS)/%/.done: benchmarks/peers/requirements-%.txt | check
 	@python="$(interpreter)"; if test -z "$$python"; then \
 		echo "$* is left out: it needs Python 3.12 or newer; make bench-peers PEER_PYTHON312=/path/to/python3.12"; \
 	else "$$python" -m venv --clear $(@D) && \
-		$(@D)/bin/pip install --quiet --disable-pip-version-check -r $< && touch $@; fi
+		$(@D)/bin/pip install --quiet --disable-pip-version-check -r $< && \
+		for alone in $(wildcard benchmarks/peers/alone-$*.txt); do \
+			$(@D)/bin/pip install --quiet --disable-pip-version-check --no-deps -r $$alone || exit 1; done && touch $@; fi
 
 clean:
 	rm -rf build dist out *.egg-info .cache .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

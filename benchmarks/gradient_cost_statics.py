@@ -1,10 +1,11 @@
 """What a gradient costs over the equilibrium that it is of, by order: a cube, one shear modulus for each tetrahedron.
 
-A cube of 10 cm bonded to plates, K/μ = 9.7 (ν = .45): Neo-Hooke pressed by 15 % and sheared by 10 %, or linear elastic; 8³ points
+A cube of 10 cm bonded to plates, K/μ = 9.7 (ν = .45): Neo-Hooke pressed by 15 % and sheared by 10 %, or pressed by .1 %, linear elastic but for J; 8³ points
 measured. P1 has 24 576 tetrahedra, others as many displacements (14 739; P3 12 288) or more. `ratio` is the CPU time of the
 gradient over that of the equilibrium from rest, each the least of several runs, one thread; `symbols_s`, spent once for all
 gradients, is beside it. Two ways to solve for the adjoint: with the last factor of Newton's method as preconditioner of GMRES,
-or with a factor made for it. `error`: the gradient along a random direction against a central difference.
+or with a factor made for it. Peers, of the linear cube: dolfinx, by hand with the factor kept, and dolfinx-adjoint's tape
+(`make bench-peers`), with ½ ∫ u·u for the points. `error`: the gradient along a random direction against a central difference.
 
     python benchmarks/gradient_cost_statics.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/gradient_cost_statics.py --chart FILE.png < records.json
@@ -12,9 +13,12 @@ or with a factor made for it. `error`: the gradient along a random direction aga
 
 from __future__ import annotations
 
+import json
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 
+import _peers
 import ngsolve as ngs
 import numpy as np
 from _command import main
@@ -37,6 +41,8 @@ LAWS = {
 FORMS = (("P1", 16), ("P2", 8), ("P3", 5), ("P4", 4), ("P2/P1", 8), ("P2", 12))
 """Form and cells along a side."""
 OLD, NEW = "ngbrain:adjoint", "ngbrain:adjoint, new factor"
+HAND, TAPE = "dolfinx by hand", "dolfinx-adjoint"
+COLOURS = {OLD: "#0072B2", NEW: "#56B4E9", HAND: "#009E73", TAPE: "#D55E00"}
 
 
 def model(case: str, form: str, n: int) -> StaticModel:
@@ -103,28 +109,56 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
         equilibrium()
 
 
+def peers(form: str, n: int, times: int) -> list[Record]:
+    """dolfinx's two ways with the linear cube; where there are none, why."""
+    python = _peers.available().get("dolfinx")
+    if python is None or "/" in form:
+        reason = "not offered: a pressure" if python else "not installed: make bench-peers"
+        known = {"case": "linear", "form": form, "order": int(form[1]), "tetrahedra": 6 * n**3, "ndof": None}
+        nothing = dict.fromkeys(("forward_s", "cpu_s", "ratio", "error"))
+        return [{"method": method, **known, **nothing, "converged": False, "reason": reason} for method in (HAND, TAPE)]
+    script = str(_peers.HERE / "peers" / "dolfinx_gradient.py")
+    done = subprocess.run([python, script, str(n), form[1], str(times)], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
 def measure(quick: bool) -> list[Record]:
     """All forms and both cases."""
     records: list[Record] = []
     for case in LAWS:
         for form, n in FORMS[: 4 if quick else None]:
-            for record in measured(case, form, n // 2 if quick else n, 1 if quick else 3):
-                records.append(record)
+            n, times = (n // 2, 1) if quick else (n, 3)
+            records += measured(case, form, n, times)
+            if case == "linear":
+                records += peers(form, n, times)
     return records
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Bars by form."""
-    plt, made, axes = figure(9, 4, len(LAWS))
+    """Bars by form; none where a method has no number."""
+    plt, made, axes = figure(11, 4, len(LAWS))
     for axis, case in zip(axes, LAWS, strict=True):
         mine = [r for r in records if r["case"] == case]
-        labels = list(dict.fromkeys(f"{r['form']}\n{r['ndof']}" for r in mine))
-        for k, (method, colour) in enumerate(((OLD, "#0072B2"), (NEW, "#D55E00"))):
-            heights = [r["ratio"] for r in mine if r["method"] == method]
-            axis.bar(np.arange(len(heights)) + 0.4 * k - 0.2, heights, 0.38, color=colour, label=method[8:])
+        sizes = {(r["form"], r["tetrahedra"]): r["ndof"] for r in mine if r["method"] == OLD}
+        methods = [method for method in COLOURS if any(r["method"] == method and r["converged"] for r in mine)]
+        for k, method in enumerate(methods):
+            heights = {
+                (r["form"], r["tetrahedra"]): r["ratio"] for r in mine if r["method"] == method and r["converged"]
+            }
+            places = [i + 0.84 / len(methods) * (k + 0.5) - 0.42 for i, key in enumerate(sizes) if key in heights]
+            axis.bar(
+                places,
+                list(heights.values()),
+                0.8 / len(methods),
+                color=COLOURS[method],
+                label=method.removeprefix("ngbrain:"),
+            )
         axis.axhline(0.2, color="#333333", lw=0.8, ls="--")
-        axis.set(title=case, xticks=range(len(labels)), xticklabels=labels)
-        axis.legend(fontsize=8, frameon=False)
+        axis.set(
+            title=case, xticks=range(len(sizes)), xticklabels=[f"{form}\n{ndof}" for (form, _), ndof in sizes.items()]
+        )
+        axis.set_ylim(0, 1.3 * max(r["ratio"] for r in mine if r["converged"]))
+        axis.legend(fontsize=8, frameon=False, ncols=2)
     axes[0].set_ylabel("gradient over equilibrium, CPU time")
     made.savefig(png, dpi=150)
     plt.close(made)
@@ -132,8 +166,11 @@ def chart(records: list[Record], png: str) -> None:
 
 def line(r: Record) -> str:
     """One record in words."""
+    begun = f"{r['case']:13} {r['form']:6}{r['tetrahedra']:7} tets{r['ndof'] or 0:8} {r['method']:28} "
+    if not r["converged"]:
+        return begun + r["reason"]
     spent = f"equilibrium {r['forward_s']:.2f} s, gradient {r['cpu_s']:.3f} s, {r['ratio']:.3f} of it"
-    return f"{r['case']:13} {r['form']:6}{r['tetrahedra']:7} tets{r['ndof']:8} {r['method']:28} {spent}; off {r['error']:.1e}"
+    return f"{begun}{spent}; off {r['error']:.1e}"
 
 
 if __name__ == "__main__":
