@@ -1,11 +1,12 @@
 """What a gradient costs over the equilibrium that it is of, by order: a cube, one shear modulus for each tetrahedron.
 
-A cube of 10 cm bonded to plates, K/μ = 9.7 (ν = .45): Neo-Hooke pressed by 15 % and sheared by 10 %, or pressed by .1 %, linear elastic but for J; 8³ points
-measured. P1 has 24 576 tetrahedra, others as many displacements (14 739; P3 12 288) or more. `ratio` is the CPU time of the
-gradient over that of the equilibrium from rest, each the least of several runs, one thread; `symbols_s`, spent once for all
-gradients, is beside it. Two ways to solve for the adjoint: with the last factor of Newton's method as preconditioner of GMRES,
-or with a factor made for it. Peers, of the linear cube: dolfinx, by hand with the factor kept, and dolfinx-adjoint's tape
-(`make bench-peers`), with ½ ∫ u·u for the points. `error`: the gradient along a random direction against a central difference.
+A cube of 10 cm bonded to plates, K/μ = 9.7 (ν = .45): Neo-Hooke pressed by 15 % and sheared by 10 %, or pressed by .1 %, linear
+elastic but for J; 8³ points measured. P1 has 24 576 tetrahedra, others as many displacements (14 739; P3 12 288) or more. `ratio`
+is the CPU time of the gradient over that of the equilibrium from rest, each the least of several runs, one thread; `symbols_s`,
+spent once for all gradients, is beside it. Two ways to solve for the adjoint: with the last factor of Newton's method as
+preconditioner of GMRES, or with a factor made for it. Peers, of the linear cube: dolfinx, by hand with the factor kept, and
+dolfinx-adjoint's tape (`make bench-peers`), with ½ ∫ u·u for the points and K (tr ε)² for the volume.
+`error`: the gradient along a random direction against a central difference.
 
     python benchmarks/gradient_cost_statics.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/gradient_cost_statics.py --chart FILE.png < records.json
