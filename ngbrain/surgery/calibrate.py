@@ -62,8 +62,8 @@ class Retracted:
     tissues  their `region`; all by default, in the order of the scene
     grid     times (s) at which steps end; by default those of an adaptive run as the scene asks for it
 
-    `run` is the `RunModel`, `factors` its parameters. Raises `InputError` for a blade of given force or with friction, a landmark
-    outside of the mesh, an unknown tissue.
+    `run` is the `RunModel`, `factors` its parameters. Raises `InputError` for a blade of given force or with friction, times when
+    nothing is done, a landmark outside of the mesh, an unknown tissue.
     """
 
     def __init__(
@@ -79,6 +79,9 @@ class Retracted:
         program = model.program(scene, scene.protocols[protocol])
         if not isinstance(program, Protocol) or scene.blade.friction:
             raise InputError("scene", "with a blade of given force or with friction", "a given way, without friction")
+        if not (np.min(times) > 0 and np.max(times) <= program.times[-1]):
+            between = f"{np.min(times):g} to {np.max(times):g} s"
+            raise InputError("times", between, f"after 0 and up to {program.times[-1]:g} s, when {program.name} ends")
         if np.any(outside := ~inside(model.mesh, landmarks)):
             raise InputError("landmarks", f"{np.sum(outside)} outside of the mesh", "points in the head's tissue")
         names = tissues or [tissue.region for tissue in scene.tissues]

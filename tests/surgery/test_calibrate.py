@@ -115,6 +115,8 @@ def test_measurements_without_sense_are_refused(wrong, said):
 def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
     with pytest.raises(InputError, match="1 outside of the mesh"):
         Retracted(model, np.vstack([landmarks, [[1.0, 0, 0]]]), TIMES)
+    with pytest.raises(InputError, match="2 to 60 s; wanted: after 0 and up to 6 s, when continuous ends"):
+        Retracted(model, landmarks, [2.0, 60.0])
     with pytest.raises(InputError, match="did you mean 'cortex'"):
         Retracted(model, landmarks, TIMES, ["cortx"])
     rough = replace(model, scene=replace(model.scene, blade=replace(model.scene.blade, friction=0.2)))
