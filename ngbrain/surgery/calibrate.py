@@ -122,6 +122,8 @@ def calibrate(
     """
     if not spread > 1:
         raise InputError("spread", spread, "a factor above 1")
+    if not all(factor > 0 for factor in (start or {}).values()):
+        raise InputError("start", start, "factors above 0")
     model = scene if isinstance(scene, Model) else Model.of(scene)
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
@@ -132,10 +134,7 @@ def calibrate(
     def told(iteration: Iteration) -> None:
         tell(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
-    begun = {name: (start or {}).get(name, 1.0) for name in retracted.factors}
-    if not all(factor > 0 for factor in begun.values()):
-        raise InputError("start", start, "factors above 0")
-    first = np.log(list(begun.values()))
+    first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
     found = levenberg_marquardt(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
     point = Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x)

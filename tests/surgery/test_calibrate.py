@@ -125,3 +125,5 @@ def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
     data = Seen(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))
     with pytest.raises(InputError, match="above 1"):
         calibrate(model, data, spread=1.0)
+    with pytest.raises(InputError, match="factors above 0"):
+        calibrate(model, data, start={"white": 0.0})
