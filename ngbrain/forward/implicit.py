@@ -124,9 +124,12 @@ class StaticModel:
         """Back to equilibria of before, if others were looked for since."""
         if self._now is there:
             return
+        changed = self._now is None or not np.array_equal(self._now.theta, there.theta)
         self.put(there.theta)
         for each, x in zip(self.equilibria, there.states, strict=True):
             each.body.state = each.body.load(x, 1.0)
+            if changed:
+                each.body.changed()
         there.assemble()
         self._now = there
 
@@ -237,7 +240,8 @@ class Equilibria:
 
     def _inverse(self, k: int) -> Inverses:
         if k not in self._inverses:
-            self._inverses[k] = Inverses(self.model.equilibria[k].body, self.model.solves)
+            each = self.model.equilibria[k]
+            self._inverses[k] = Inverses(each.body, self.model.solves, each.quadratic)
         return self._inverses[k]
 
     def _along(self, k: int, direction: Array) -> Array:

@@ -78,6 +78,7 @@ class Equilibrium:
 
     def _from_rest(self, put: Callable[[float], None]) -> Array:
         put(1.0)
+        self.body.changed()
         newton = replace(self.newton, inverse=None, largest=0.0)
         reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
         self.work += record.work
@@ -92,6 +93,7 @@ class Equilibrium:
         while step >= SHORTEST:
             goal = min(1.0, at + step)
             put(goal)
+            self.body.changed()
             newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
             found, record = newton.solve(self.body, self.body.load(x, 1.0))
             self.work += record.work
@@ -134,6 +136,13 @@ class Equilibrium:
     def stretched(self) -> Callable[[], Array]:
         """K times `change` (ndof,)."""
         return vector(self.body.fes, self._work(self._now, self._test, self.change))
+
+    @cached_property
+    def quadratic(self) -> bool:
+        """Whether the energy is so in the state, as in linear elasticity: the tangent is the same at all states."""
+        forces, tangent = self._work(self._trial, self.adjoint), self._work(self._trial, self.adjoint, self.change)
+        # Forces do follow the state: where that is not seen, nothing that is not seen is believed.
+        return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
 
     @cached_property
     def turned_by_state(self) -> Callable[[], Array]:

@@ -28,18 +28,21 @@ there are more than 20.)"""
 class Inverses:
     """Of the tangent at a body's state; of use as long as the body's form is assembled there. Factors are counted in `solves`.
 
+    quadratic  whether the tangent is the same at all states: what Newton's method has of it serves
+
     They raise `SolverError` where the tangent is singular.
     """
 
-    def __init__(self, body: Static, solves: Solves) -> None:
+    def __init__(self, body: Static, solves: Solves, quadratic: bool) -> None:
         self.body, self._form, self._solves = body, body._form, solves
         self._symmetric = not any(isinstance(load, Pressure) for load in body.loads)
-        worth = self._symmetric and body.mesh.dim == 3 and body.form.pressure is None
+        worth = self._symmetric and (quadratic or (body.mesh.dim == 3 and body.form.pressure is None))
         self._old = body._kept if worth else None
         self._few = FEW
-        self.factor: Solve | None = None
+        self.factor = self._old if quadratic and body.factored else None
         """The factor, once there is one."""
-        self.assemble()
+        if not (quadratic and body.assembled):
+            self.assemble()
 
     def assemble(self) -> None:
         """Make the form what it was, at the body's state."""
@@ -60,11 +63,7 @@ class Inverses:
     @cached_property
     def _refined(self) -> Solve:
         """To the last digits: a factor without pivots, or with a pressure, leaves some of them to one refinement."""
-        self._solves.factorisations += 1
-        try:
-            self.factor = solve = self.body._factorise()
-        except FloatingPointError:
-            self.factor = solve = self._with_pivots()
+        solve = self.factor = self.factor or self._made()
         if isinstance(solve, Iterative):
             return replace(solve, rtol=TIGHT)
         if not isinstance(solve, Direct):
@@ -76,6 +75,13 @@ class Inverses:
             return x + core(r * condensed.free - condensed.apply(x))
 
         return lambda r: condensed.solve(twice, r)
+
+    def _made(self) -> Solve:
+        self._solves.factorisations += 1
+        try:
+            return self.body._factorise()
+        except FloatingPointError:
+            return self._with_pivots()
 
     def _with_pivots(self) -> Solve:
         try:

@@ -50,6 +50,11 @@ class Term:
         return str(self.coef.Compile()).strip().endswith("Step 0: ZeroCF")
 
     @property
+    def follows_trial(self) -> bool:
+        """Whether trial functions are left in it, be it in a condition only."""
+        return "trial-function" in str(self.coef.Compile())
+
+    @property
     def integral(self) -> ngs.comp.SumOfIntegrals:
         """For forms, compiled: shared parts are evaluated once."""
         return self.coef.Compile() * self.over

@@ -250,6 +250,10 @@ class Static:
         self._form.AssembleLinearization(self.gfu.vec)
         return self._factorise()
 
+    def changed(self) -> None:
+        """Say that parameters did: the tangent and the factor that are there, `assembled` and `factored`, are of others."""
+        self.assembled = self.factored = False
+
     # What Newton's method and load steps ask.
 
     @property
@@ -285,6 +289,7 @@ class Static:
         self.state = x
         with self.clock("assemble"):
             self._form.AssembleLinearization(self.gfu.vec)
+        self.assembled = True
         if self._kept and self.mesh.dim == 3 and self.fes.ndof > WORTH_REUSING:
             with self.clock("solve"):
                 solve = linear.reused(self._form, self._kept, r, ROUGHLY, AT_MOST)
@@ -293,6 +298,7 @@ class Static:
         self._kept = None  # the old one's memory first
         with self.clock("factor"):
             self._kept = self._factorise()
+        self.factored = True
         return self._timed(self._kept)
 
     def min_det(self, x: np.ndarray) -> float:
@@ -369,6 +375,7 @@ class Static:
         self._form, self._tissue = whole, tissue
         self._factorise = linear.prepare(self.solver, whole, self._moduli)
         self._kept = None
+        self.changed()
 
     def _check_elements(self) -> None:
         """Refuse a mesh with elements turned inside out, by number and region."""
