@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
+import os
+import platform
+import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import ngsolve as ngs
+import numpy as np
+import scipy
 
 from ngbrain.threads import set_threads
 
@@ -32,4 +39,31 @@ def main(
     set_threads(1)
     ngs.ngsglobals.msg_level = 0
     found = measure(arguments.quick)
-    print(json.dumps(found) if arguments.json else "\n".join(map(line, found)))
+    made = run()
+    print(json.dumps([r | {"run": made} for r in found]) if arguments.json else "\n".join(map(line, found)))
+
+
+def run() -> Record:
+    """Of what code, on what machine and when records were made; "+" after the commit: with changes not committed."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    changed = "+" if git("status", "--porcelain", "--untracked-files=no") else ""
+    versions = {"python": platform.python_version()} | {m.__name__: m.__version__ for m in (ngs, np, scipy)}
+    return {
+        "commit": (git("rev-parse", "--short", "HEAD") or "unknown") + changed,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "machine": f"{_processor()}, {os.cpu_count()} cores",
+        "versions": versions,
+    }
+
+
+def _processor() -> str:
+    """Its name where the system tells it, else its kind."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text().splitlines() if told.exists() else []
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
