@@ -59,7 +59,13 @@ class Material:
 def stiffness(mesh: ngs.Mesh, materials: Mapping[str, Material]) -> tuple[CoefficientFunction, float, float]:
     """Initial shear modulus μ (Pa) over a mesh, its largest value and the largest K/μ."""
     moduli = {name: initial_modulus(m.elastic) for name, m in materials.items()}
-    largest = max(_largest(mesh, name, mu) for name, mu in moduli.items())
+    stiffest = {name: _largest(mesh, name, mu) for name, mu in moduli.items()}
+    for name, found in stiffest.items():
+        if not found > 0:
+            raise InputError(
+                f"materials[{name!r}].law", f"of a shear modulus at rest of {found:g} Pa", "a positive one"
+            )
+    largest = max(stiffest.values())
     ratio = max(
         float(m.bulk) / moduli[name]
         if not isinstance(m.bulk, CoefficientFunction) and not isinstance(moduli[name], CoefficientFunction)

@@ -62,7 +62,7 @@ class Deformation:
 
 
 def density(law: Law, at: Deformation) -> CoefficientFunction:
-    """Energy density (Pa) of any law: of the C̄ there, unless it has a `density` of its own.
+    """Energy density (Pa) of any law: of the C̄ there, unless it has a `density` of its own. `InputError` for what is no law.
 
     >>> import ngsolve as ngs
     >>> from ngbrain.materials import NeoHooke
@@ -70,7 +70,12 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
     1
     """
     own = getattr(law, "density", None)
-    return own(at) if own else law.energy(at.shape)
+    if own is None and not isinstance(law, Law):
+        raise InputError("law", repr(law), "an object with `energy(C)`, W in Pa of a 3×3 tensor C")
+    found = own(at) if own else law.energy(at.shape)
+    if isinstance(found, CoefficientFunction) and found.dim != 1:
+        raise InputError(f"{type(law).__name__}.energy", f"of {found.dim} components", "one number, W in Pa")
+    return found
 
 
 class Addable:

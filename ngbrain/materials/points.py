@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
+from itertools import pairwise
 
 import ngsolve as ngs
 import numpy as np
@@ -12,6 +14,8 @@ from ngsolve.meshes import Make1DMesh
 from ngbrain.materials.base import Deformation, Law, Value, density
 
 EVERYWHERE = slice(None)
+_CONSTANT = re.compile(r"(ZeroCF|Identity matrix|[-+]?[\d.]+(e[-+]?\d+)?\s*$)")
+"""What numbers are called in NGSolve's steps of an expression."""
 
 
 class Points:
@@ -93,20 +97,27 @@ def initial_modulus(law: Law) -> Value:
     >>> initial_modulus(Ogden(mu=[1000.0, 200.0], alpha=[-20.0, 2.0]))
     1200.00000...
     """
-    shear = ngs.Parameter(0.0)
-    F = ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3))
+    F, shear = _sheared()
     curvature = density(law, Deformation.of(F)).Diff(shear).Diff(shear)
     return curvature.Compile() if varies(law) else float(Points.line(1)(curvature)[0, 0])
 
 
-def varies(part: object) -> bool:
-    """Whether anything but numbers is among the parameters of a law."""
-    if isinstance(part, CoefficientFunction):
-        return True
-    if isinstance(part, (list, tuple)):
-        return any(map(varies, part))
-    fields = part if isinstance(part, dict) else getattr(part, "__dict__", {})
-    return any(map(varies, fields.values()))
+def varies(law: Law) -> bool:
+    """Whether the energy of a law has anything but numbers in it: fields, `Parameter`s, places; whatever the law is made of.
+
+    >>> from ngbrain.materials import Demiray
+    >>> varies(Demiray(1e3, 2.0)), varies(Demiray(1e3, ngs.Parameter(2.0)))
+    (False, True)
+    """
+    lines = str(density(law, Deformation.of(_sheared()[0])).Compile()).strip().splitlines()
+    begins = [a for a, b in pairwise([*lines, ""]) if a.startswith("Step") and "input:" not in b]
+    return not all(_CONSTANT.match(begin.partition(": ")[2]) for begin in begins)
+
+
+def _sheared() -> tuple[CoefficientFunction, CoefficientFunction]:
+    """F of simple shear, and the shear, which is nothing."""
+    shear = ngs.CF(0.0).MakeVariable()
+    return ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3)), shear
 
 
 def isotropic(law: Law) -> bool:

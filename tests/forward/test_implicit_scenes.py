@@ -335,3 +335,49 @@ def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
     assert rates()[-1] > 1.9
     bug(monkeypatch)
     assert rates()[-1] < 1.2
+
+
+def test_laws_and_cases_without_sense_are_refused():
+    mesh = square(1, size=SIDE)
+
+    def made(law):
+        return Static(mesh, {".*": Material(law, 4e3)}, {"bottom": 0}, form="P2")
+
+    with pytest.raises(InputError, match=r"law is .*object.*wanted: an object with `energy\(C\)`"):
+        made(object())
+    with pytest.raises(InputError, match=r"Strained\.energy is of 9 components"):
+        made(type("Strained", (), {"energy": lambda self, C: C})())
+    with pytest.raises(InputError, match=r"materials\['\.\*'\]\.law is of a shear modulus at rest of 0 Pa"):
+        made(type("Nothing", (), {"energy": lambda self, C: 0 * ngs.Trace(C)})())
+    mu = ngs.Parameter(1e3)
+    body = made(NeoHooke(mu))
+    with pytest.raises(InputError, match="cases is nothing that is seen"):
+        StaticModel([Case(body, [])], {"mu": mu})
+    with pytest.raises(InputError, match=r"points is of shape \(1, 3\); wanted: \(n, 2\)"):
+        StaticModel([Case(body, [Displacements(np.ones((1, 3)))])], {"mu": mu})
+    there = StaticModel([Case(body, [Force("bottom")])], {"mu": mu}).at(np.array([1e3]))
+    for product in (there.gradient, there.pull):
+        with pytest.raises(InputError, match=r"w is of shape \(3,\); wanted: \(2,\)"):
+            product(np.ones(3))
+
+
+@pytest.mark.parametrize("kind", ["a field", "a field beside a number", "a number"])
+def test_laws_keep_their_parameters_where_they_like(kind):
+    """In slots or in a closure: the modulus at rest is that of the energy, not of what is seen of the object."""
+    mesh = square(2, size=SIDE)
+    mu = ngs.Parameter(1e3) if kind == "a number" else field(mesh, 1e3 if kind == "a field" else 800.0)
+    whole = 200 + mu if kind == "a field beside a number" else mu
+
+    class Closed:
+        __slots__ = ()
+
+        def energy(self, C):
+            return whole / 2 * (ngs.Trace(C) - 3)
+
+    slopes = []
+    for law in (Closed(), NeoHooke(whole)):
+        body = Static(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, -0.012)}, form="P2")
+        of = StaticModel([Case(body, [Force("top")])], {"mu": mu}, tight(body))
+        slopes.append((body.ratio, of.at(of.theta).gradient(np.ones(2))))
+    assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-12) and slopes[0][0] < 5
+    assert slopes[0][1] == pytest.approx(slopes[1][1], rel=1e-9)
