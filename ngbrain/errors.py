@@ -54,6 +54,17 @@ def naming(file: str | Path) -> Iterator[None]:
         raise InputError(error.field, error.value, error.wanted, error.file or file) from None
 
 
+def shaped(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    """`InputError` where an array has another shape than is wanted.
+
+    >>> shaped("w", (3,), (4, 1))
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: w is of shape (3,); wanted: (4, 1)
+    """
+    if tuple(found) != tuple(wanted):
+        raise InputError(name, f"of shape {tuple(found)}", str(tuple(wanted)))
+
+
 class SolverError(NgbrainError, RuntimeError):
     """A computation gave up; the message says what happened and what to try, `record` what was done (where there is one)."""
 

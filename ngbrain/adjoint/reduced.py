@@ -15,6 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from ngbrain.errors import InputError, shaped
+
 Array = np.ndarray
 
 
@@ -101,11 +103,17 @@ class Reduced:
         regularisers: Mapping[str, Regulariser],
         weights: Mapping[str, float],
     ) -> None:
+        for name in regularisers:
+            if name not in unknowns.blocks:
+                raise InputError(f"regularisers.{name}", "of nothing", f"one of {', '.join(unknowns.blocks)}")
+            if name not in weights:
+                raise InputError(f"weights.{name}", "missing", "a weight for each regulariser")
         self.model, self.misfit, self.unknowns = model, misfit, unknowns
         self.regularisers, self.weights = dict(regularisers), dict(weights)
 
     def at(self, x: Array) -> Point:
         """J at x: one forward solve for each load."""
+        shaped("x", np.shape(x), self.unknowns.start.shape)
         return Point(self, np.array(x, float), self.model.at(self.unknowns.theta(x)))
 
     def value(self, x: Array) -> float:

@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.implicit_blocks import Block, Held, Nodes, Parameter, block, places
 from ngbrain.forward.implicit_equilibrium import Case, Equilibrium
 from ngbrain.forward.implicit_solve import Inverses
@@ -66,6 +66,8 @@ class StaticModel:
         newton: Newton | None = None,
         steps: int = 1,
     ) -> None:
+        if not cases or not all(case.observations for case in cases):
+            raise InputError("cases", "nothing that is seen", "one body or more, each with an observation or more")
         self.parts = {name: block(name, of) for name, of in parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
@@ -164,6 +166,7 @@ class Equilibria:
     def pull(self, w: Array) -> Array:
         """Jᵀ w, by the matrices that `push` uses."""
         total = np.zeros(self.model.size)
+        shaped("w", np.shape(w), self.data.shape)
         for k in self._cases():
             by_state, by_theta = self.observed[k]
             part = w[self.model.slices[k]]
@@ -257,6 +260,7 @@ class Equilibria:
 
     def _solved(self, w: Array) -> list[Array]:
         """Adjoints of weights of the data; those of the last ones are kept."""
+        shaped("w", np.shape(w), self.data.shape)
         if self._adjoints is None or not np.array_equal(self._adjoints[0], w):
             found = []
             for k in self._cases():

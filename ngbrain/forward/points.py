@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
     """The matrix (n, ndof) that takes a scalar space's unknowns to values at points (n, 2 or 3) in m.
 
-    Raises `InputError` when points lie outside of the mesh; `inside` says which.
+    Raises `InputError` when points lie outside of the mesh, `inside` says which, or are of other dimensions.
 
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
@@ -22,6 +22,10 @@ def evaluation(space: ngs.FESpace, points: np.ndarray) -> sp.csr_array:
     [0.1875, 1.0]
     """
     mesh, points = space.mesh, np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != mesh.dim:
+        raise InputError(
+            "points", f"of shape {points.shape}", f"(n, {mesh.dim}), as the mesh has {mesh.dim} dimensions"
+        )
     found = mesh(*points.T)
     if np.any(found["nr"] < 0):
         missed = int(np.sum(found["nr"] < 0))

@@ -24,7 +24,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, shaped
 from ngbrain.forward.harmonic import Wave
 from ngbrain.forward.implicit import Case, Equilibria, Nodes, StaticModel
 from ngbrain.forward.implicit_blocks import Parameter
@@ -214,6 +214,7 @@ class Prestressed:
         ]
 
     def _adjoints(self, w: Array) -> list[Array]:
+        shaped("w", np.shape(w), self.data.shape)
         found = []
         for wave, part in zip(self.model.waves, np.conj(w), strict=True):
             found.append(self._factors[wave.omega].solve(self.model.observation.T @ np.ravel(part), True))

@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError
+from ngbrain.errors import InputError, shaped
 from ngbrain.forward.factors import Factorised, sparse
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
@@ -231,6 +231,7 @@ class Linearised:
 
     def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:
         """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
+        shaped("w", np.shape(w), self.data.shape)
         found, driving = [], self.model.driving
         for k, part in enumerate(np.conj(w)):
             b = self.model.spread(part)

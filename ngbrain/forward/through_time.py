@@ -19,8 +19,10 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.body import Body
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.harmonic import vanishes
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
 from ngbrain.forward.step_forms import Parameter, StepForms
@@ -82,6 +84,9 @@ class RunModel:
                 "times", np.array2string(times, threshold=4), f"increasing, after 0 and up to {grid[-1]:g} s"
             )
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
+        if not readings:
+            raise InputError("readings", "none", "one or more: what is seen of a run")
+        _check_contacts(body, parameters)
         self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
         self.forms, self.tangents = StepForms(body, self.parameters), Tangents(body)
@@ -151,6 +156,7 @@ class Replayed:
 
     def gradient(self, w: Array) -> Array:
         """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
+        shaped("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
         model, forms = self.model, self.model.forms
@@ -201,6 +207,16 @@ class Replayed:
             product.data = body.contact_form.mat * z
             found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
         return found
+
+
+def _check_contacts(body: Body, parameters: Mapping[str, Parameter]) -> None:
+    """Contacts are differentiated where they stand: what they are made of is no parameter."""
+    u, offset = body.u, ngs.Parameter(0.0)
+    for contact in (each for each in body.contacts if isinstance(each, Contact)):
+        for name, parameter in parameters.items():
+            if not vanishes(contact.energy(u, offset).Diff(parameter, ngs.CF(1.0))):
+                wanted = "one of the materials: a run is not differentiated by what its rigid bodies are made of"
+                raise InputError(f"parameters.{name}", f"part of the contact of {contact.wall!r}", wanted)
 
 
 def _values(parameter: Parameter) -> Array:

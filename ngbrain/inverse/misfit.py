@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ngbrain.errors import InputError, nearest
+from ngbrain.errors import InputError, nearest, shaped
 
 Array = np.ndarray
 REAL_MEDIAN = 0.454936423
@@ -25,15 +25,21 @@ class LeastSquares:
     """
 
     def __init__(self, measured: Array, sigma: Array | float) -> None:
-        self.known = ~np.isnan(measured)
-        self.sigma = np.broadcast_to(np.asarray(sigma, float), measured.shape)
+        self.known, given = ~np.isnan(measured), np.asarray(sigma, float)
+        if not self.known.any():
+            raise InputError("measured", f"{measured.size} numbers, none of them known", "data that are not all NaN")
+        try:
+            self.sigma = np.broadcast_to(given, measured.shape)
+        except ValueError:
+            raise InputError("sigma", f"of shape {given.shape}", f"one that fits data of {measured.shape}") from None
         if not np.all(self.sigma[self.known] > 0):
             raise InputError("sigma", float(np.min(self.sigma)), "a positive standard deviation in m")
         self.measured = np.where(self.known, measured, 0)
         self.count = int(self.known.sum()) * (2 if np.iscomplexobj(measured) else 1)
 
     def residual(self, data: Array) -> Array:
-        """(d - m)/σ, 0 where nothing is measured."""
+        """(d - m)/σ, 0 where nothing is measured; `InputError` for data of another shape."""
+        shaped("measured", self.measured.shape, np.shape(data))
         return np.where(self.known, (data - self.measured) / self.sigma, 0)
 
     def value(self, data: Array) -> float:

@@ -8,6 +8,7 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
 from ngbrain.inverse.misfit import Huber, LeastSquares
 from ngbrain.inverse.parameters import Bounded, Fields, Log, Scaled, Unknown
 from ngbrain.inverse.phantoms import Phantom
@@ -125,3 +126,14 @@ def test_total_variation_needs_small_steps_where_nothing_varies(rng):
     assert np.all(np.abs(taylor(flat.value, flat.slope(x), x, dx, first=1e-4) - 2) < 0.1)
     bumpy = x + rng.normal(size=space.ndof)
     assert np.all(np.abs(taylor(flat.value, flat.slope(bumpy), bumpy, dx) - 2) < 0.1)
+
+
+def test_regularisers_without_a_block_or_a_weight_are_refused():
+    inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+    of = inversion.reduced
+    with pytest.raises(InputError, match=r"regularisers\.shear is of nothing; wanted: one of storage, loss"):
+        Reduced(of.model, of.misfit, of.unknowns, {"shear": ridge(np.zeros(2))}, {"shear": 1.0})
+    with pytest.raises(InputError, match=r"weights\.storage is missing"):
+        Reduced(of.model, of.misfit, of.unknowns, {"storage": ridge(np.zeros(2))}, {})
+    with pytest.raises(InputError, match=r"x is of shape \(3,\)"):
+        of.at(np.zeros(3))

@@ -1,9 +1,8 @@
 """Bodies whose energy is quadratic in the state: their tangent is that of Newton's method, and derivatives cost no other."""
 
-import ngsolve as ngs
 import numpy as np
 import pytest
-from equilibria import SIDE, directions, field, seen, tight, verify, weights
+from equilibria import SIDE, field, seen, tight, verify, weights
 from statics import cube, square
 
 from ngbrain.forward.implicit import Case, StaticModel

@@ -1,5 +1,7 @@
 """Derivatives of a run by what its body is made of: Taylor rates, J against Jᵀ, memory, and bugs that are caught."""
 
+from dataclasses import replace
+
 import ngsolve as ngs
 import numpy as np
 import pytest
@@ -316,3 +318,31 @@ def test_without_bugs_the_same_has_its_rate(kind, rng):
     for _, direction in directions(of, np.random.default_rng(1)):
         rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=2e-2)
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize("part", ["height", "penalty"])
+def test_what_a_contact_is_made_of_is_no_parameter(part):
+    """Its derivative would be nothing, silently."""
+    mesh, materials, parameters, protocol, _ = relaxing()
+    drive, number = Drive(protocol), ngs.Parameter(1.0)
+    made = plate(drive)
+    if part == "height":
+        made = replace(made, distance=lambda x: 1e-3 * number + plate(drive).distance(x))
+    else:
+        made = replace(made, penalty=1e8 * number)
+    body = Body(mesh, materials, "bottom", [made])
+    RunModel(body, drive, GRID, parameters, [Force("top")])
+    with pytest.raises(InputError, match=r"parameters\.number is part of the contact of 'top'"):
+        RunModel(body, drive, GRID, {**parameters, "number": number}, [Force("top")])
+
+
+def test_nothing_that_is_seen_and_weights_of_another_shape_are_refused():
+    of = model(grid=GRID[:3])
+    with pytest.raises(InputError, match="readings is none"):
+        RunModel(of.body, of.replay.motion, GRID, of.parameters, [])
+    there = of.at(of.theta)
+    with pytest.raises(InputError, match=r"w is of shape \(2,\)"):
+        there.gradient(np.ones(2))

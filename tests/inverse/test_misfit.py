@@ -65,3 +65,13 @@ def test_real_data_count_once(rng):
     for kind in (LeastSquares, Huber):
         misfit = kind(noise, 1.0)
         assert misfit.count == 20_000 and misfit.squares(np.zeros(20_000)) == pytest.approx(20_000, rel=0.03)
+
+
+def test_data_that_do_not_fit_are_refused():
+    """Before they are broadcast to what nobody meant: a curve (n,) beside data (n, 1)."""
+    with pytest.raises(InputError, match=r"sigma is of shape \(4,\); wanted: one that fits data of \(3, 2\)"):
+        LeastSquares(np.zeros((3, 2)), np.ones(4))
+    with pytest.raises(InputError, match="measured is 6 numbers, none of them known"):
+        LeastSquares(np.full((3, 2), np.nan), 1.0)
+    with pytest.raises(InputError, match=r"measured is of shape \(3,\); wanted: \(3, 1\)"):
+        LeastSquares(np.zeros(3), 1.0).value(np.zeros((3, 1)))
