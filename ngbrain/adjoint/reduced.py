@@ -3,7 +3,8 @@
     J(x) = Φ(d(θ(x))) + ½ Σ_b α_b (x_b - x̄_b)·R_b (x_b - x̄_b)
 
 d are a model's data, Φ a misfit, θ(x) a change of variables, R_b regularisers of blocks of x. The gradient takes one
-adjoint solve for each load whatever the number of unknowns; a Gauss-Newton product two, with the factor of the forward solve.
+adjoint solve for each load whatever the number of unknowns; a Gauss-Newton product two, with the factor of the forward solve;
+one with the whole Hessian five.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ class State(Protocol):
     def gradient(self, w: Array) -> Array:
         """Re(Jᵀ w̄), cheap where one is asked for."""
 
+    # `second(w, direction)`, (Re Σ w̄ · data)'' δθ, where the model has it: for `Point.hessian`.
+
 
 class Model(Protocol):
     """From a vector θ to data."""
@@ -59,6 +62,9 @@ class Unknowns(Protocol):
     def jacobian(self, x: Array) -> sp.csr_array:
         """∂θ/∂x."""
 
+    def bent(self, x: Array, slope: Array, direction: Array) -> Array:
+        """Σ_i slope_i (∂²θ_i/∂x²) δx."""
+
 
 class Misfit(Protocol):
     """How far data are off, weighed by their noise."""
@@ -72,6 +78,9 @@ class Misfit(Protocol):
     def bend(self, data: Array, change: Array) -> Array:
         """The (positive) second derivative of Φ that Gauss and Newton keep, times a change of the data."""
 
+    def second(self, data: Array, change: Array) -> Array:
+        """The second derivative of Φ as it is, times a change of the data."""
+
 
 class Regulariser(Protocol):
     """R of a block."""
@@ -84,6 +93,9 @@ class Regulariser(Protocol):
 
     def slope(self, block: Array) -> Array:
         """The energy's gradient."""
+
+    def second(self, block: Array, direction: Array) -> Array:
+        """The energy's second derivative times a direction: R's where that is constant."""
 
 
 class Reduced:
@@ -173,3 +185,26 @@ class Point:
         change = self.state.push(self.jacobian @ direction)
         back = self.state.pull(self.reduced.misfit.bend(self.state.data, change))
         return self.jacobian.T @ back + self.regular_matrix @ direction
+
+    def hessian(self, direction: Array) -> Array:
+        """∇²J times a direction, all of it: with the model's, the misfit's, the variables' and the regularisers' curvature.
+
+        Not positive everywhere, as the Gauss-Newton matrix is. Raises `InputError` for a model without second derivatives.
+
+        >>> from ngbrain.inverse.phantoms import Phantom
+        >>> inversion = Phantom.named("CV-G", 5).measured(0.02).inversion()
+        >>> point, (a, b) = inversion.reduced.at(inversion.start), np.random.default_rng(0).normal(size=(2, len(inversion.start)))
+        >>> bool(abs(a @ point.hessian(b) - b @ point.hessian(a)) < 1e-9 * abs(a @ point.hessian(b)))
+        True
+        """
+        if not hasattr(self.state, "second"):
+            found = type(self.reduced.model).__name__
+            raise InputError("model", found, "one whose states have second derivatives, `second(w, direction)`")
+        misfit, unknowns, data = self.reduced.misfit, self.reduced.unknowns, self.state.data
+        w, moved = misfit.slope(data), self.jacobian @ direction
+        curved = self.state.pull(misfit.second(data, self.state.push(moved))) + self.state.second(w, moved)
+        bent = unknowns.bent(self.x, self.state.gradient(w), direction)
+        for name, regulariser in self.reduced.regularisers.items():
+            block = unknowns.blocks[name]
+            bent[block] += self.reduced.weights[name] * regulariser.second(self.x[block], direction[block])
+        return np.asarray(self.jacobian.T @ curved + bent)

@@ -5,6 +5,7 @@ For the discrete problem A(θ) u = b with u = g on the boundary and data d = B u
     J δθ = B δu,   A δu = -(∂A/∂θ δθ) u - A δg        one solve for each wave
     Jᵀ w:          A λ = Bᵀ w,   -((∂A/∂θ) u)ᵀ λ      the same factor, as A is symmetric
 
+and second derivatives by two solves more for each wave (`wave_curvature`).
 ∂A/∂θ comes from the integrand by differentiation, `(∂A/∂θ) u` as one sparse matrix where many products are wanted and as
 one linear form where only a gradient is.
 """
@@ -24,6 +25,7 @@ from ngbrain.forward.factors import Factorised, sparse
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.slopes import Pair, Slope, alike, along, complexified
+from ngbrain.forward.wave_curvature import Turned
 
 Array = np.ndarray
 BOUNDARY = "boundary"
@@ -144,6 +146,11 @@ class WaveModel:
         return self._slopes[omega, name]
 
     @cached_property
+    def turned(self) -> Turned:
+        """How the matrices change along a direction of the fields, for second derivatives."""
+        return Turned(self)
+
+    @cached_property
     def elements(self) -> Array:
         """In which element each point lies (n,)."""
         return np.array(self.body.mesh(*self.points.T)["nr"])
@@ -206,6 +213,33 @@ class Linearised:
             for name, (first, r) in model.alike[omega].items():
                 total[name] -= (r * slopes[first]).real
         return np.concatenate([*total.values(), self._of_boundary(adjoints)])
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(Re Σ w̄ · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
+        model, turned, driven = self.model, self.model.turned, self.model.held(direction)
+        turned.aim(direction)
+        pairs: dict[float, tuple[list[Pair], list[Pair]]] = {}
+        rests = []
+        for k, (adjoint, _) in enumerate(self._adjoints(w)):
+            omega, wave = model.body.waves[k].omega, self.waves[k]
+            pushed = turned.times(omega, wave) + (self.factors.apply(k, driven[k]) if driven[k].any() else 0.0)
+            bent = turned.times(omega, adjoint)
+            change, other = driven[k] - self.factors.solve(k, pushed), -self.factors.solve(k, bent)
+            both, same = pairs.setdefault(omega, ([], []))
+            both += [(wave, other), (change, adjoint)]
+            same.append((wave, adjoint))
+            rests.append((other, -bent[model.driving] - self.factors.reactions(k, other, model.driving)))
+        model.solves.adjoint += len(rests)
+        model.solves.incremental += 2 * len(rests)
+        total = {name: np.zeros(field.space.ndof) for name, field in model.fields.items()}
+        for omega, (both, same) in pairs.items():
+            slopes = {}
+            for name in model.firsts(omega):
+                moved = model.slope(omega, name)(both[::2]) + model.slope(omega, name)(both[1::2])
+                slopes[name] = moved + turned.slope(omega, name, same)
+            for name, (first, r) in model.alike[omega].items():
+                total[name] -= (r * slopes[first]).real
+        return np.concatenate([*total.values(), self._of_boundary(rests)])
 
     @property
     def sensitivities(self) -> Sequence[sp.csr_array]:

@@ -31,10 +31,17 @@ def complexified(space: ngs.FESpace) -> ngs.FESpace:
 class Slope:
     """Σ vᵀ (∂A/∂θ_i) u over so many pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form.
 
-    The form is made once: compiled, at the fields' values when it is called.
+    The form is made once: compiled, at the fields' values when it is called. `turn` changes ∂A/∂θ_i, into its derivative say.
     """
 
-    def __init__(self, body: Harmonic, omega: float, field: ngs.GridFunction, pairs: int) -> None:
+    def __init__(
+        self,
+        body: Harmonic,
+        omega: float,
+        field: ngs.GridFunction,
+        pairs: int,
+        turn: Change = lambda work: work,
+    ) -> None:
         space = complexified(field.space)
         self._form = ngs.LinearForm(space)
         self._pairs = [(ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)) for _ in range(pairs)]
@@ -42,6 +49,7 @@ class Slope:
 
         def compiled(work: CoefficientFunction) -> CoefficientFunction:
             changed = change(work)
+            changed = changed if vanishes(changed) else turn(changed)
             return changed if vanishes(changed) else changed.Compile()
 
         for u, v in self._pairs:

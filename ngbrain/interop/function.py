@@ -124,10 +124,9 @@ class ObjectiveFunction:
             return w * point.gradient()
 
     def second(self, x: Array, w: Array, direction: Array) -> Array:
-        """Not known: `InputError`."""
-        raise InputError(
-            "of", "a Reduced", "a Model: second derivatives of J are known as Gauss and Newton have them only"
-        )
+        """w ∇²J δx, the whole Hessian; `InputError` for a model without second derivatives."""
+        with self._at(x) as point:
+            return w * point.hessian(direction)
 
     def product(self, x: Array, direction: Array) -> Array:
         """The Gauss-Newton matrix times δx: two solves for each load."""

@@ -42,9 +42,9 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
     start  a θ (or x) with a solution: it is solved for, as the size of the output has to be known
 
     Complex data are their real parts, then their imaginary parts; arrays are raveled. `apply_hessian` is there for a
-    `Reduced`, by the Gauss-Newton matrix, and for a `Model` whose State has `second`. Where there is no solution J is `BEYOND`,
-    without a slope; data have no value: the client raises an exception with the name and the message of the error, as it does for
-    bad input, and the server goes on.
+    `Model` whose State has `second`, and for a `Reduced`: the whole Hessian of such a model, else the Gauss-Newton matrix. Where
+    there is no solution J is `BEYOND`, without a slope; data have no value: the client raises an exception with the name and the
+    message of the error, as it does for bad input, and the server goes on.
 
     Raises `MissingExtra` without umbridge.
     """
@@ -106,7 +106,7 @@ def model(of: Model | Reduced, start: Array, name: str = "ngbrain") -> Any:
 
 
 class _Walled(ObjectiveFunction):
-    """J that is high where there is no solution, with the Gauss-Newton matrix for its second derivative."""
+    """J that is high where there is no solution, with the Gauss-Newton matrix where a model has no second derivatives."""
 
     def value(self, x: Array) -> Array:
         try:
@@ -121,7 +121,10 @@ class _Walled(ObjectiveFunction):
             return np.zeros(len(x))
 
     def second(self, x: Array, w: Array, direction: Array) -> Array:
-        return w * self.product(x, direction)
+        try:
+            return super().second(x, w, direction)
+        except InputError:
+            return w * self.product(x, direction)
 
 
 @contextmanager

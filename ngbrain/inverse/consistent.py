@@ -94,6 +94,10 @@ class Drawn:
         """Its gradient."""
         return self.inner.slope(block) + self.at.T @ (self.pull * (self.at @ block - self.values))
 
+    def second(self, block: Array, direction: Array) -> Array:
+        """The second derivative of both times a direction."""
+        return self.inner.second(block, direction) + self._matrix @ direction
+
 
 @dataclass
 class Shared(Policy):

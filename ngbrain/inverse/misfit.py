@@ -62,6 +62,10 @@ class LeastSquares:
         """`weight` times a change of the data."""
         return self.weight(data) * change
 
+    def second(self, data: Array, change: Array) -> Array:
+        """Φ'' times a change of the data: here the same."""
+        return self.bend(data, change)
+
 
 class Huber(LeastSquares):
     """Φ = Σ ρ(|r|), ρ = ½ r² up to a threshold k and k |r| - ½ k² beyond: outliers pull with a bounded force.
@@ -94,6 +98,13 @@ class Huber(LeastSquares):
     def weight(self, data: Array) -> Array:
         """1/σ², less for outliers (1/m²)."""
         return self._share(data) * super().weight(data)
+
+    def second(self, data: Array, change: Array) -> Array:
+        """Φ'' times a change of the data: nothing along an outlier's residual, k/|r| of the squares' across it."""
+        r = self.residual(data)
+        size = np.maximum(np.abs(r), self.threshold)
+        along = np.where(size > self.threshold, r * (np.conj(r) * change).real / size**2, 0)
+        return self.weight(data) * (change - along)
 
     def _share(self, data: Array) -> Array:
         return self.threshold / np.maximum(np.abs(self.residual(data)), self.threshold)

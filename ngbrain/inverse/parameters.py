@@ -29,6 +29,9 @@ class Transform(Protocol):
     def slope(self, x: Array) -> Array:
         """dθ/dx."""
 
+    def curvature(self, x: Array) -> Array:
+        """d²θ/dx²."""
+
     def inverse(self, theta: Array) -> Array:
         """x; `InputError` for a value that θ cannot take."""
 
@@ -53,6 +56,10 @@ class Log:
 
     def slope(self, x: Array) -> Array:
         """dθ/dx."""
+        return np.exp(x)
+
+    def curvature(self, x: Array) -> Array:
+        """d²θ/dx²."""
         return np.exp(x)
 
     def inverse(self, theta: Array) -> Array:
@@ -86,6 +93,11 @@ class Bounded:
         part = 1 / (1 + np.exp(-x))
         return (self.high - self.low) * part * (1 - part)
 
+    def curvature(self, x: Array) -> Array:
+        """d²θ/dx²."""
+        part = 1 / (1 + np.exp(-x))
+        return (self.high - self.low) * part * (1 - part) * (1 - 2 * part)
+
     def inverse(self, theta: Array) -> Array:
         """x; `InputError` on a bound or beyond."""
         theta = np.asarray(theta)
@@ -107,6 +119,10 @@ class Scaled:
     def slope(self, x: Array) -> Array:
         """dθ/dx."""
         return self.scale * np.ones_like(x)
+
+    def curvature(self, x: Array) -> Array:
+        """d²θ/dx²."""
+        return np.zeros_like(x)
 
     def inverse(self, theta: Array) -> Array:
         """x."""
@@ -174,6 +190,16 @@ class Fields:
             values.append(part.data)
         at = np.concatenate(rows), np.concatenate(columns)
         return sp.coo_array((np.concatenate(values), at), shape=(len(self._theta), len(x))).tocsr()
+
+    def bent(self, x: Array, slope: Array, direction: Array) -> Array:
+        """Σ_i slope_i (∂²θ_i/∂x²) δx."""
+        found = np.zeros(len(x))
+        for name, unknown in self.unknowns.items():
+            block, part = self.blocks[name], slope[self._where[name]]
+            if unknown.basis is not None:
+                part = unknown.basis.T @ part
+            found[block] = part * unknown.transform.curvature(x[block]) * direction[block]
+        return found
 
     def values(self, x: Array) -> dict[str, Array]:
         """Name → the field's unknowns in θ."""

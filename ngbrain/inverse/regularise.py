@@ -42,6 +42,10 @@ class Quadratic:
         """Its gradient."""
         return self._matrix @ (block - self.reference)
 
+    def second(self, block: Array, direction: Array) -> Array:
+        """R times a direction."""
+        return self._matrix @ direction
+
 
 def ridge(reference: Array) -> Quadratic:
     """½ |x - x̄|²: for few values, such as one for each label.
@@ -93,6 +97,9 @@ class Steep:
         squared = ngs.InnerProduct(gradient, gradient).MakeVariable()
         self._energy = energy(squared)
         self._diffusivity = self._energy.Diff(squared)
+        self._along = ngs.GridFunction(space)
+        turned = self._diffusivity.Diff(squared) * ngs.InnerProduct(gradient, ngs.Grad(self._along)) * gradient
+        self._turned = ngs.LinearForm(2 * ngs.InnerProduct(turned, ngs.Grad(space.TestFunction())) * self._gradients.dx)
 
     def matrix(self, block: Array) -> sp.csr_array:
         """R with the diffusivity φ' of these x."""
@@ -109,6 +116,13 @@ class Steep:
     def slope(self, block: Array) -> Array:
         """Its gradient."""
         return self.matrix(block) @ (block - self.reference)
+
+    def second(self, block: Array, direction: Array) -> Array:
+        """The energy's second derivative times a direction: R's, less what a slope that grows costs less."""
+        R = self.matrix(block)  # and the field is that of the block
+        self._along.vec.FV().NumPy()[:] = direction
+        self._turned.Assemble()
+        return R @ direction + self._gradients.scale * self._turned.vec.FV().NumPy()
 
 
 def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -> Steep:

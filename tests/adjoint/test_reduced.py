@@ -1,6 +1,7 @@
 """Gradients and products of J for every misfit, regulariser and change of variables; wrong ones are seen."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import ngsolve as ngs
 import numpy as np
@@ -54,6 +55,27 @@ def test_gradient(misfit, regulariser, transform, rng):
     # Huber's second derivative jumps at the threshold: smaller steps cross it at fewer points.
     first = 1e-3 if misfit == "huber" else 1e-2
     assert np.all(np.abs(rates(reduced, reduced.at(x).gradient(), x, dx, first) - 2) < 0.1)
+
+
+@pytest.mark.parametrize(("misfit", "regulariser", "transform"), list(product(MISFITS, REGULARISERS, TRANSFORMS)))
+def test_the_whole_hessian(misfit, regulariser, transform, rng):
+    """Symmetric, and the gradient's derivative, far from where the data fit."""
+    reduced = problem(misfit, regulariser, transform)
+    x, a = somewhere(reduced, rng)
+    b, point = rng.normal(size=len(x)), reduced.at(x)
+    along_a, along_b = point.hessian(a), point.hessian(b)
+    assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
+    first = 1e-4 if misfit == "huber" else 1e-2  # no residual may cross the threshold
+    rates = taylor(lambda x: reduced.at(x).gradient(), lambda d: reduced.at(x).hessian(d), x, a, 2, first)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_a_model_without_second_derivatives_is_refused():
+    reduced = problem()
+    point = reduced.at(reduced.unknowns.start)
+    point.state = SimpleNamespace(data=point.state.data)
+    with pytest.raises(InputError, match=r"second\(w, direction\)"):
+        point.hessian(point.x)
 
 
 def test_product_is_symmetric_and_positive(rng):

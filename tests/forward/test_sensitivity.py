@@ -305,3 +305,17 @@ def test_a_complex_constant_of_a_wall_is_told():
     for product in (at.gradient, at.pull):
         with pytest.raises(InputError, match="absorbing is made of a complex constant"):
             product(at.data)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_second_derivatives(name, rng):
+    """Symmetric, and those of the gradient, along all fields and what drives the boundary together."""
+    of = MODELS[name]()
+    theta, w = of.theta, wanted(of, rng)
+    there = of.at(theta)
+    a, b = (sum(direction for _, direction in directions(of, rng)) for _ in range(2))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    assert abs(b @ along_a - a @ along_b) < 1e-10 * np.abs(b * along_a).sum()
+    size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.blocks.values()])
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2, 5e-4)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,9 +132,18 @@ def test_second_derivatives(real, waves, inversion, rng):
     f, x, w, dx = function(real), 0.1 * rng.normal(size=8), rng.normal(size=10), rng.normal(size=8)
     rates = taylor(lambda x: f.pull(x, w), lambda d: f.second(x, w, d), x, dx)
     assert np.all(np.abs(rates - 2) < 0.1)
-    for of, at in ((waves, waves.theta), (inversion, inversion.unknowns.start)):
-        with pytest.raises(InputError, match="second derivatives"):
-            function(of).second(at, np.ones(1), at)
+    J, x = function(inversion), inversion.unknowns.start + 0.1
+    dx = rng.normal(size=x.size)
+    same(J.second(x, 2.0, dx), 2 * inversion.at(x).hessian(dx))
+    f, theta = function(waves), waves.theta
+    w, dx = rng.normal(size=f.value(theta).shape) + 0j, theta * rng.normal(size=theta.size)
+    same(f.second(theta, w, dx), waves.at(theta).second(w, dx))
+
+
+def test_second_derivatives_are_refused_where_there_are_none():
+    flat = SimpleNamespace(at=lambda theta: SimpleNamespace(data=theta))
+    with pytest.raises(InputError, match="second derivatives"):
+        function(flat).second(np.ones(1), np.ones(1), np.ones(1))
 
 
 def test_objective_follows_the_weights(inversion):

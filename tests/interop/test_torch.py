@@ -8,6 +8,7 @@ from differentiable import MODULUS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError, MissingExtra
+from ngbrain.forward.sensitivity import Linearised
 from ngbrain.interop.torch import function
 
 SIZE = 1e3
@@ -147,12 +148,21 @@ def test_second_derivatives_of_a_model_that_has_them(torch, real, rng):
     assert torch.autograd.gradgradcheck(function(real), (x,))
 
 
-def test_second_derivatives_are_refused_where_there_are_none(torch, waves, inversion):
-    for of, start in ((waves, waves.theta), (inversion, inversion.unknowns.start)):
-        x = torch.tensor(start, requires_grad=True)
-        (slope,) = torch.autograd.grad(function(of)(x).abs().sum(), x, create_graph=True)
-        with pytest.raises(InputError, match="second derivatives"):
-            slope.sum().backward()
+def test_second_derivatives_of_an_objective(torch, inversion, rng):
+    """Reverse over reverse: the whole Hessian."""
+    start = inversion.unknowns.start + 0.1
+    x, v = torch.tensor(start, requires_grad=True), rng.normal(size=start.size)
+    (slope,) = torch.autograd.grad(function(inversion)(x), x, create_graph=True)
+    (slope @ torch.from_numpy(v)).backward()
+    same(x.grad.numpy(), inversion.at(start).hessian(v))
+
+
+def test_second_derivatives_are_refused_where_there_are_none(torch, monkeypatch, waves):
+    monkeypatch.delattr(Linearised, "second")
+    x = torch.tensor(waves.theta, requires_grad=True)
+    (slope,) = torch.autograd.grad(function(waves)(x).abs().sum(), x, create_graph=True)
+    with pytest.raises(InputError, match="second derivatives"):
+        slope.sum().backward()
 
 
 def test_failed_solve_is_raised(torch, real):

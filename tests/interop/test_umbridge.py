@@ -11,6 +11,7 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import MissingExtra
+from ngbrain.forward.sensitivity import Linearised
 from ngbrain.interop.umbridge import BEYOND, model
 
 HERE = Path(__file__).parent
@@ -56,7 +57,7 @@ def test_round_trip(umbridge, url, waves, around, rng):
     same(client(x)[0], numbers(state.data))
     same(client.gradient(0, 0, x, numbers(w).tolist()), state.gradient(w))
     same(client.apply_jacobian(0, 0, x, dx.tolist()), numbers(state.push(dx)))
-    assert not client.supports_apply_hessian()
+    same(client.apply_hessian(0, 0, 0, x, numbers(w).tolist(), dx.tolist()), state.second(w, dx))
 
 
 def test_objective(umbridge, url, risky, rng):
@@ -66,7 +67,16 @@ def test_objective(umbridge, url, risky, rng):
     assert client([x.tolist()]) == [[point.value]]
     same(client.gradient(0, 0, [x.tolist()], [2.0]), 2 * point.gradient())
     same(client.apply_jacobian(0, 0, [x.tolist()], dx.tolist()), [point.gradient() @ dx])
-    same(client.apply_hessian(0, 0, 0, [x.tolist()], [2.0], dx.tolist()), 2 * point.product(dx))
+    same(client.apply_hessian(0, 0, 0, [x.tolist()], [2.0], dx.tolist()), 2 * point.hessian(dx))
+
+
+def test_what_has_no_second_derivatives(umbridge, waves, inversion, monkeypatch, rng):
+    """Data have no Hessian then, J that of Gauss and Newton."""
+    monkeypatch.delattr(Linearised, "second")
+    assert not model(waves, waves.theta).supports_apply_hessian()
+    x, dx = inversion.unknowns.start, rng.normal(size=inversion.unknowns.start.size)
+    served = model(inversion, x)
+    same(served.apply_hessian(0, 0, 0, [x.tolist()], [2.0], dx.tolist()), 2 * inversion.at(x).product(dx))
 
 
 def test_rates(umbridge, url, waves, around, rng):
