@@ -1,4 +1,4 @@
-# make demo | test | slow | lint | bench | bench-peers | clean          what to pass on: make demo ARGS=--fast
+# make demo | test | slow | lint | bench | bench-peers | bench-peers-gradient | clean    what to pass on: make demo ARGS=--fast
 # Needs make and Python with venv; everything else is installed into .venv.
 
 VENV ?= .venv
@@ -10,7 +10,7 @@ DEBIAN_VENV = $(or $(filter python3.%,$(notdir $(PYTHON))),python3)-venv
 QUADMATH := libquadmath.so.0
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test slow lint bench bench-peers clean check
+.PHONY: demo test slow lint bench bench-peers bench-peers-gradient clean check
 
 demo: $(VENV)/.demo
 	$(BIN)/python -m ngbrain demo $(ARGS)
@@ -35,18 +35,21 @@ bench: $(VENV)/.dev
 		$(BIN)/python $$script --json $(ARGS) > out/bench/$$name.txt && tail -n 1 out/bench/$$name.txt > out/bench/$$name.json \
 		|| exit 1; done
 
-# The solvers that benchmarks compare with, each in an environment of its own; dolfinx needs Python 3.12.
+# The solvers that benchmarks compare with, each in an environment of its own; dolfinx and JAX-FEM need Python 3.12.
 PEERS ?= out/peers
 PEER_PYTHON312 ?= $(shell for p in python3.12 python3.13 python3.14 $(HOME)/.pyenv/versions/3.1[2-9]*/bin/python3; do \
 	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo "$$p" && break; done)
 
 bench-peers: $(PEERS)/felupe/.done $(PEERS)/skfem/.done $(PEERS)/dolfinx/.done
 
+# Those that only gradients are compared with: several GB for torch.
+bench-peers-gradient: $(PEERS)/torchfem/.done $(PEERS)/jaxfem/.done
+
 $(PEERS)/%/.done: interpreter = $(PYTHON)
-$(PEERS)/dolfinx/.done: interpreter = $(PEER_PYTHON312)
+$(PEERS)/dolfinx/.done $(PEERS)/jaxfem/.done: interpreter = $(PEER_PYTHON312)
 $(PEERS)/%/.done: benchmarks/peers/requirements-%.txt | check
 	@python="$(interpreter)"; if test -z "$$python"; then \
-		echo "$* is left out: it needs Python 3.12 or newer; make bench-peers PEER_PYTHON312=/path/to/python3.12"; \
+		echo "$* is left out: it needs Python 3.12 or newer; make $(MAKECMDGOALS) PEER_PYTHON312=/path/to/python3.12"; \
 	else "$$python" -m venv --clear $(@D) && \
 		$(@D)/bin/pip install --quiet --disable-pip-version-check -r $< && \
 		for alone in $(wildcard benchmarks/peers/alone-$*.txt); do \

@@ -44,10 +44,15 @@ def available() -> dict[str, str]:
     """Solvers that can run here, with their Python."""
     found = dict.fromkeys(HERE_TOO, sys.executable)
     for peer in SCRIPTS:
-        folder = environments() / peer
-        if (folder / ".done").exists():
-            found[peer] = str(folder / "bin" / "python")
+        if python := python_of(peer):
+            found[peer] = python
     return found
+
+
+def python_of(peer: str) -> str | None:
+    """Of its environment, where that was made."""
+    folder = environments() / peer
+    return str(folder / "bin" / "python") if (folder / ".done").exists() else None
 
 
 def run(

@@ -47,8 +47,14 @@ CASES = {
 FORMS = (("P1", 16), ("P2", 8), ("P3", 5), ("P4", 4), ("P2/P1", 8), ("P2", 12))
 """Form and cells along a side."""
 OLD, NEW = "ngbrain:adjoint", "ngbrain:adjoint, new factor"
-HAND, TAPE = "dolfinx by hand", "dolfinx-adjoint"
-COLOURS = {OLD: "#0072B2", NEW: "#56B4E9", HAND: "#009E73", TAPE: "#D55E00"}
+PEERS = {
+    "dolfinx": ("dolfinx_gradient.py", ("dolfinx by hand", "dolfinx-adjoint")),
+    "torchfem": ("torchfem_gradient.py", ("torch-fem",)),
+    "jaxfem": ("jaxfem_gradient.py", ("JAX-FEM",)),
+}
+"""Environment → script and methods."""
+COLOURS = {OLD: "#0072B2", NEW: "#56B4E9", "dolfinx by hand": "#009E73", "dolfinx-adjoint": "#D55E00"}
+COLOURS |= {"torch-fem": "#CC79A7", "JAX-FEM": "#E69F00"}
 
 
 def model(case: str, form: str, n: int) -> StaticModel:
@@ -93,7 +99,7 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
     factors, wanted = each.work.factorisations // times, 1.1 * there.data
     symbols, _ = least(lambda: each.by_theta, 1)
     few = implicit_solve.FEW
-    for method, allowed in ((OLD, few), (NEW, 0)):
+    for method, allowed in [(OLD, few), (NEW, 0)][: 1 if case == LINEAR else 2]:
         implicit_solve.FEW = allowed
         gradient, slope = least(lambda: Equilibria(of, theta, there.states).gradient(there.data - wanted), times)
         implicit_solve.FEW = few
@@ -115,35 +121,38 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
         equilibrium()
 
 
-def peers(form: str, n: int, times: int) -> list[Record]:
-    """dolfinx's two ways with the linear cube; where there are none, why."""
-    python = _peers.available().get("dolfinx")
-    if python is None or "/" in form:
-        reason = "not offered: a pressure" if python else "not installed: make bench-peers"
-        known = {"case": "linear", "form": form, "order": int(form[1]), "tetrahedra": 6 * n**3, "ndof": None}
-        nothing = dict.fromkeys(("forward_s", "cpu_s", "ratio", "error"))
-        return [{"method": method, **known, **nothing, "converged": False, "reason": reason} for method in (HAND, TAPE)]
-    script = str(_peers.HERE / "peers" / "dolfinx_gradient.py")
-    done = subprocess.run([python, script, str(n), form[1], str(times)], capture_output=True, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+def peers(name: str, form: str, n: int, times: int) -> list[Record]:
+    """What a peer measures of the linear cube; where it does not, why."""
+    script, methods = PEERS[name]
+    if python := _peers.python_of(name):
+        command = [python, str(_peers.HERE / "peers" / script), str(n), form[1], str(times)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout.splitlines()[-1])
+    known = {"case": LINEAR, "form": form, "order": int(form[1]), "tetrahedra": 6 * n**3, "ndof": None}
+    nothing = dict.fromkeys(("forward_s", "cpu_s", "ratio", "error"))
+    missing = {"converged": False, "reason": "not installed: make bench-peers bench-peers-gradient"}
+    return [{"method": method, **known, **nothing, **missing} for method in methods]
 
 
 def measure(quick: bool) -> list[Record]:
     """All forms and both cases."""
     records: list[Record] = []
-    for case in LAWS:
+    for case in CASES:
         for form, n in FORMS[: 4 if quick else None]:
+            if case == LINEAR and "/" in form:
+                continue  # pressures of ours are those of J
             n, times = (n // 2, 1) if quick else (n, 3)
             records += measured(case, form, n, times)
             if case == LINEAR:
-                records += peers(form, n, times)
+                for name in PEERS:
+                    records += peers(name, form, n, times)
     return records
 
 
 def chart(records: list[Record], png: str) -> None:
     """Bars by form; none where a method has no number."""
-    plt, made, axes = figure(11, 4, len(LAWS))
-    for axis, case in zip(axes, LAWS, strict=True):
+    plt, made, axes = figure(11, 4, len(CASES))
+    for axis, case in zip(axes, CASES, strict=True):
         mine = [r for r in records if r["case"] == case]
         sizes = {(r["form"], r["tetrahedra"]): r["ndof"] for r in mine if r["method"] == OLD}
         methods = [method for method in COLOURS if any(r["method"] == method and r["converged"] for r in mine)]

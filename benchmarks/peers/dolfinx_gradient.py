@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-from collections.abc import Callable
 from typing import Any
 
-from _case import L, cpu
+from _case import L
+from _gradient import BULK, MOVED, arguments, known, off, timed, varied
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -30,7 +29,6 @@ from dolfinx_adjoint import Function as Recorded
 from dolfinx_adjoint import LinearProblem, assemble_scalar
 from petsc4py import PETSc
 
-MU, BULK, MOVED, STEP = 1e3, 9.67e3, (1e-4 * L, 0.0, -1e-3 * L), 1e-3
 LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 
 
@@ -41,8 +39,7 @@ class Cube:
         self.mesh = create_box(MPI.COMM_SELF, [[0.0] * 3, [L] * 3], [n] * 3, CellType.tetrahedron)
         self.V = fem.functionspace(self.mesh, ("Lagrange", order, (3,)))
         self.Q = fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0))
-        size = self.Q.dofmap.index_map.size_local
-        self.moduli = MU * (1 + 0.2 * np.random.default_rng(0).random(size))
+        self.moduli = varied(self.Q.dofmap.index_map.size_local)
         self.bcs = [self._held(0.0, (0.0, 0.0, 0.0)), self._held(L, MOVED)]
 
     def _held(self, z: float, moved: tuple[float, ...]) -> fem.DirichletBC:
@@ -100,7 +97,7 @@ def by_hand(cube: Cube, times: int) -> dict[str, Any]:
         mu.x.array[:] = moduli
         return forward()
 
-    return {"method": "dolfinx by hand", **found, "error": off(cube, at, slope)}
+    return {"method": "dolfinx by hand", **found, "error": off(cube.moduli, at, slope)}
 
 
 def by_tape(cube: Cube, times: int) -> dict[str, Any]:
@@ -124,42 +121,12 @@ def by_tape(cube: Cube, times: int) -> dict[str, Any]:
         return float(reduced(here))
 
     found, slope = timed(forward, lambda: np.array(reduced.derivative().x.array), times)
-    return {"method": "dolfinx-adjoint", **found, "error": off(cube, forward, slope)}
-
-
-def timed(
-    forward: Callable[[], float], gradient: Callable[[], np.ndarray], times: int
-) -> tuple[dict[str, float], np.ndarray]:
-    """CPU seconds of both, the least of several runs after a first; the gradient."""
-    forward(), gradient()
-    spent: list[tuple[float, float]] = []
-    for _ in range(times):
-        begun = cpu()
-        value = forward()
-        between = cpu()
-        slope = gradient()
-        spent.append((between - begun, cpu() - between))
-    solved, derived = (min(each) for each in zip(*spent, strict=True))
-    return {"forward_s": solved, "cpu_s": derived, "ratio": derived / solved, "value": value}, slope
-
-
-def off(cube: Cube, at: Callable[[np.ndarray], float], slope: np.ndarray) -> float:
-    """Of the gradient along a random direction from a central difference."""
-    direction = cube.moduli * np.random.default_rng(2).normal(size=len(cube.moduli))
-    up, down = (at(cube.moduli + s * STEP * direction) for s in (1, -1))
-    return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
+    return {"method": "dolfinx-adjoint", **found, "error": off(cube.moduli, forward, slope)}
 
 
 if __name__ == "__main__":
-    n, order, times = map(int, sys.argv[1:4])
+    n, order, times = arguments()
     cube = Cube(n, order)
-    own = {
-        "case": "linear",
-        "form": f"P{order}",
-        "order": order,
-        "tetrahedra": cube.mesh.topology.index_map(3).size_local,
-        "ndof": 3 * cube.V.dofmap.index_map.size_local,
-        "converged": True,
-        "versions": {"dolfinx": dolfinx.__version__},
-    }
+    tetrahedra, ndof = cube.mesh.topology.index_map(3).size_local, 3 * cube.V.dofmap.index_map.size_local
+    own = known(order, tetrahedra, ndof, {"dolfinx": dolfinx.__version__})
     print(json.dumps([own | by_hand(cube, times), own | by_tape(cube, times)]))
