@@ -22,6 +22,8 @@ NARROW = 0.7
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
+HALF = 0.5
+"""Part of what a higher order changes that halved elements change at least: of an error that falls with their size, half is gone."""
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
 MOST = 1e3
@@ -142,6 +144,8 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
     estimates = {name: estimate(keeper, model, axis) for name, axis in above.items()}
+    if set(ELEMENTS) <= set(estimates) and not model["mesh"].endswith(PART):
+        estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
     return Rung(dict(model), found.answers, found.ndof, estimates, _sum(estimates, above, len(found.answers)))
 
 
@@ -210,6 +214,17 @@ def _floored(rung: Rung, before: list[Rung], axes: Mapping[str, Axis]) -> Rung:
     raised = replace(found, change=np.maximum(np.abs(found.change), floor), how="a part of what the last step changed")
     rung.estimates[name] = raised
     return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
+
+
+def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
+    """Of halved elements, no less than a part of what a higher order changes: both are of the same error.
+
+    Sections of bodies that are pressed far may tell less, where errors of either sign meet.
+    """
+    least = HALF * np.nan_to_num(np.abs(order.change), posinf=0.0)
+    if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= least):
+        return mesh
+    return replace(mesh, change=np.maximum(np.abs(mesh.change), least), how="half of what a higher order would change")
 
 
 def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, Rung, _confirmed, _floored, _next, climb
-from ngbrain.ladder.estimates import Estimate, relative
+from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _floored, _next, climb
+from ngbrain.ladder.estimates import SOLVED, Estimate, relative
 from ngbrain.ladder.rungs import axes_of, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
@@ -170,6 +170,19 @@ def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() ->
     flat = Rung({**model, "space": "plane"}, np.array([1.0]), 1, {}, np.ones(1), ("mesh",))
     rung = Rung(model, np.array([0.92]), 1, {"order": Estimate(np.full(1, 0.001), "guessed")}, np.full(1, 0.001))
     assert _floored(rung, [flat], axes) is rung
+
+
+def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> None:
+    """Both are of the same error. Where they were made smaller in parts, what is left is less."""
+    order, mesh = (
+        Estimate(np.array([0.07, -0.02]), "in the section"),
+        Estimate(np.array([0.016, 0.03]), "in the section", "doubted"),
+    )
+    found = _as_order(mesh, order)
+    assert found.change == pytest.approx([0.035, 0.03]) and found.doubt == "doubted" and "half" in found.how
+    assert _as_order(replace(mesh, how=SOLVED), order).how == SOLVED
+    assert _as_order(mesh, replace(order, change=np.array([0.03, 0.06]))) is mesh
+    assert _as_order(mesh, replace(order, change=np.array([np.inf, 0.0]))) is mesh
 
 
 def test_what_comes_near_the_tolerance_is_said() -> None:
