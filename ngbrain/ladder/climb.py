@@ -23,7 +23,7 @@ NARROW = 0.7
 LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
 HALF = 0.5
-"""Part of what a higher order changes that halved elements change at least: of an error that falls with their size, half is gone."""
+"""Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
 MOST = 1e3
