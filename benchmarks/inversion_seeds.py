@@ -30,7 +30,7 @@ from ngbrain.inverse.phantoms import Phantom
 
 Record = dict
 SEEDS = 10
-CASES = (("CV-G", 0.01), ("CV-G", 0.02), ("CV-G", 0.05), ("NE-G", 0.01), ("CE-B", 0.01))
+CASES = tuple((case, noise) for case in ("CV-G", "NE-G", "CE-B") for noise in (0.01, 0.02, 0.05))
 BOUNDS = {
     ("CV-G", 0.01): {"storage": 0.015, "loss": 0.07},
     ("NE-G", 0.01): {"youngs": 0.03},
