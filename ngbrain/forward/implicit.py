@@ -77,6 +77,8 @@ class StaticModel:
                     _check_supports(name, part, case.body)
         self.equilibria = [Equilibrium(case, self.parts, newton, steps) for case in cases]
         self.slices = places([each.size for each in self.equilibria])
+        self.observed = places([seen.size for each in self.equilibria for seen in each.seen])
+        """Where each observation is in the data."""
         self.solves = Solves()
         self._now: Equilibria | None = None
         self._last: Equilibria | None = None

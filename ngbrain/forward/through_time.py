@@ -23,6 +23,7 @@ from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.harmonic import vanishes
+from ngbrain.forward.implicit_blocks import places
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
 from ngbrain.forward.step_forms import Parameter, StepForms
@@ -91,6 +92,8 @@ class RunModel:
         self.body, self.parameters, self.times = body, dict(parameters), times
         self.forms, self.tangents = StepForms(body, self.parameters), Tangents(body)
         B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
+        self.observed = places([part.shape[0] for part in B])
+        """Where each reading is in a row of the data."""
         self.B, self.Z = sp.csr_array(sp.vstack(B)), sp.csr_array(sp.vstack(Z))
         sizes = [len(_values(p)) for p in self.parameters.values()]
         ends = np.cumsum([0, *sizes])

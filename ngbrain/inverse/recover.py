@@ -1,0 +1,135 @@
+"""Any model inverted by one call: its parameters from what was measured and how noisy that is.
+
+What is usual is taken: values that are positive where the search begins stay so (ln), fields are smooth with the weight at which
+the misfit is what noise leaves, numbers are held by the data alone, Levenberg and Marquardt go down. `Reduced` and the
+optimisers are there for all else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.adjoint.reduced import Reduced, Regulariser
+from ngbrain.errors import InputError, nearest
+from ngbrain.forward.implicit import StaticModel
+from ngbrain.forward.through_time import RunModel
+from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.posterior import Posterior
+from ngbrain.inverse.regularise import smooth
+from ngbrain.inverse.weights import Discrepancy
+
+Array = np.ndarray
+Holds = Callable[[ngs.FESpace, Array], Regulariser]
+FIRST = 0.05
+"""Weight of regularisers to begin with, for each number of data."""
+
+
+@dataclass(eq=False)
+class Recovered:
+    """What was found. The model's parameters have these values now.
+
+    values   name → a number, or the unknowns of a field
+    misfit   over what noise leaves: 1 where the data are fitted as well as it allows, more where the model misses something
+    found    the optimiser's own record
+    problem  the objective, for optimisers and bars of one's own
+    """
+
+    values: dict[str, float | Array]
+    misfit: float
+    found: Found
+    problem: Reduced = field(repr=False)
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """Error bars: `recovered.posterior.band("mu")`. Raises `InputError` where data leave a number open."""
+        return Posterior(self.problem.at(self.found.x))
+
+
+def recover(
+    model: StaticModel | RunModel,
+    measured: Array,
+    noise: float | Array,
+    *,
+    unknowns: Mapping[str, Unknown] | None = None,
+    regulariser: Holds = smooth,
+    tell: Callable[[Iteration], None] = lambda _: None,
+) -> Recovered:
+    """Parameters of a model such that its data are the measured ones, from the values that they have now.
+
+    measured     as `model.at(θ).data`; NaN where nothing was measured
+    noise        relative, of the rms of each observation; or standard deviations, shaped as the data
+    unknowns     name → `Unknown`, where a start or a change of variable is not as usual
+    regulariser  of fields, from their space and where they start: one of `regularise`
+
+    Raises `InputError` for data or noise of another shape, a noise that is not positive, a parameter that starts at nothing and
+    is not among `unknowns`; `ConvergenceError` where no step lowers the misfit; what the model raises at its start.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.implicit import Case
+    >>> from ngbrain.forward.material import Material
+    >>> from ngbrain.forward.observations import Force
+    >>> from ngbrain.forward.static import Static
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> mu = ngs.Parameter(1e3)
+    >>> body = Static(block(), {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": (0, 0, -4e-3)}, form="P2")
+    >>> model = StaticModel([Case(body, [Force("top")])], {"mu": mu})
+    >>> force = model.at(model.theta).data
+    >>> mu.Set(500.0)
+    >>> round(recover(model, force, 0.01).values["mu"], -1), round(mu.Get(), -1)
+    (1000.0, 1000.0)
+    """
+    measured, spaces, given = np.asarray(measured, float), _spaces(model), dict(unknowns or {})
+    for name in given:
+        if name not in model.blocks:
+            raise InputError("unknowns", repr(name), nearest(name, model.blocks))
+    misfit = LeastSquares(measured, _deviations(model, measured, noise))
+    theta = model.theta
+    fields = Fields(
+        theta,
+        model.blocks,
+        {name: given.get(name) or _usual(name, theta[block]) for name, block in model.blocks.items()},
+    )
+    held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
+    problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
+    found = levenberg_marquardt(problem, fields.start, Discrepancy() if held else None, tell)
+    problem.at(found.x)  # the parameters have what was found
+    values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
+    return Recovered(values, found.level.ratio, found, problem)
+
+
+def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:
+    """Of the parameters that are fields."""
+    parts = model.parts if isinstance(model, StaticModel) else model.parameters
+    fields = {name: getattr(part, "gfu", part) for name, part in parts.items()}
+    return {name: gfu.space for name, gfu in fields.items() if isinstance(gfu, ngs.GridFunction)}
+
+
+def _usual(name: str, start: Array) -> Unknown:
+    """What is positive stays so; what is not is looked for in units of its size."""
+    if np.all(start > 0):
+        return Unknown(start, Log())
+    if not np.any(start):
+        wanted = "a start of its size, or `unknowns` with an Unknown(start, Scaled(size))"
+        raise InputError(f"parameters.{name}", "nothing where the search begins", wanted)
+    return Unknown(start, Scaled(float(np.abs(start).max())))
+
+
+def _deviations(model: StaticModel | RunModel, measured: Array, noise: float | Array) -> Array:
+    """Standard deviations of the data."""
+    if np.ndim(noise):
+        return np.asarray(noise, float)
+    if not noise > 0:
+        raise InputError("noise", noise, "a positive part of the rms of each observation, or standard deviations")
+    sigma = np.empty(measured.shape)
+    for where in model.observed:
+        sigma[..., where] = noise * np.sqrt(np.nanmean(measured[..., where] ** 2))
+    return sigma
