@@ -4,7 +4,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from ngsolve.comp import IntegrationRuleSpace
+from quadrature import coarser
 from waves import cube, square
 
 from ngbrain.adjoint.check import dot, taylor
@@ -29,8 +29,8 @@ def field(mesh, name, space=None):
     return made
 
 
-def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, **options):
-    """A WaveModel all of whose moduli are fields."""
+def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, order=1, **options):
+    """A WaveModel all of whose moduli are fields, of an order."""
     mesh = mesh or square(3, SIDE)
     names = {
         "elastic": ["storage"],
@@ -40,7 +40,7 @@ def model(kind="viscoelastic", form="P2", mesh=None, waves=WAVES, **options):
         "bulk": ["storage", "bulk"],
         "density": ["storage", "density"],
     }[kind]
-    fields = {name: field(mesh, name) for name in names}
+    fields = {name: field(mesh, name, ngs.H1(mesh, order=order)) for name in names}
     shear = fields.get("mu") or fields["storage"] * (1 if kind == "elastic" else 1 + 0.3j)
     if "loss" in fields:
         shear = fields["storage"] + 1j * fields["loss"]
@@ -98,6 +98,8 @@ MODELS = {
     "bulk": lambda: model("bulk"),
     "density": lambda: model("density"),
     "mixed": lambda: model(form="P3/P2"),
+    "fields of fourth order": lambda: model(order=4),
+    "mixed, fields of fourth order": lambda: model(form="P3/P2", order=4),
     "mixed fibres": lambda: model("lossy fibres", "P2/P1"),
     "mixed bulk": lambda: model("bulk", "P2/P1"),
     "grid": lambda: model(form="Q1/L2(0)", quadrature=1, mesh=rectangles(*[np.linspace(0, SIDE, 5)] * 2)),
@@ -198,11 +200,12 @@ def without_mass(patch):
 
 
 def coarser_gradient(patch):
+    """By the rule before the right one: no bug where that is exact, as for linear moduli of isotropic tissue."""
     gradient = Linearised.gradient
 
     def wrong(self, w):
         body = self.model.body
-        right, body.rules = body.rules, IntegrationRuleSpace(body.mesh, order=1).GetIntegrationRules()
+        right, body.rules = body.rules, coarser(body.rules)
         found = gradient(self, w)
         body.rules = right
         return found
@@ -239,30 +242,35 @@ def _waves(u):
     return isinstance(u, ngs.GridFunction)
 
 
-BUGS = {
-    conjugated: ("viscoelastic", "storage"),
-    reversed_sign: ("viscoelastic", "loss"),
-    without_mass: ("density", "density"),
-    coarser_gradient: ("viscoelastic", "storage"),
-    stale_factor: ("viscoelastic", "storage"),
-    boundary_twice: ("viscoelastic", BOUNDARY),
-    boundary_forgotten: ("viscoelastic", BOUNDARY),
-}
+BUGS = [
+    (conjugated, "viscoelastic", "storage"),
+    (reversed_sign, "viscoelastic", "loss"),
+    (without_mass, "density", "density"),
+    (coarser_gradient, "fields of fourth order", "storage"),
+    (coarser_gradient, "mixed, fields of fourth order", "loss"),
+    (coarser_gradient, "lossy fibres", "phi"),
+    (coarser_gradient, "density", "density"),
+    (coarser_gradient, "space", "zeta"),
+    (stale_factor, "viscoelastic", "storage"),
+    (boundary_twice, "viscoelastic", BOUNDARY),
+    (boundary_forgotten, "viscoelastic", BOUNDARY),
+]
 
 
-@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.__name__)
-def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
-    kind, block = BUGS[bug]
+@pytest.mark.parametrize(("bug", "kind", "block"), BUGS, ids=[f"{bug.__name__}-{kind}" for bug, kind, _ in BUGS])
+def test_a_bug_lowers_the_rate(bug, kind, block, monkeypatch, rng):
     of = MODELS[kind]()
     theta, weight = of.theta, wanted(of, rng)
     direction = dict(directions(of, rng))[block]
     first = 5e-4 if block != BOUNDARY else 1.0
-    value, gradient = misfit(of, weight)
-    assert taylor(value, gradient(theta), theta, direction, first=first)[-1] > 1.9
+
+    def rates(value, gradient):
+        return taylor(value, gradient(theta), theta, direction, steps=8, first=first)
+
+    assert np.all(rates(*misfit(of, weight)) > 1.9)
     bug(monkeypatch)
-    value, gradient = misfit(MODELS[kind](), weight)  # whose forms are made with the bug
-    rates = taylor(value, gradient(theta), theta, direction, steps=8, first=first)
-    assert rates[-1] < 1.2, rates
+    found = rates(*misfit(MODELS[kind](), weight))  # whose forms are made with the bug
+    assert found[-1] < 1.2, found
 
 
 def test_a_matrix_that_is_not_transposed_fails_the_dot_test(monkeypatch, rng):
