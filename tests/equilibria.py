@@ -1,5 +1,8 @@
 """Small bodies in equilibrium, of any law whose parameters are fields or numbers, as models."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import ngsolve as ngs
 import numpy as np
 from statics import square
@@ -42,6 +45,18 @@ class Mine:
     def energy(self, C):
         shape = ngs.Trace(C) - 3
         return self.stiffness * (shape + self.hardening * shape**2 + ngs.sqrt(1 + shape) - 1)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A rigid plate above, at a height, that is not gone through: a user's load, of an energy and nothing else."""
+
+    height: Any
+    stiffness: Any
+
+    def energy(self, at):
+        depth = at.kinematics.position(at.u)[1] - self.height
+        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.on("top")
 
 
 def along(angle):

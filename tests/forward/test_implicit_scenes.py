@@ -1,12 +1,9 @@
 """Derivatives of equilibria by loads, contact, prescribed displacements; several bodies; what is refused; bugs that are caught."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import ngsolve as ngs
 import numpy as np
 import pytest
-from equilibria import SIDE, directions, field, model, seen, tight, verify, weights
+from equilibria import SIDE, Plate, directions, field, model, seen, tight, verify, weights
 from quadrature import coarser
 from statics import cube, square
 
@@ -25,18 +22,6 @@ from ngbrain.materials import NeoHooke, Ogden
 MESH, SOFT = square(2, size=SIDE), NeoHooke(1e3)
 PRESSED = {"bottom": 0, "top": (0.006, -0.012)}
 CORNER = {"left": (0, None), "bottom": (None, 0)}
-
-
-@dataclass(frozen=True)
-class Plate:
-    """A rigid plate above, at a height, that is not gone through: a user's load, of an energy and nothing else."""
-
-    height: Any
-    stiffness: Any
-
-    def energy(self, at):
-        depth = at.kinematics.position(at.u)[1] - self.height
-        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.on("top")
 
 
 def scene(loads, parameters, supports=None, form="P2/P1", of=SOFT, observations=None, **options):
