@@ -112,6 +112,28 @@ def test_an_equilibrium_without_a_derivative_is_turned_back_from():
         assert fields.theta(found.x) == pytest.approx([1.9], rel=1e-3)
 
 
+class Lost(Unsteady):
+    """Has two solutions and then none: not where it had them before, either."""
+
+    left = 2
+
+    def at(self, theta):
+        self.left -= 1
+        if self.left < 0:
+            raise SolverError("no equilibrium")
+        self.data = theta
+        return self
+
+
+def test_a_solution_that_is_lost_is_told():
+    """One step of length 1, after which 2e-8 are left to go: halved, nothing."""
+    fields = Fields(np.zeros(1), {"theta": slice(0, 1)}, {"theta": Unknown(0.0, Scaled())})
+    misfit = LeastSquares(np.array([1 + 3e-8]), 1e-4)
+    reduced = Reduced(Lost(), misfit, fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
+    with pytest.raises(SolverError, match="no equilibrium"):
+        bfgs(reduced, fields.start, Given())
+
+
 # A law that grows exponentially, its exponent unknown: a step too far overflows.
 
 
@@ -228,6 +250,14 @@ def test_ours_crosses_it_from_a_fifth(optimiser):
     found = optimiser(reduced, reduced.unknowns.start, Given())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
     assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4) and (counted.failed or optimiser is newton_cg)
+
+
+def test_an_absurd_step_leaves_nothing_behind():
+    """The tangent of 1e170 Pa, kept, would give corrections whose squares are nothing."""
+    model, _ = below_a_plate()
+    wanted = model.at([1e4]).data
+    model.at([1e170])
+    assert model.at([1e4]).data == pytest.approx(wanted, rel=1e-9)
 
 
 # Fibres that are pressed bear nothing: data of pressed tissue know nothing of them.
