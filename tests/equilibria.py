@@ -1,10 +1,13 @@
 """Small bodies in equilibrium, of any law whose parameters are fields or numbers, as models."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import ngsolve as ngs
 import numpy as np
 from statics import square
 
-from ngbrain.adjoint.check import taylor
+from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force, Functional
@@ -42,6 +45,18 @@ class Mine:
     def energy(self, C):
         shape = ngs.Trace(C) - 3
         return self.stiffness * (shape + self.hardening * shape**2 + ngs.sqrt(1 + shape) - 1)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A rigid plate above, at a height, that is not gone through: a user's load, of an energy and nothing else."""
+
+    height: Any
+    stiffness: Any
+
+    def energy(self, at):
+        depth = at.kinematics.position(at.u)[1] - self.height
+        return self.stiffness * ngs.IfPos(depth, depth**3, 0.0) * at.on("top")
 
 
 def along(angle):
@@ -155,6 +170,6 @@ def verify(of, rng, first=1e-2):
     sizes = unit(there)
     for name, direction in directions(of, rng):
         change = there.push(direction)
-        assert abs(w @ change - pulled @ direction) < 1e-10 * np.linalg.norm(w) * np.linalg.norm(change), name
+        assert dot(change, pulled, direction, w) < 1e-10, name
         rates = taylor(lambda t: of.at(t).data / sizes, lambda _: change / sizes, theta, direction, 2, first)  # noqa: B023
         assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)

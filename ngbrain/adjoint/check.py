@@ -1,4 +1,4 @@
-"""Taylor tests: is this the derivative of that?"""
+"""Taylor and dot tests: is this the derivative of that, and is this the transpose of that?"""
 
 from __future__ import annotations
 
@@ -41,3 +41,27 @@ def taylor(
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.log2(remainders[:-1] / remainders[1:])
     return np.where(settled[:-1] | settled[1:], 2.0, rates)
+
+
+def dot(push: Array | Callable[[Array], Array], pull: Array | Callable[[Array], Array], dx: Array, w: Array) -> float:
+    """Defect of ⟨J dx, w⟩ = ⟨dx, Jᵀw⟩, the adjoint test: round-off (1e-10 after a solve) if the one is the other's transpose.
+
+    push    J dx, or the function dx ↦ J dx
+    pull    Jᵀw, or the function w ↦ Jᵀw; of complex data Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, as models give it
+    dx, w   direction and weights, at random so that all of them count
+
+    It is relative to Σ |w̄ · J dx| or Σ |dx · Jᵀw|, whichever is larger, so units of data and parameters do not matter. Of
+    complex numbers the real part is compared. With push = pull it says whether a Hessian is symmetric. A pair of products
+    passes it that are transposes and both wrong: `taylor` tells whether J is the derivative.
+
+    >>> J = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    >>> dx, w = np.array([0.3, -0.2]), np.array([1.0, -1.0, 0.5])
+    >>> dot(lambda dx: J @ dx, lambda w: J.T @ w, dx, w) < 1e-14
+    True
+    >>> dot(lambda dx: J @ dx, lambda w: 1.01 * J.T @ w, dx, w) > 1e-3
+    True
+    """
+    forth = np.conj(w) * (push(dx) if callable(push) else push)
+    back = np.conj(dx) * (pull(w) if callable(pull) else pull)
+    size = max(np.abs(forth).sum(), np.abs(back).sum())
+    return float(abs(forth.sum().real - back.sum().real) / size) if size else 0.0

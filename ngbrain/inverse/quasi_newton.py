@@ -36,7 +36,7 @@ BACK = 3.0
 quarter of the step away. A huge value instead, and scipy's L-BFGS interpolates a step of no length and gives up."""
 ARMIJO, WOLFE = 1e-4, 0.9
 NOTHING = 1e-280
-"""A squared slope that is zero but for underflow."""
+"""A squared slope or step that is zero but for underflow."""
 Tell = Callable[[Iteration], None]
 
 
@@ -136,11 +136,13 @@ class _Way:
         return point.value, self._slope
 
     def _turned_back(self, xi: Array) -> tuple[float, Array]:
-        """Where there is no solution: uphill from the last point that had one."""
+        """Where there is no solution: uphill from the last point that had one; there, what it had."""
         last, value, slope = self._solved
         step = xi - last
+        if (square := float(step @ step)) < NOTHING:
+            return value, slope
         rise = abs(float(slope @ step))
-        return value + rise, BACK * rise / float(step @ step) * step
+        return value + rise, BACK * rise / square * step
 
     def product(self, xi: Array, direction: Array) -> Array:
         """The Gauss-Newton matrix by ξ times a direction."""

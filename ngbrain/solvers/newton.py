@@ -77,7 +77,7 @@ class Newton:
         record = NewtonRecord()
         try:
             x = self._iterate(system, x, record)
-        except FloatingPointError as error:
+        except ArithmeticError as error:  # a correction's square, too, may be too small to divide by
             record.reason = str(error)
         if record.reason:
             self.inverse = None

@@ -3,7 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
-from equilibria import SIDE, field
+from equilibria import SIDE, Plate, field, tight
 from ngsolve.solvers import Newton as NgsolveNewton
 from statics import cube, square
 
@@ -112,6 +112,28 @@ def test_an_equilibrium_without_a_derivative_is_turned_back_from():
         assert fields.theta(found.x) == pytest.approx([1.9], rel=1e-3)
 
 
+class Lost(Unsteady):
+    """Has two solutions and then none: not where it had them before, either."""
+
+    left = 2
+
+    def at(self, theta):
+        self.left -= 1
+        if self.left < 0:
+            raise SolverError("no equilibrium")
+        self.data = theta
+        return self
+
+
+def test_a_solution_that_is_lost_is_told():
+    """One step of length 1, after which 2e-8 are left to go: halved, nothing."""
+    fields = Fields(np.zeros(1), {"theta": slice(0, 1)}, {"theta": Unknown(0.0, Scaled())})
+    misfit = LeastSquares(np.array([1 + 3e-8]), 1e-4)
+    reduced = Reduced(Lost(), misfit, fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
+    with pytest.raises(SolverError, match="no equilibrium"):
+        bfgs(reduced, fields.start, Given())
+
+
 # A law that grows exponentially, its exponent unknown: a step too far overflows.
 
 
@@ -147,6 +169,95 @@ def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
     print(optimiser.__name__, np.exp(found.x), counted.failed)
     assert np.exp(found.x) == pytest.approx([5.0], rel=1e-4)
     assert max(counted.failed) > 1e4
+
+
+# Tissue pulled up to a plate, stiffness unknown. On the plate it hardly moves: ln mu changes data by a twentieth of what it does
+# off the plate, so a linear step from there is far too long. Naive: 180 and 1160 times the truth, then next to no stiffness and
+# no equilibrium. Ours: .01 % off.
+
+
+def below_a_plate():
+    mu = ngs.Parameter(1e3)
+    loads = [Plate(0.105, 1e9), Traction("top", (0, 300.0))]
+    body = Static(MESH, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, loads, form="P2/P1")
+    return StaticModel([Case(body, [SEEN])], {"mu": mu}, tight(body)), body
+
+
+def touching(body):
+    """Share of the top that the plate holds."""
+    line = np.linspace(0.01 * SIDE, 0.99 * SIDE, 50)
+    return np.mean([SIDE + body.u(body.mesh(x, SIDE * (1 - 1e-8)))[1] > 0.105 for x in line])
+
+
+def full_steps(reduced, path):
+    """Gauss-Newton, every trial accepted; moduli (Pa) are added to the path."""
+    x = reduced.unknowns.start
+    for _ in range(8):
+        path.append(float(np.exp(x[0])))
+        point = reduced.at(x)
+        x = x - point.gradient() / point.product(np.ones(1))
+    return path
+
+
+SWITCHES = [(1e3, 3e3, 1), (1e4, 2.5e3, 0)]
+"""Start and truth (Pa), and whether tissue touches the plate at the start; at the truth it does not."""
+
+
+@pytest.mark.parametrize(("start", "truth", "touches"), SWITCHES)
+def test_naive_full_steps_across_a_contacts_switch(start, truth, touches):
+    model, body = below_a_plate()
+    reduced, _ = problem(model, model.at([truth]).data, start)
+    assert touching(body) == 0
+    model.at([start])
+    assert touching(body) == touches
+    path = []
+    with pytest.raises(SolverError):
+        full_steps(reduced, path)
+    print(path)
+    assert max(path) > 100 * truth and path[-1] < 1e-6 * truth
+
+
+def test_naive_full_steps_arrive_where_the_contact_does_not_switch():
+    model, _ = below_a_plate()
+    reduced, _ = problem(model, model.at([3e3]).data, 6e3)
+    assert full_steps(reduced, [])[-1] == pytest.approx(3e3, rel=1e-4)
+
+
+@pytest.mark.parametrize(("start", "truth", "touches"), SWITCHES)
+def test_ours_crosses_it(start, truth, touches):
+    model, body = below_a_plate()
+    reduced, counted = problem(model, model.at([truth]).data, start)
+    contact, at = [], counted.at
+
+    def watched(theta):
+        state = at(theta)
+        contact.append(touching(body))
+        return state
+
+    counted.at = watched
+    found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
+    print(found.x, contact, len(found.history))
+    assert np.exp(found.x) == pytest.approx([truth], rel=1e-4) and found.converged
+    assert {0, 1} <= set(contact) and len(contact) > len(found.history) + 3  # trials that were rejected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
+def test_ours_crosses_it_from_a_fifth(optimiser):
+    """Where trials fail, too."""
+    model, _ = below_a_plate()
+    reduced, counted = problem(model, model.at([3e3]).data, 600.0)
+    found = optimiser(reduced, reduced.unknowns.start, Given())
+    print(optimiser.__name__, np.exp(found.x), counted.failed)
+    assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4) and (counted.failed or optimiser is newton_cg)
+
+
+def test_an_absurd_step_leaves_nothing_behind():
+    """The tangent of 1e170 Pa, kept, would give corrections whose squares are nothing."""
+    model, _ = below_a_plate()
+    wanted = model.at([1e4]).data
+    model.at([1e170])
+    assert model.at([1e4]).data == pytest.approx(wanted, rel=1e-9)
 
 
 # Fibres that are pressed bear nothing: data of pressed tissue know nothing of them.
