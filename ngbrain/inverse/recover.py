@@ -1,8 +1,7 @@
 """Any model inverted by one call: its parameters from what was measured and how noisy that is.
 
-What is usual is taken: values that are positive where the search begins stay so (ln), fields are smooth with the weight at which
-the misfit is what noise leaves, numbers are held by the data alone, Levenberg and Marquardt go down. `Reduced` and the
-optimisers are there for all else.
+What is usual is taken: values that are positive where the search begins stay so (ln), fields are smooth, how much by the evidence,
+numbers are held by the data alone, Levenberg and Marquardt go down. `Reduced` and the optimisers are there for all else.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import smooth
-from ngbrain.inverse.weights import Discrepancy
 
 Array = np.ndarray
 Holds = Callable[[ngs.FESpace, Array], Regulariser]
@@ -100,7 +98,7 @@ def recover(
     )
     held = {name: regulariser(space, fields.start[fields.blocks[name]]) for name, space in spaces.items()}
     problem = Reduced(model, misfit, fields, held, dict.fromkeys(held, FIRST * misfit.count))
-    found = levenberg_marquardt(problem, fields.start, Discrepancy() if held else None, tell)
+    found = levenberg_marquardt(problem, fields.start, tell=tell)
     problem.at(found.x)  # the parameters have what was found
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
     return Recovered(values, found.level.ratio, found, problem)
