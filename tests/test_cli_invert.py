@@ -153,10 +153,10 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
         raise SolverError("zone 1 of 2: seen enough")
 
     monkeypatch.setattr("ngbrain.cli.invert.invert_by_subzones", caught)
-    options = ("--subzones", "--threads", 2, "--by-label", "--noise", 0.03, "-q")
+    options = ("--subzones", "--threads", 2, "--by-label", "--noise", 0.03, "--rounds", 3, "-q")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *options)
     assert status == 3 and "zone 1 of 2: seen enough" in lines[0]
-    told = {"processes": 2, "labelled": True, "noise": 0.03, "checkpoint": tmp_path / "out" / "zones"}
+    told = {"processes": 2, "labelled": True, "noise": 0.03, "rounds": 3, "checkpoint": tmp_path / "out" / "zones"}
     assert {name: chosen[name] for name in told} == told
 
 
@@ -199,11 +199,11 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
 
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
     choices = ("--regulariser", "matern", "--weight", "l-curve", "--starts", starts, "--model-error", "0.01", "-q")
-    choices += ("--unknowns", "polar", "--misfit", "huber")
+    choices += ("--unknowns", "polar", "--misfit", "huber", "--rounds", "5")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *choices)
     assert status == 3 and "seen enough" in lines[0]
     told = {"regulariser": "matern", "weight": "l-curve", "levels": levels, "model_error": 0.01, "noise": None}
-    told |= {"unknowns": "polar", "misfit": "huber"}
+    told |= {"unknowns": "polar", "misfit": "huber", "rounds": 5}
     assert {name: chosen[name] for name in told} == told
 
 
@@ -212,6 +212,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
     [
         (["--noise", "-0.1"], ["--noise is -0.1", "0.02"]),
         (["--noise", "nan"], ["--noise is nan"]),
+        (["--rounds", "0"], ["--rounds is 0", "at least 1"]),
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),

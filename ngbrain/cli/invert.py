@@ -21,6 +21,7 @@ from ngbrain.inverse.misfit import MISFITS
 from ngbrain.inverse.outliers import without_outliers
 from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quantities import UNKNOWNS
+from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.inverse.uncertainty import uncertainty
 from ngbrain.inverse.weighting import WEIGHTINGS
@@ -93,6 +94,13 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         "--start",
         choices=("surrogate",),
         help="with measured waves, start from the maps of the trained operator (see `predict`) and nowhere else; in the plane",
+    )
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        metavar="N",
+        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (48 in the "
+        "plane, 16 in space)",
     )
     parser.add_argument(
         "--unknowns",
@@ -198,6 +206,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         unknowns=arguments.unknowns,
         misfit=arguments.misfit,
         start=started.maps if started else None,
+        rounds=arguments.rounds,
         device=arguments.device,
         tell=tell,
     )
@@ -212,6 +221,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Ite
         noise=arguments.noise,
         processes=arguments.threads,
         labelled=arguments.by_label,
+        rounds=arguments.rounds or ROUNDS,
         checkpoint=kept,
         tell=tell,
     )
@@ -226,6 +236,8 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     for option, level in (("--noise", arguments.noise), ("--model-error", arguments.model_error)):
         if level is not None and not 0 <= level <= 10:
             raise InputError(option, level, "relative, from 0 to 10 (0.02: two per cent)")
+    if arguments.rounds is not None and arguments.rounds < 1:
+        raise InputError("--rounds", arguments.rounds, "at least 1")
     if arguments.start and arguments.starts != "auto":
         raise InputError("--starts", arguments.starts, "left out with --start: there is no other start then")
     if arguments.start:

@@ -25,8 +25,8 @@ from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
-from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.starts import at_maps, compared, multiples_of
+from ngbrain.inverse.space import ROUNDS, invert_in_space
+from ngbrain.inverse.starts import at_least_one, at_maps, compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -71,6 +71,7 @@ def invert(
     unknowns: str = "moduli",
     misfit: str | MisfitKind = "squares",
     start: Mapping[str, Array] | None = None,
+    rounds: int | None = None,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
@@ -88,10 +89,11 @@ def invert(
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
+    rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
     device       one of `solvers.device.DEVICES`: cpu, or cuda for factors and solves on a GPU
 
-    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, data that cannot be inverted, a
-    device that is none or not there; `MissingExtra` for cuda without nvmath-python.
+    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, no rounds, data that cannot be
+    inverted, a device that is none or not there; `MissingExtra` for cuda without nvmath-python.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -106,6 +108,9 @@ def invert(
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
+    if rounds is not None:
+        at_least_one(rounds)
+        settling = replace(settling, rounds=rounds)
     where = Device.named(device)
     if data.dim == 3:
         if start is not None:
@@ -122,6 +127,7 @@ def invert(
             unknowns=unknowns,
             misfit=misfit,
             levels=(levels or ()) if uniform else (),
+            rounds=ROUNDS if rounds is None else rounds,
             device=device,
             tell=tell,
         )
@@ -233,7 +239,8 @@ class _Search:
         problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:
-            found = Settling().descend(problem, self.experiment.uniform(easy.unknowns, level), self._tell, SHORT)
+            settling = Settling(rounds=min(SHORT, self.settling.rounds))
+            found = settling.descend(problem, self.experiment.uniform(easy.unknowns, level), self._tell)
         except SolverError:
             return None
         held = easy.unknowns.theta(found.x)[self.experiment.model.blocks[BOUNDARY]]

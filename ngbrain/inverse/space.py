@@ -27,7 +27,7 @@ from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import noise_level, noise_of
 from ngbrain.inverse.quantities import unknowns_of
-from ngbrain.inverse.starts import compared, multiples_of
+from ngbrain.inverse.starts import at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.io.waves import WaveData
 from ngbrain.solvers.device import Device
@@ -77,8 +77,8 @@ def invert_in_space(
 
     `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
 
-    Raises `InputError` for data in the plane, negative noise, a regulariser, unknowns or misfit that are none, labels or a
-    device that are not there.
+    Raises `InputError` for data in the plane, negative noise, no rounds, a regulariser, unknowns or misfit that are none, labels or
+    a device that are not there.
 
     >>> line = np.linspace(0, 0.021, 8)
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -93,6 +93,7 @@ def invert_in_space(
         raise InputError("points", "in the plane", "points in space; `invert` takes those in the plane")
     if regulariser == "auto":
         raise InputError("regulariser", "'auto'", f"one of {', '.join(PRIORS)}: in space one is tried")
+    at_least_one(rounds)
     ((kind, prior),) = priors(regulariser).items()
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:

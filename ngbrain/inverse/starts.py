@@ -37,6 +37,12 @@ def multiples_of(levels: Sequence[float]) -> tuple[float, ...]:
     return tuple(dict.fromkeys(float(each) for each in levels))
 
 
+def at_least_one(rounds: int) -> None:
+    """`InputError` where there are no rounds to go."""
+    if rounds < 1:
+        raise InputError("rounds", rounds, "at least 1")
+
+
 def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
     """What measured waves led to against the ends of uniform fields by their level, None where no step was lower; J decides."""
     kept = Compared(both)

@@ -32,17 +32,18 @@ PASSING = 4
 
 @dataclass(frozen=True)
 class Settling:
-    """Weights that a policy changes with the fields."""
+    """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
 
     policy: Callable[[], Policy] = Evidence
+    rounds: int = 4 * ROUNDS
 
     def from_waves(self, reduced: Reduced, x: Array, waves: Array, tell: Tell) -> Found:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""
         return GaussNewton(reduced, self.policy(), tell).from_waves(x, waves)
 
-    def descend(self, reduced: Reduced, x: Array, tell: Tell, rounds: int = 4 * ROUNDS) -> Found:
+    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
         """`GaussNewton.descend`, likewise."""
-        return GaussNewton(reduced, self.policy(), tell).descend(x, rounds)
+        return GaussNewton(reduced, self.policy(), tell).descend(x, self.rounds)
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class LCurve(Settling):
     above: float = ABOVE
     below: float = BELOW
 
-    def descend(self, reduced: Reduced, x: Array, tell: Tell, rounds: int = 4 * ROUNDS) -> Found:
+    def descend(self, reduced: Reduced, x: Array, tell: Tell) -> Found:
         """From x to the minimum at the corner; `ConvergenceError` where J is lowered at fewer than three weights."""
         middle, misfits, energies, ends = dict(reduced.weights), list[float](), list[float](), list[Found]()
         for factor in np.logspace(self.above, -self.below, self.points):
@@ -79,12 +80,11 @@ class LCurve(Settling):
             raise ConvergenceError("an L-curve of fewer than three points has no corner: try another weight")
         chosen = ends[corner(np.array(misfits), np.array(energies))]
         reduced.weights = dict(chosen.weights)
-        return self._settled(reduced, chosen, tell, rounds)
+        return self._settled(reduced, chosen, tell)
 
-    @staticmethod
-    def _settled(reduced: Reduced, chosen: Found, tell: Tell, rounds: int) -> Found:
+    def _settled(self, reduced: Reduced, chosen: Found, tell: Tell) -> Found:
         try:
-            return GaussNewton(reduced, Given(), tell).descend(chosen.x, rounds)
+            return GaussNewton(reduced, Given(), tell).descend(chosen.x, self.rounds)
         except ConvergenceError:  # there is nothing below
             return chosen
 

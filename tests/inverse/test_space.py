@@ -162,6 +162,7 @@ def test_bad_choices(no_work, choices, words):
     "choices, words",
     [
         ({"noise": -1.0}, "noise"),
+        ({"rounds": 0}, "rounds is 0"),
         ({"model_error": np.nan}, "model_error"),
         ({"regulariser": "auto"}, "regulariser is 'auto'"),
         ({"levels": (0.5, -2.0)}, "levels"),
