@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import hostcudss
 import numpy as np
@@ -303,6 +304,21 @@ def test_progress_says_what_is_under_way_on_a_terminal(capsys, monkeypatch):
         line._started -= 10.0
         line.tell("round 3")
     assert not capsys.readouterr().err
+
+
+def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
+    """Waves with loss of which the real part alone is given: one round is not enough."""
+    data = plane()
+    write_waves(tmp_path / "waves.npz", replace(data, displacement=data.displacement.real))
+    chosen = (*ROUGH[:-1], "--noise", "0.07", "--rounds", "1")
+    status, out, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *chosen)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    kept = result["starts"][result["chosen"]]
+    assert status == 0 and not errors and not result["checks"]["converged"] and not kept["converged"]
+    level = f"the misfit is {kept['misfit']:.4g}, expected are {kept['expected_misfit']:.4g}"
+    assert result["notes"][0].startswith("stopped after 1 round, before") and result["notes"][0].endswith(level)
+    for words in (out, (tmp_path / "out" / "report.html").read_text()):
+        assert "not settled: stopped after 1 round" in words and level in words
 
 
 def test_error_bars(tmp_path, capsys, waves):

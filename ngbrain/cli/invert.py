@@ -264,7 +264,7 @@ def summary(result: dict[str, Any]) -> str:
         median, iqr, error = (text for text, _ in row.cells)
         lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")
     symbols = [parameters.PARAMETERS[name].symbol for name in result["answers"]]
-    heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "CPU s"]
+    heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "settled", "CPU s"]
     lines += ["", f"{'start':<34}" + "".join(f"{head:>11}" for head in heads)]
     for row in parameters.starts(result):
         name = f"{row.name} *" if row.unit else row.name

@@ -46,6 +46,7 @@ class Found:
     converged  whether fields and weights had settled
     count      how many real data there are
     history    an `Iteration` for each
+    stuck      whether no step lowered J any more
     """
 
     x: Array
@@ -55,6 +56,7 @@ class Found:
     converged: bool
     count: int
     history: list[Iteration] = field(default_factory=list)
+    stuck: bool = False
 
     @property
     def cross_validation(self) -> float:

@@ -8,7 +8,7 @@ and goes down in J; from a far start it can end in a local minimum, from where `
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -86,10 +86,12 @@ class GaussNewton:
         return self._down(self.reduced.at(x), rounds, [])
 
     def _down(self, point: Point, rounds: int, history: list[Iteration], settled: bool = False) -> FoundWaves:
+        stuck = False
         for _ in range(0 if settled else rounds):
             conditions, dx, du = self._step(point.x, self._state(point), None)
             step, lower = self._lower(point, dx, du)
             if lower is None:
+                stuck = True
                 break
             point = lower
             moved = step * dx[: self._width]
@@ -101,7 +103,8 @@ class GaussNewton:
                 break
         if not history:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
-        return self._found(point.x, self._state(point).waves, point.state.data, history, settled)
+        found = self._found(point.x, self._state(point).waves, point.state.data, history, settled)
+        return replace(found, stuck=stuck)
 
     def _still(self, history: list[Iteration]) -> bool:
         """Whether more iterations would change nothing that matters, though the fields still move."""
@@ -155,4 +158,4 @@ class GaussNewton:
     def _found(self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool) -> FoundWaves:
         level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
         value = self.misfit.value(data) + self.reduced.regular(x)
-        return FoundWaves(x, value, level, weights, settled, self.misfit.count, history, waves)
+        return FoundWaves(x, value, level, weights, settled, self.misfit.count, history, waves=waves)

@@ -179,6 +179,7 @@ def concluded(
         "resonance_distance": resonance_distance(data, state.factors),
     }
     ratio = best.level.ratio
+    notes[:0] = of_end(best)
     notes += of_misfit(ratio, noise, floor)
     maps = experiment.maps(unknowns, best.x)
     of_plane, combined = of_fibres(data, maps)
@@ -219,6 +220,18 @@ def concluded(
         notes=notes,
         end=End(experiment, problem, best.x),
     )
+
+
+def of_end(found: Found) -> list[str]:
+    """That an inversion stopped before it had settled, and where its misfit is against its expected level."""
+    if found.converged:
+        return []
+    number, level = len(found.history), found.level
+    why = "no step lowered the objective any more" if found.stuck else "more may change the maps"
+    return [
+        f"stopped after {number} round{'s' if number > 1 else ''}, before fields and weights had settled ({why}): "
+        f"the misfit is {level.misfit:.4g}, expected are {level.expected:.4g}"
+    ]
 
 
 def of_misfit(ratio: float, noise: float, floor: float) -> list[str]:

@@ -57,7 +57,7 @@ def levenberg_marquardt(
     """
     ledger = Ledger(reduced, policy, tell, seed)
     history: list[Iteration] = []
-    point, settled, damping = reduced.at(x), False, FIRST
+    point, settled, stuck, damping = reduced.at(x), False, False, FIRST
     for _ in range(rounds):
         metric = Metric.of(point)
         H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
@@ -77,6 +77,7 @@ def levenberg_marquardt(
                 break
             damping, growth = damping * growth, 2 * growth
         else:
+            stuck = True
             break
         assert lower is not None
         H = Dense(lower, metric) if len(x) <= dense else Curvature(lower, metric)
@@ -88,7 +89,7 @@ def levenberg_marquardt(
     if not history:
         raise ConvergenceError("no step lowers the objective from where it starts: try another start")
     level = Level(2 * point.misfit, history[-1].expected)
-    return Found(point.x, point.value, level, dict(reduced.weights), settled, ledger.misfit.count, history)
+    return Found(point.x, point.value, level, dict(reduced.weights), settled, ledger.misfit.count, history, stuck)
 
 
 class Dense(Curvature):

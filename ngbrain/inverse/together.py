@@ -181,8 +181,8 @@ def concluded(
     effect, snr = last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
     body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled)
     of_plane, combined = of_fibres(data, last.maps)
-    notes = [*notes, *_of_zones(found), *of_misfit(level.ratio, noise, floor), *of_few(last.determined), *of_plane]
-    notes += [*of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, noise, floor), *of_few(last.determined)]
+    notes += [*of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,
@@ -225,7 +225,7 @@ def concluded(
     )
 
 
-def _of_zones(found: Sequence[Together]) -> list[str]:
+def _of_zones(found: Sequence[Together], level: Level) -> list[str]:
     last, notes = found[-1], []
     far = {name: off for name, off in last.disagreement.items() if off > APART}
     if far:
@@ -237,7 +237,10 @@ def _of_zones(found: Sequence[Together]) -> list[str]:
         notes.append(f"{of_all} have no map: they are in no element, at the border, or in pieces too small for a zone")
     going = sum(not answer.converged for answer in last.answers)
     if going:
-        notes.append(f"{going} of {len(last.answers)} zones had not settled when their iterations were used up")
+        notes.append(
+            f"{going} of {len(last.answers)} zones stopped before fields and weights had settled: the misfit of all is "
+            f"{level.misfit:.4g}, expected are {level.expected:.4g}"
+        )
     return notes
 
 

@@ -74,12 +74,13 @@ def labels(result: Mapping[str, Any]) -> list[Row]:
 
 
 def starts(result: Mapping[str, Any]) -> list[Row]:
-    """A row for each start: error of every parameter, misfit over its expected level, rounds, CPU time (s)."""
+    """A row for each start: error of every parameter, misfit over its expected level, J, rounds, settled or not, CPU s."""
     rows = []
     for name, start in result["starts"].items():
         errors = [percent(start["answers"][key].get("relative_l2_error")) for key in result["answers"]]
         ratio = number(start["misfit"] / start["expected_misfit"])
-        texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), number(start["cpu_s"])]
+        settled = "yes" if start["converged"] else "no"
+        texts = [*errors, ratio, number(start["objective"], 5), str(start["rounds"]), settled, number(start["cpu_s"])]
         kept = "kept" if name == result["chosen"] else ""
         rows.append(Row(STARTS.get(name, name), kept, [(text, "") for text in texts]))
     return rows
@@ -106,7 +107,7 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
         ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
-        ("Misfit over its expected level", number(checks["misfit_over_expected"])),
+        ("Misfit over its expected level", _misfit(result)),
         ("Detail that the data determine, about", fields),
     ]
     for name, bars in result.get("error_bars", {}).items():
@@ -135,6 +136,13 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         pairs.append(("Data against waves of the truth, their noise included", percent(model["mismatch_at_truth"])))
     done = ", ".join(f"{count} {name}" for name, count in solves.items())
     return [*pairs, ("Solves", done)]
+
+
+def _misfit(result: Mapping[str, Any]) -> str:
+    """Over its expected level; and whether fields and weights had settled there."""
+    chosen = result["starts"][result["chosen"]]
+    rounds, end = chosen["rounds"], "settled" if chosen["converged"] else "not settled: stopped"
+    return f"{number(result['checks']['misfit_over_expected'])}, {end} after {rounds} round{'s' if rounds > 1 else ''}"
 
 
 def percent(value: float | None) -> str:

@@ -8,6 +8,7 @@ import pytest
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.inverse.gauss_newton import GaussNewton
+from ngbrain.inverse.inversion import of_end
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.regularise import total_variation
 from ngbrain.inverse.weights import Discrepancy, Given
@@ -127,6 +128,27 @@ def test_where_waves_have_no_solution_a_step_is_halved():
     found = GaussNewton(inversion.reduced, Given()).descend(start, rounds=1)
     assert refused and 0.025 <= np.abs(found.x - start)[fields].max() <= 0.05
     assert found.history[0].step == pytest.approx(0.5 ** len(refused), rel=1e-9)
+
+
+def test_an_end_says_whether_steps_or_rounds_ran_out():
+    inversion, told = small(), []
+    at = inversion.reduced.at
+
+    def once(x):
+        if told:
+            raise SolverError("singular")
+        return at(x)
+
+    inversion.reduced.at = once
+    stuck = GaussNewton(inversion.reduced, Given(), told.append).descend(inversion.start)
+    assert stuck.stuck and not stuck.converged and len(stuck.history) == 1
+    inversion.reduced.at = at
+    stopped = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=1)
+    assert not stopped.stuck and not stopped.converged
+    for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
+        (note,) = of_end(end)
+        assert note.startswith(f"stopped after 1 round, before fields and weights had settled ({why})")
+    assert uniform(small()).converged and not of_end(uniform(small()))
 
 
 def test_both_starts_end_alike():

@@ -9,6 +9,7 @@ from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.together import Together, _of_zones
+from ngbrain.inverse.weights import Level
 from ngbrain.inverse.zones import cut
 
 LENGTH, CELL = 0.048, 4e-3
@@ -64,6 +65,16 @@ def test_a_map_without_slopes_has_a_weight(bar):
     assert all(np.isfinite(weight) and weight > 0 for weight in found.weights.values())
 
 
+def test_zones_that_have_not_settled_are_said(bar):
+    found = together(*bar, lambda x: np.full(len(x), 8.0), (3.0, 3.0))
+    assert not _of_zones([found], Level(250.0, 100.0))
+    found.answers[1].converged = False
+    level = "the misfit of all is 250, expected are 100"
+    assert _of_zones([found], Level(250.0, 100.0)) == [
+        f"1 of 2 zones stopped before fields and weights had settled: {level}"
+    ]
+
+
 def test_points_without_a_map_are_said(bar):
     found = together(*bar, lambda x: np.where(x[:, 0] < 1e-3, np.nan, 8.0), (3.0, 3.0))
-    assert [note for note in _of_zones([found]) if note.startswith("81 of 2025 points have no map")]
+    assert [note for note in _of_zones([found], Level(2.0, 1.0)) if note.startswith("81 of 2025 points have no map")]
