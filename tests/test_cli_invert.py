@@ -113,14 +113,26 @@ def test_data_in_space(tmp_path, capsys):
     points = grid(9, 8, 8, spacing=3e-3)
     u = shear_waves(points, SHEAR)[None]
     data = WaveData(
-        points, u, [50.0], RHO, "isotropic", "viscoelastic", bulk=2e5, labels=np.repeat([1, 2], len(points) // 2)
+        points, u, [50.0], RHO, "isotropic", "viscoelastic", bulk=2e5, labels=np.repeat([0, 2], len(points) // 2)
     )
     write_waves(tmp_path / "space.npz", data.with_noise(0.02, seed=0))
     assert main(["invert", str(tmp_path / "space.npz"), "-o", str(tmp_path / "out"), "--by-label"]) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["model"]["form"] == "P3" and set(result["by_label"]["storage"]) == {"1", "2"}
+    assert result["model"]["form"] == "P3" and set(result["model"]["weights"]) >= {"storage 0", "storage 2"}
     assert result["answers"]["storage"]["median"] == pytest.approx(SHEAR.real, rel=0.1)
-    assert (tmp_path / "out" / "report.html").exists()
+    with np.load(tmp_path / "out" / "maps.npz") as file:
+        G = file["storage"] + 1j * file["loss"]
+    wanted = {"storage": G.real, "loss": G.imag, "magnitude": np.abs(G), "phase": np.angle(G)}
+    wanted |= {"damping_ratio": G.imag / G.real / 2, "stiffness": RHO / np.sqrt(RHO / G).real ** 2}
+    assert set(result["by_label"]) == set(wanted)
+    for name, values in wanted.items():  # of both labels that have fields, 0 too
+        for label, own in zip(("0", "2"), np.split(values, 2), strict=True):
+            low, median, high = np.percentile(own, (25, 50, 75))
+            told = result["by_label"][name].pop(label)
+            assert (told["median"], told["iqr"]) == pytest.approx((median, high - low)), (name, label)
+        assert not result["by_label"][name]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert '<th scope="row">0</th>' in page and "ρc² (kPa)" in page
     assert "Storage modulus" in capsys.readouterr().out
 
 

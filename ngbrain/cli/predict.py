@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError, require
-from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.direct import uniform_shear
-from ngbrain.inverse.files import IMAGES, write_maps
+from ngbrain.inverse.files import write_maps
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
@@ -59,11 +59,12 @@ def run(arguments: argparse.Namespace) -> None:
         found = predict(data, operator)
     folder.mkdir(parents=True, exist_ok=True)
     maps, deviations, notes = at_level(found)
+    follows = following(found.data, maps)
     arrays = {
         "points": found.data.points,
         **maps,
         **{f"{name}_deviation": values for name, values in deviations.items()},
-        **following(found.data, maps),
+        **follows,
         "measured": np.where(found.data.mask[:, None], found.data.displacement, np.nan),
     }
     card = operator.card.told
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> None:
         "threads": arguments.threads,
         "time_s": time.monotonic() - started,
         "answers": {name: each | {"trusted": found.trusted} for name, each in answers(found.data, maps).items()},
-        "by_label": {} if labels is None else {name: by_label(values, labels) for name, values in maps.items()},
+        "by_label": {} if labels is None else {name: by_label(v, labels) for name, v in {**maps, **follows}.items()},
         "solves": vars(found.solves),
         "checks": {"score": found.score, **found.scores},
         "trust": {
@@ -94,7 +95,7 @@ def run(arguments: argparse.Namespace) -> None:
         },
         "notes": notes,
     }
-    images = [name for name in arrays if name in (*maps, *IMAGES) or name.endswith("_deviation")]
+    images = [name for name in arrays if name in (*maps, *FOLLOWING) or name.endswith("_deviation")]
     result = write_maps(folder, found.data, arrays, images, told)
     report = prediction.build(folder / "report.html", result, found.data, arrays)
     if not arguments.quiet:
@@ -152,7 +153,7 @@ def following(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarr
         return {}
     shear = maps["storage"] + 1j * maps["loss"] if "storage" in maps else np.real(data.shear_of(maps["youngs"]))
     modulus = derived(shear)
-    return {name: modulus[name] for name in IMAGES}
+    return {name: modulus[name] for name in FOLLOWING}
 
 
 def summary(result: dict[str, Any]) -> str:

@@ -11,6 +11,8 @@ from ngbrain.inverse.discretise import without_scale
 from ngbrain.io.waves.data import WaveData
 
 PARAMETERS = ("youngs", "storage", "loss", "mu", "zeta", "phi")
+FOLLOWING = ("magnitude", "phase", "damping_ratio", "stiffness")
+"""Of `derived`, what stands beside the parameters."""
 RATIOS = ("zeta", "phi")
 
 
@@ -55,12 +57,13 @@ def spread(values: np.ndarray) -> dict[str, float]:
 
 
 def by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, float]]:
-    """`spread` of the real values (n,) at the points of each label (n,); label 0 is none.
+    """`spread` of the real values (n,) at the points of each label (n,), 0 as any other; without labels that have no value.
 
-    >>> by_label(np.array([1.0, 2.0, 4.0]), np.array([1, 1, 2]))
-    {1: {'median': 1.5, 'iqr': 0.5}, 2: {'median': 4.0, 'iqr': 0.0}}
+    >>> by_label(np.array([1.0, 2.0, 4.0, np.nan]), np.array([0, 0, 2, 3]))
+    {0: {'median': 1.5, 'iqr': 0.5}, 2: {'median': 4.0, 'iqr': 0.0}}
     """
-    return {int(label): spread(values[labels == label]) for label in np.unique(labels) if label}
+    found = {int(label): spread(values[labels == label]) for label in np.unique(labels)}
+    return {label: each for label, each in found.items() if each}
 
 
 def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:

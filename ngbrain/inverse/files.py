@@ -15,9 +15,6 @@ from ngbrain.io.json_file import write_json
 from ngbrain.io.waves import WaveData, write_map
 from ngbrain.io.whole import whole
 
-IMAGES = ("magnitude", "phase", "damping_ratio", "stiffness")
-"""Written as images beside the parameters, where the data came from one."""
-
 
 def write_inversion(
     folder: Path, inversion: Inversion, bars: Uncertainty | None = None, **of_the_run: Any
@@ -32,10 +29,9 @@ def write_inversion(
     Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
     """
     arrays = inversion.arrays() | (bars.arrays() if bars else {})
+    images = *inversion.maps, *inversion.following
     told = {"error_bars": bars.result()} if bars else {}
-    return write_maps(
-        folder, inversion.data, arrays, (*inversion.maps, *IMAGES), {**of_the_run, **inversion.result(), **told}
-    )
+    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.result(), **told})
 
 
 def write_maps(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
-from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
@@ -85,9 +85,17 @@ class Inversion:
 
     @property
     def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
-        """Name of a map → label → median and IQR; empty without labels."""
+        """Name of a map, or of what follows from the maps → label → median and IQR; empty without labels."""
         labels = self.data.labels
-        return {} if labels is None else {name: by_label(values, labels) for name, values in self.maps.items()}
+        if labels is None:
+            return {}
+        return {name: by_label(values, labels) for name, values in {**self.maps, **self.following}.items()}
+
+    @property
+    def following(self) -> dict[str, Array]:
+        """Maps (n,) that follow from those found: of G*, or of μ where there are fibres, and of fibres `moduli_of_fibres`."""
+        modulus = derived(self._shear())
+        return {**moduli_of_fibres(self.maps), **{name: modulus[name] for name in FOLLOWING}}
 
     def arrays(self) -> dict[str, Array]:
         """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
@@ -96,12 +104,10 @@ class Inversion:
         `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
         and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
         """
-        modulus = derived(self._shear())
-        follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
         measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
         residual = (measured - self.predicted) / noise_of(self.data, self.noise)
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
-        return {"points": self.data.points, **self.maps, **moduli_of_fibres(self.maps), **follows, **waves}
+        return {"points": self.data.points, **self.maps, **self.following, **waves}
 
     def _shear(self) -> Array:
         if "storage" in self.maps:

@@ -110,7 +110,7 @@ class Uncertainty:
         labels = self.data.labels
         if labels is None:
             return {}
-        numbers = [int(label) for label in np.unique(labels[self.experiment.inside]) if label]
+        numbers = [int(label) for label in np.unique(labels[self.experiment.inside])]
         return {name: {label: self.mean(name, labels == label) for label in numbers} for name in self.found.maps}
 
     def arrays(self) -> dict[str, Array]:

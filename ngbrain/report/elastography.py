@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ngbrain.inverse.answers import at_level
+from ngbrain.inverse.answers import FOLLOWING, at_level
 from ngbrain.inverse.discretise import without_scale
 from ngbrain.io.waves import WaveData
 from ngbrain.report import parameters
@@ -28,7 +28,6 @@ FAINT = 0.1
 """Imaginary parts below this share of the whole, as of waves without loss, are not drawn."""
 SIGMAS = 4.0
 """Residuals are drawn from minus to plus this many standard deviations."""
-FOLLOWING = ("magnitude", "phase", "damping_ratio", "stiffness")
 
 
 def build(
@@ -60,6 +59,7 @@ def build(
         space=data.dim == 3,
         symbols=[PARAMETERS[name].symbol for name in result["answers"]],
         parameters=parameters.parameters(result),
+        label_heads=parameters.label_heads(result),
         labels=parameters.labels(result),
         starts=parameters.starts(result),
         facts=[*given(data), *parameters.facts(result)],

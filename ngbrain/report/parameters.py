@@ -21,7 +21,12 @@ class Parameter:
     @property
     def label(self) -> str:
         """Name, symbol and unit."""
-        return f"{self.name} {self.symbol}" + (f" ({self.unit})" if self.unit else "")
+        return f"{self.name} {self.head}"
+
+    @property
+    def head(self) -> str:
+        """Symbol and unit."""
+        return self.symbol + (f" ({self.unit})" if self.unit else "")
 
 
 PARAMETERS = {
@@ -31,6 +36,8 @@ PARAMETERS = {
     "mu": Parameter("Shear modulus across fibres", "μ", "kPa", 1e-3),
     "zeta": Parameter("Tensile anisotropy", "ζ"),
     "phi": Parameter("Shear anisotropy", "φ"),
+    "shear_along": Parameter("Shear along fibres", "μ(1+φ)", "kPa", 1e-3),
+    "shear_stretch": Parameter("Shear by stretch along fibres", "μ(1+ζ)", "kPa", 1e-3),
     "magnitude": Parameter("Magnitude", "|G*|", "kPa", 1e-3),
     "phase": Parameter("Phase angle", "arg G*", "rad"),
     "damping_ratio": Parameter("Damping ratio", "ξ"),
@@ -67,10 +74,21 @@ def parameters(result: Mapping[str, Any]) -> list[Row]:
 
 
 def labels(result: Mapping[str, Any]) -> list[Row]:
-    """A row for each label: median and interquartile range of every map."""
-    found = result.get("by_label") or {}
+    """A row for each label: median and interquartile range of every map that `label_heads` names."""
+    found = _of_labels(result)
     names = sorted({label for each in found.values() for label in each}, key=int)
     return [Row(label, "", [_spread(name, each.get(label) or {}) for name, each in found.items()]) for label in names]
+
+
+def label_heads(result: Mapping[str, Any]) -> list[str]:
+    """Symbols and units of the maps that labels have numbers of."""
+    return [PARAMETERS[name].head for name in _of_labels(result)]
+
+
+def _of_labels(result: Mapping[str, Any]) -> dict[str, Mapping[str, Mapping[str, float]]]:
+    """Map → label → median and IQR, of maps that are not zero everywhere, as loss is of what is elastic."""
+    found = result.get("by_label") or {}
+    return {name: each for name, each in found.items() if any(any(spread.values()) for spread in each.values())}
 
 
 def starts(result: Mapping[str, Any]) -> list[Row]:

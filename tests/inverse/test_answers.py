@@ -23,7 +23,8 @@ def test_maps_that_follow_from_a_modulus(shear, stiffness, ratio):
 def test_medians_are_of_what_is_there():
     values = np.array([1.0, 2, 3, 4, np.nan, 100])
     assert spread(values) == {"median": 3.0, "iqr": 2.0} and spread(values[4:5]) == {}
-    assert by_label(values, np.array([1, 1, 1, 2, 2, 0])) == {
+    assert by_label(values, np.array([1, 1, 1, 2, 3, 0])) == {
+        0: {"median": 100.0, "iqr": 0.0},
         1: {"median": 2.0, "iqr": 1.0},
         2: {"median": 4.0, "iqr": 0.0},
     }

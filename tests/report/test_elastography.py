@@ -72,10 +72,13 @@ def test_a_page_opens_alone_and_says_what_was_found(tmp_path, plane):
 def test_labels_are_in_order_of_their_numbers(plane):
     found = {
         "storage": {"10": {"median": 900.0, "iqr": 5.0}, "2": {"median": 3100.0, "iqr": 50.0}},
-        "loss": {"2": {}, "10": {}},
+        "loss": {"2": {"median": 0.0, "iqr": 0.0}},
+        "phase": {"10": {"median": 0.2, "iqr": 0.01}},
     }
-    assert [(row.name, row.cells) for row in parameters.labels(result_of(plane, by_label=found))] == [
-        ("2", [("3.10", "0.0500"), ("–", "–")]), ("10", [("0.900", "0.00500"), ("–", "–")]),
+    result = result_of(plane, by_label=found)
+    assert parameters.label_heads(result) == ["G′ (kPa)", "arg G* (rad)"]  # what is nothing everywhere is not shown
+    assert [(row.name, row.cells) for row in parameters.labels(result)] == [
+        ("2", [("3.10", "0.0500"), ("–", "–")]), ("10", [("0.900", "0.00500"), ("0.200", "0.0100")]),
     ]  # fmt: skip
 
 
