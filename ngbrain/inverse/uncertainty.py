@@ -126,7 +126,7 @@ class Uncertainty:
                 "mean": vars(self.mean(name)),
                 "by_label": {label: vars(band) for label, band in labels.get(name, {}).items()},
             }
-            for name in self._sought
+            for name in self.found.maps
         }
 
     def _band(self, rows: sp.csr_array, quantity: Quantity, level: float) -> Band:

@@ -119,6 +119,7 @@ def test_storage_and_loss_of_magnitude_and_phase():
     other = bars(data)
     for name in ("storage", "loss"):
         assert found.mean(name).value == pytest.approx(other.mean(name).value, rel=0.1)
+    assert set(found.result()) == {"storage", "loss"} and set(found.arrays()) >= {"magnitude_low", "phase_high"}
     with pytest.raises(InputError, match="map is 'storage'"):
         found.band("storage")
 
