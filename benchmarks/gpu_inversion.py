@@ -175,7 +175,7 @@ def measured(case: str, n: int, quick: bool = False) -> Iterator[Record]:
             "misfit": end.level.ratio,
             "rounds": len(end.history),
             "factorisations": experiment.model.solves.factorisations,
-            "solves": sum(vars(experiment.model.solves).values()) - experiment.model.solves.factorisations,
+            "solves": experiment.model.solves.back_substitutions,
             "seconds": seconds,
             "phases": spent | {"rest": seconds - sum(spent.values())},
             "converged": end.converged,

@@ -36,7 +36,8 @@ def test_files_numbers_and_words(tmp_path, capsys):
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["verb"] == "predict" and result["source"] == "waves.npz" and result["threads"] == 1
     assert {"versions", "seed", "time_s", "checks", "trust", "model", "notes", "files"} <= set(result)
-    assert result["solves"] == {"factorisations": 0, "forward": 0, "adjoint": 0, "incremental": 0}
+    assert set(result["solves"]) >= {"factorisations", "forward", "adjoint", "incremental"}
+    assert not any(result["solves"].values())
     answer = result["answers"]["storage"]
     assert answer["median"] == pytest.approx(6e3, rel=0.1) and answer["relative_l2_error"] < 0.3
     assert set(result["by_label"]["storage"]) == {"1", "2"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> None:
         "time_s": time.monotonic() - started,
         "answers": {name: each | {"trusted": found.trusted} for name, each in answers(found.data, maps).items()},
         "by_label": {} if labels is None else {name: by_label(v, labels) for name, v in {**maps, **follows}.items()},
-        "solves": vars(found.solves),
+        "solves": asdict(found.solves),
         "checks": {"score": found.score, **found.scores},
         "trust": {
             "trusted": found.trusted,

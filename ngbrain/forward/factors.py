@@ -11,6 +11,7 @@ from ngsolve import CoefficientFunction
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
+from ngbrain.forward.solves import Solves
 from ngbrain.solvers.condensed import rows, sparse
 from ngbrain.solvers.device import PIVOTED, Device, Factor
 
@@ -26,10 +27,13 @@ pressures, where round-off grows with K/μ (4e-8 at 10⁸)."""
 
 
 class Factorised:
-    """A body's matrices at its present moduli, one for each frequency: complex-symmetric, all unknowns; factors on demand."""
+    """A body's matrices at its present moduli, one for each frequency: complex-symmetric, all unknowns; factors on demand.
 
-    def __init__(self, body: Harmonic) -> None:
-        self.body = body
+    solves  where they and their back-substitutions are counted
+    """
+
+    def __init__(self, body: Harmonic, solves: Solves | None = None) -> None:
+        self.body, self.solves = body, Solves() if solves is None else solves
         trial, test = body.fes.TnT()
         self._forms: dict[float, ngs.BilinearForm] = {}
         self._factors: dict[float, Factor] = {}
@@ -43,11 +47,6 @@ class Factorised:
             form.Assemble()
             self._forms[omega] = form
         self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
-
-    @property
-    def number(self) -> int:
-        """How many factors were made by now."""
-        return len(self._factors) + len(self.refactored)
 
     def apply(self, number: int, x: Array) -> Array:
         """A x of the wave's matrix."""
@@ -63,21 +62,24 @@ class Factorised:
         """A of the wave."""
         return sparse(self._forms[self.body.waves[number].omega].mat)
 
-    def solve(self, number: int, b: Array) -> Array:
-        """x with (A x - b) = 0 in the free unknowns and x = 0 in the held ones."""
-        x = self._back(number, b)
+    def solve(self, number: int, b: Array, purpose: str = "forward") -> Array:
+        """x with (A x - b) = 0 in the free unknowns and x = 0 in the held ones; `purpose` as `Solves` has them."""
+        x = self._back(number, b, purpose)
         if self.body.waves[number].omega in self.improved:
-            x += self._back(number, b - self.apply(number, x))
+            x += self._back(number, b - self.apply(number, x), "refinements")
         return x
 
-    def _back(self, number: int, b: Array) -> Array:
+    def _back(self, number: int, b: Array, purpose: str) -> Array:
         omega = self.body.waves[number].omega
         if omega not in self._factors:
             self._factors[omega] = self._factor(omega, self.body.device)
+        self.solves.count(purpose)
         return self._factors[omega].solve(b)
 
     def _factor(self, omega: float, device: Device) -> Factor:
-        return device.factor(self._forms[omega].mat, self.body.fes.FreeDofs(), "the harmonic matrix")
+        factor = device.factor(self._forms[omega].mat, self.body.fes.FreeDofs(), "the harmonic matrix")
+        self.solves.factorisations += 1
+        return factor
 
     def driven(self, number: int, g: Array) -> Array:
         """The wave with held unknowns g and its own forces; `SolverError` if no factor solves for it.
@@ -86,22 +88,22 @@ class Factorised:
         """
         omega = self.body.waves[number].omega
         b = self.body.pushed(number) - self.apply(number, g)
-        x, left = self._settled(number, b)
+        x, left = self._settled(number, b, "forward")
         if not left <= FINE and omega not in self.improved:
             self.improved.add(omega)
-            x, left = self._settled(number, b)
+            x, left = self._settled(number, b, "refinements")
         if not left <= ROUGH and omega not in self.refactored:
             self._factors[omega] = self._factor(omega, PIVOTED)
             self.refactored.add(omega)
-            x, left = self._settled(number, b)
+            x, left = self._settled(number, b, "refinements")
         if not left <= ROUGH:
             frequency = self.body.waves[number].frequency
             raise SolverError(f"the matrix of {frequency:g} Hz has no usable factor: a resonance? add loss")
         return x + g
 
-    def _settled(self, number: int, b: Array) -> tuple[Array, float]:
+    def _settled(self, number: int, b: Array, purpose: str) -> tuple[Array, float]:
         """A solution and the part of the load that it leaves."""
-        x = self.solve(number, b)
+        x = self.solve(number, b, purpose)
         with np.errstate(invalid="ignore", over="ignore"):
             left = np.linalg.norm(np.where(self.body.held, 0, b - self.apply(number, x)))
             size = np.linalg.norm(np.where(self.body.held, 0, b))
@@ -126,7 +128,7 @@ class Factorised:
         def inverted(v: Array) -> Array:
             x.FV().NumPy()[:] = np.ravel(v)
             y.data = mass.mat * x
-            return self.solve(number, y.FV().NumPy())
+            return self.solve(number, y.FV().NumPy(), "checks")
 
         operator = LinearOperator((body.fes.ndof,) * 2, matvec=inverted, dtype=complex)
         start = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof)).astype(complex)

@@ -26,6 +26,7 @@ from ngbrain.forward.elements import Form
 from ngbrain.forward.factors import Factorised
 from ngbrain.forward.kinematics import PlaneStrain, Solid, kinematics_of
 from ngbrain.forward.patterns import boundaries
+from ngbrain.forward.solves import Solves
 from ngbrain.materials.base import Value, positive
 from ngbrain.materials.linear import OfSmallStrain
 from ngbrain.solvers.device import CPU, Device
@@ -201,9 +202,9 @@ class Harmonic:
                 integrals.append(work * ngs.ds(wall.boundary, intrules=self.boundary_rules))
         return sum(integrals[1:], integrals[0]) if integrals else None
 
-    def factorised(self) -> Factorised:
-        """Matrices of the moduli as they now are, and their factors."""
-        return Factorised(self)
+    def factorised(self, solves: Solves | None = None) -> Factorised:
+        """Matrices of the moduli as they now are, and their factors, counted in `solves`."""
+        return Factorised(self, solves)
 
     def solve(self) -> list[ngs.GridFunction]:
         """Amplitudes (m, complex), one for each wave; with a pressure its first component is the displacement.

@@ -24,7 +24,7 @@ from ngbrain.forward.implicit_blocks import Block, Held, Nodes, Parameter, block
 from ngbrain.forward.implicit_equilibrium import Case, Equilibrium
 from ngbrain.forward.implicit_solve import Inverses
 from ngbrain.forward.implicit_work import Term
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.solves import Solves
 from ngbrain.forward.static import Static
 from ngbrain.solvers.newton import Newton
 
@@ -109,7 +109,7 @@ class StaticModel:
                 states.append(each.reach(put, None if last is None else last.states[k]))
             finally:
                 self.solves.factorisations += each.work.factorisations - done
-        self.solves.forward += len(states)
+        self.solves.count("forward", len(states))
         self._now = self._last = Equilibria(self, theta, states)
         return self._now
 
@@ -176,7 +176,7 @@ class Equilibria:
             adjoint = self._inverse(k).transposed(b)
             total += by_theta.T @ part - self.sensitivities[k].T @ adjoint
             self._add_held(k, total, lambda k=k, b=b, a=adjoint: b + self._by_state(k, a))  # type: ignore[misc]
-        self.model.solves.incremental += len(self.states)
+        self.model.solves.count("incremental", len(self.states))
         return total
 
     def gradient(self, w: Array) -> Array:
@@ -204,7 +204,7 @@ class Equilibria:
             self._set(k, None, adjoint)
             total += each.by_theta()
             self._add_held(k, total, lambda each=each, b=b: b + each.by_state())  # type: ignore[misc]
-        self.model.solves.incremental += len(self.states)
+        self.model.solves.count("incremental", len(self.states))
         return total
 
     def influence(self, seed: int = 0) -> dict[str, float]:
@@ -257,7 +257,7 @@ class Equilibria:
         if driven.any():
             _put(each.change, driven)
             b -= each.stretched()
-        self.model.solves.incremental += 1
+        self.model.solves.count("incremental")
         return self._inverse(k).solve(b) + driven
 
     def _solved(self, w: Array) -> list[Array]:
@@ -272,7 +272,7 @@ class Equilibria:
                     self._set(k, w, None)
                     b += each.by_state()
                 found.append(self._inverse(k).transposed(b))
-            self.model.solves.adjoint += len(found)
+            self.model.solves.count("adjoint", len(found))
             self._adjoints = np.array(w), found
         return self._adjoints[1]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.forward.loads import Pressure
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.solves import Solves
 from ngbrain.forward.static import Static
 from ngbrain.solvers import linear
 from ngbrain.solvers.condensed import free as free_of

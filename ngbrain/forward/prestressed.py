@@ -31,8 +31,8 @@ from ngbrain.forward.implicit_blocks import Parameter
 from ngbrain.forward.observations import Displacements, Unknowns
 from ngbrain.forward.prestressed_factor import Factor
 from ngbrain.forward.prestressed_work import WaveWork
-from ngbrain.forward.sensitivity import Solves
 from ngbrain.forward.slopes import complexified
+from ngbrain.forward.solves import Solves
 from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Supports
 from ngbrain.materials.base import Value, checked, positive
@@ -162,12 +162,12 @@ class Prestressed:
         waves = []
         for wave, g in zip(model.waves, model.prescribed, strict=True):
             if wave.omega not in self._factors:
-                self._factors[wave.omega] = Factor(model.work.pattern, matrices(wave.omega), free, model.symmetric)
-            waves.append(g + self._factors[wave.omega].solve(-(self._factors[wave.omega].matrix @ g)))
+                entries = matrices(wave.omega)
+                self._factors[wave.omega] = Factor(model.work.pattern, entries, free, model.symmetric, model.solves)
+            factor = self._factors[wave.omega]
+            waves.append(g + factor.solve(-(factor.matrix @ g), "forward"))
         self.waves = np.array(waves)
         self.data = np.array([self._observed(v) for v in waves])
-        model.solves.forward += len(waves)
-        model.solves.factorisations += sum(factor.number for factor in self._factors.values())
 
     def displacement(self, number: int) -> ngs.GridFunction:
         """Amplitudes (m, complex) of a wave, a vector over the mesh at rest."""
@@ -178,31 +178,30 @@ class Prestressed:
     def push(self, direction: Array) -> Array:
         """J δθ, as `data`."""
         moved = self.there.push(direction)
-        self.model.solves.incremental += len(self.waves)
         changes = []
         for wave, (by_state, by_theta) in zip(self.model.waves, self.sensitivities, strict=True):
-            changes.append(self._observed(self._factors[wave.omega].solve(-(by_theta @ direction + by_state @ moved))))
+            b = -(by_theta @ direction + by_state @ moved)
+            changes.append(self._observed(self._factors[wave.omega].solve(b, "incremental")))
         return np.array(changes)
 
     def pull(self, w: Array) -> Array:
         """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `push` uses."""
         of_state, of_theta = np.zeros(len(self.there.data)), np.zeros(self.model.size)
-        for adjoint, (by_state, by_theta) in zip(self._adjoints(w), self.sensitivities, strict=True):
+        adjoints = self._adjoints(w, "incremental")
+        for adjoint, (by_state, by_theta) in zip(adjoints, self.sensitivities, strict=True):
             of_state -= (by_state.T @ adjoint).real
             of_theta -= (by_theta.T @ adjoint).real
-        self.model.solves.incremental += len(self.waves)
         return of_theta + self.there.pull(of_state)
 
     def gradient(self, w: Array) -> Array:
         """The same as `pull` by linear forms: cheaper for a single product."""
-        work, adjoints = self.model.work, self._adjoints(w)
+        work, adjoints = self.model.work, self._adjoints(w, "adjoint")
         self.model.static.bring(self.there)
         of_state, of_theta = np.zeros(len(self.there.data)), np.zeros(self.model.size)
         for wave, v, adjoint in zip(self.model.waves, self.waves, adjoints, strict=True):
             by_state, by_theta = work.slopes(wave.omega, v, adjoint)
             of_state -= by_state
             of_theta -= by_theta
-        self.model.solves.adjoint += len(self.waves)
         return of_theta + self.there.gradient(of_state)
 
     @cached_property
@@ -213,11 +212,11 @@ class Prestressed:
             self.model.work.sensitivity(wave.omega, v) for wave, v in zip(self.model.waves, self.waves, strict=True)
         ]
 
-    def _adjoints(self, w: Array) -> list[Array]:
+    def _adjoints(self, w: Array, purpose: str) -> list[Array]:
         shaped("w", np.shape(w), self.data.shape)
         found = []
         for wave, part in zip(self.model.waves, np.conj(w), strict=True):
-            found.append(self._factors[wave.omega].solve(self.model.observation.T @ np.ravel(part), True))
+            found.append(self._factors[wave.omega].solve(self.model.observation.T @ np.ravel(part), purpose, True))
         return found
 
     def _observed(self, v: Array) -> Array:

@@ -13,7 +13,6 @@ one linear form where only a gradient is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import ngsolve as ngs
@@ -25,21 +24,12 @@ from ngbrain.forward.factors import Factorised, sparse
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.slopes import Pair, Slope, alike, along, complexified
+from ngbrain.forward.solves import Solves
 from ngbrain.forward.wave_curvature import Turned
 
 Array = np.ndarray
 BOUNDARY = "boundary"
 """Name of the block of held displacements: real parts, then imaginary parts, for each wave (m)."""
-
-
-@dataclass
-class Solves:
-    """What was done: factorisations, and back-substitutions by purpose."""
-
-    factorisations: int = 0
-    forward: int = 0
-    adjoint: int = 0
-    incremental: int = 0
 
 
 class WaveModel:
@@ -95,8 +85,6 @@ class WaveModel:
         """Waves of θ, and their derivatives; the fields keep the values of the last call."""
         factors = self._factorised(theta)
         waves = np.array([factors.driven(k, g) for k, g in enumerate(self.held(theta))])
-        self.solves.factorisations += factors.number
-        self.solves.forward += len(waves)
         return Linearised(self, factors, waves)
 
     def around(self, theta: Array, waves: Array) -> Linearised:
@@ -108,7 +96,7 @@ class WaveModel:
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
         for name, field in self.fields.items():
             field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
-        return self.body.factorised()
+        return self.body.factorised(self.solves)
 
     def held(self, theta: Array) -> Array:
         """Boundary values in θ as arrays over all unknowns (waves, ndof)."""
@@ -188,22 +176,19 @@ class Linearised:
             b = -(sensitivity @ fields)
             if driven[k].any():
                 b -= self.factors.apply(k, driven[k])
-            change[k] = self.factors.solve(k, b) + driven[k]
-        self.model.solves.incremental += len(change)
+            change[k] = self.factors.solve(k, b, "incremental") + driven[k]
         return change
 
     def pull(self, w: Array) -> Array:
         """Re(Jᵀ w̄), the gradient of Re Σ w̄ · data, by the matrices that `push` uses."""
-        adjoints = self._adjoints(w)
-        self.model.solves.incremental += len(adjoints)
+        adjoints = self._adjoints(w, "incremental")
         parts = [s.T @ adjoint for s, (adjoint, _) in zip(self.sensitivities, adjoints, strict=True)]
         return np.concatenate([-np.sum(parts, axis=0).real, self._of_boundary(adjoints)])
 
     def gradient(self, w: Array) -> Array:
         """The same as `pull` by one linear form: cheaper for a single product."""
         model = self.model
-        adjoints = self._adjoints(w)
-        model.solves.adjoint += len(adjoints)
+        adjoints = self._adjoints(w, "adjoint")
         pairs: dict[float, list[Pair]] = {}
         for k, (adjoint, _) in enumerate(adjoints):
             pairs.setdefault(model.body.waves[k].omega, []).append((self.waves[k], adjoint))
@@ -220,17 +205,16 @@ class Linearised:
         turned.aim(direction)
         pairs: dict[float, tuple[list[Pair], list[Pair]]] = {}
         rests = []
-        for k, (adjoint, _) in enumerate(self._adjoints(w)):
+        for k, (adjoint, _) in enumerate(self._adjoints(w, "adjoint")):
             omega, wave = model.body.waves[k].omega, self.waves[k]
             pushed = turned.times(omega, wave) + (self.factors.apply(k, driven[k]) if driven[k].any() else 0.0)
             bent = turned.times(omega, adjoint)
-            change, other = driven[k] - self.factors.solve(k, pushed), -self.factors.solve(k, bent)
+            change = driven[k] - self.factors.solve(k, pushed, "incremental")
+            other = -self.factors.solve(k, bent, "incremental")
             both, same = pairs.setdefault(omega, ([], []))
             both += [(wave, other), (change, adjoint)]
             same.append((wave, adjoint))
             rests.append((other, -bent[model.driving] - self.factors.reactions(k, other, model.driving)))
-        model.solves.adjoint += len(rests)
-        model.solves.incremental += 2 * len(rests)
         total = {name: np.zeros(field.space.ndof) for name, field in model.fields.items()}
         for omega, (both, same) in pairs.items():
             slopes = {}
@@ -263,13 +247,13 @@ class Linearised:
             columns[name] = sparse(form.mat)
         return sp.csr_array(sp.hstack([r * columns[first] for first, r in self.model.alike[omega].values()]))
 
-    def _adjoints(self, w: Array) -> list[tuple[Array, Array]]:
+    def _adjoints(self, w: Array, purpose: str) -> list[tuple[Array, Array]]:
         """For each wave λ and what is left of Bᵀ w̄ at the driven unknowns."""
         shaped("w", np.shape(w), self.data.shape)
         found, driving = [], self.model.driving
         for k, part in enumerate(np.conj(w)):
             b = self.model.spread(part)
-            adjoint = self.factors.solve(k, b)
+            adjoint = self.factors.solve(k, b, purpose)
             found.append((adjoint, b[driving] - self.factors.reactions(k, adjoint, driving)))
         return found
 

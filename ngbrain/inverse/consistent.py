@@ -24,6 +24,7 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.points import evaluation
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
@@ -123,13 +124,15 @@ def invert_among(
     floor: float,
     labelled: bool,
     rounds: int,
+    solves: Solves,
     checkpoint: str | os.PathLike[str] | None = None,
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
-    """A zone's maps next to its neighbours'; arguments are those of `invert_in_space`."""
+    """A zone's maps next to its neighbours'; arguments are those of `invert_in_space`, and what solves are counted in."""
     composition = composed(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
     experiment = Experiment(replace(data, displacement=around.waves), elements, composition=composition)
+    experiment.model.solves = solves
     sigma = noise_of(data, noise)
     unknowns = experiment.unknowns(sigma)
     others = (around.foreign > 0.5)[:, None]

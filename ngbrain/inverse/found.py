@@ -10,6 +10,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
+from ngbrain.forward.solves import spent_on
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.weights import Determined, Evidence, Level, Policy
 
@@ -96,10 +97,14 @@ class Ledger:
         """
         probes = np.random.default_rng(self._seed)  # the same each time: without, weights would have no fixed point
         misfit = self.misfit.squares(data)
-        level = Level(misfit, self.misfit.count - factor.determined(probes))
+        with spent_on(self.reduced.model, "traces"):
+            level = Level(misfit, self.misfit.count - factor.determined(probes))
         weights, change = dict(self.reduced.weights), float(np.sqrt(np.mean(moved**2)))
         cpu_s = time.process_time() - self.begun
-        turned = np.inf if step <= FAST else self.policy.update(self.reduced, x, level, factor, probes)
+        turned = np.inf
+        if step > FAST:
+            with spent_on(self.reduced.model, "traces"):
+                turned = self.policy.update(self.reduced, x, level, factor, probes)
         determined = dict(self.policy.determined)
         history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
         self.tell(history[-1])

@@ -124,7 +124,6 @@ class GaussNewton:
         regular = reduced.regular_matrix(x)[:width, :width]
         level = None if self.unknowns.level is None else self.unknowns.level[:width]
         conditions = Optimality(state, jacobian, regular, self.misfit.weight(state.data), self._fixed, level)
-        self.model.solves.factorisations += 1
         residual = np.where(self.misfit.known, self.misfit.measured - state.data, 0)
         dx, du = conditions.step(reduced.regular_slope(x)[:width], residual, balance)
         return conditions, dx, du

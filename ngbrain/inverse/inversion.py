@@ -9,7 +9,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.sensitivity import BOUNDARY, Solves
+from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.experiment import Experiment
@@ -195,7 +196,8 @@ def concluded(
         notes.append(
             "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
         )
-    effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
+    with experiment.model.solves.spent_on("checks"):
+        effect, mismatch = bulk_effect(experiment, unknowns.theta(best.x), noise), _mismatch(experiment)
     notes += [*of_scale(data), of_bulk(effect)]
     checks["bulk_change_over_noise"] = effect
     return Inversion(
@@ -220,7 +222,7 @@ def concluded(
             "inverse_crime": crime,
             "weight": weight,
             **({"errors_of_moduli": combined} if combined else {}),
-            **_mismatch(experiment),
+            **mismatch,
         },
         checks={name: value for name, value in checks.items() if value is not None},
         notes=notes,

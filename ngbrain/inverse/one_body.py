@@ -9,6 +9,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.composition import composed, elements_on
 from ngbrain.inverse.consistent import fields_at, fitted
 from ngbrain.inverse.experiment import Experiment
@@ -27,7 +28,13 @@ LARGEST = 40_000
 
 
 def level_as_one_body(
-    data: WaveData, cells: Lattice, logarithms: Mapping[str, Array], waves: Array, noise: float, labelled: bool
+    data: WaveData,
+    cells: Lattice,
+    logarithms: Mapping[str, Array],
+    waves: Array,
+    noise: float,
+    labelled: bool,
+    solves: Solves,
 ) -> Level | None:
     """Misfit and where it is expected with given maps, the boundary's displacements alone unknown; None for a body too large.
 
@@ -35,6 +42,7 @@ def level_as_one_body(
     logarithms  quantity → ln(value - floor) (n,), NaN where there is none
     waves       (loads, n, dim) m, what the boundary starts from; NaN where there are none
     noise       relative, as `noise_of` takes it
+    solves      where what it takes is counted
 
     The problem for the displacements is linear: one factor, and conjugate gradients with it.
     """
@@ -44,6 +52,7 @@ def level_as_one_body(
     composition = composed(data, elements, labelled)
     start = replace(data, displacement=np.where(np.isnan(waves), data.displacement, waves))
     experiment, sigma = Experiment(start, elements, composition=composition), noise_of(data, noise)
+    experiment.model.solves = solves
     both = experiment.unknowns(sigma)
     x = both.start.copy()
     for name, _, at, values in fields_at(experiment, logarithms):
@@ -53,8 +62,9 @@ def level_as_one_body(
     driven = Unknown(theta[blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
     misfit = LeastSquares(data.displacement[:, experiment.inside], sigma)
     reduced = Reduced(experiment.model, misfit, Fields(theta, blocks, {BOUNDARY: driven}), {}, {})
-    point = reduced.at(reduced.unknowns.start)
-    normal = Normal(point)
-    step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
-    expected = misfit.count - normal.determined(np.random.default_rng(0))
-    return Level(2 * reduced.at(point.x + step).misfit, expected)
+    with solves.spent_on("checks"):
+        point = reduced.at(reduced.unknowns.start)
+        normal = Normal(point)
+        step = normal.solve(-normal.gradient(), PROBED, MOST_PROBED)
+        expected = misfit.count - normal.determined(np.random.default_rng(0))
+        return Level(2 * reduced.at(point.x + step).misfit, expected)

@@ -96,6 +96,7 @@ class Optimality:
         entries = sp.coo_array(whole + sp.diags_array(shift))
         self._shifted = ngs.la.SparseMatrixd.CreateFromCOO(*entries.coords, entries.data, *whole.shape)
         self._factor = body.device.factor(self._shifted, what="the optimality conditions")
+        state.model.solves.factorisations += 1
 
     def _ties(self, weight: Array) -> Array:
         """Of each of a wave's unknowns, were it on the boundary."""
@@ -150,7 +151,8 @@ class Optimality:
             parts += [c.real, c.imag]
         b = np.concatenate([*parts, np.zeros(self._levels)])
         x, left = np.zeros_like(b), b
-        for _ in range(REFINEMENTS):
+        for purpose in ("incremental", *["refinements"] * (REFINEMENTS - 1)):
+            self.state.model.solves.count(purpose)
             x += self._factor.solve(left)
             left = b - self._matrix @ x
             if not np.linalg.norm(left) > ROUGH * 1e-4 * np.linalg.norm(b):

@@ -21,6 +21,7 @@ import numpy as np
 from ngbrain import pool
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer, told
 from ngbrain.inverse.composition import elements_on
 from ngbrain.inverse.consistent import Neighbourhood, invert_among
@@ -189,6 +190,7 @@ def _among(
     tell: pool.Tell,
 ) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
+        solves = Solves()
         try:
             found = invert_among(
                 data,
@@ -199,11 +201,12 @@ def _among(
                 floor=LEAST,
                 labelled=common.labelled,
                 rounds=common.rounds,
+                solves=solves,
                 checkpoint=checkpoint,
                 tell=_named(name, tell),
             )
         except ConvergenceError:  # nothing is lower than where it starts: it has nothing new to say
-            return before
+            return replace(before, solves=solves)
         return Answer.of(found)
 
     return common.kept(name, told(data, cells, replace(common, folder=None), around.known), invert)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
@@ -178,8 +178,8 @@ def concluded(
     names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
     rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
     level = Level(rows[-1].misfit, rows[-1].expected)
-    effect, snr = last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
-    body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled)
+    solves, effect, snr = _solves(found), last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
+    body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled, solves)
     of_plane, combined = of_fibres(data, last.maps)
     notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, noise, floor), *of_few(last.determined)]
     notes += [*of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
@@ -207,7 +207,7 @@ def concluded(
         weights=last.weights,
         determined=last.determined,
         resolution=resolution(volume * known, data.dim, last.determined),
-        solves=_solves(found),
+        solves=solves,
         history=[each for row in rows for each in row.history],
         model={
             "form": answers[0].form,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.sensitivity import Solves
+from ngbrain.forward.solves import Solves
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.looking import Answered, View, answered
 from ngbrain.surrogate.raster import UPRIGHT, Raster

@@ -88,7 +88,7 @@ def test_a_second_factor_where_the_first_is_of_no_use():
     wanted = body(form="P2/P1").solve()[0].vec.FV().NumPy().copy()
     found = (of := body(form="P2/P1", device=SPOILT)).factorised()
     assert found.driven(0, of.prescribed[0]) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
-    assert found.number == 2 and len(found.refactored) == 1
+    assert found.solves.factorisations == 2 and len(found.refactored) == 1
 
 
 def test_no_factor_at_all_is_an_error(monkeypatch):

@@ -231,4 +231,4 @@ def test_a_resonance_without_loss_is_said():
     of = model(neo_hooke)
     there = of.at(of.theta)
     with pytest.raises(SolverError, match="resonance"):
-        Factor(of.work.pattern, 0 * of.work.matrices()(1.0), ~of.held, True).solve(there.waves[0])
+        Factor(of.work.pattern, 0 * of.work.matrices()(1.0), ~of.held, True, of.solves).solve(there.waves[0], "forward")

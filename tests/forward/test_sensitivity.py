@@ -104,7 +104,7 @@ def test_solves_are_counted(rng):
 
 def conjugated(patch):
     back = Linearised._adjoints
-    patch.setattr(Linearised, "_adjoints", lambda self, w: back(self, np.conj(w)))
+    patch.setattr(Linearised, "_adjoints", lambda self, w, purpose: back(self, np.conj(w), purpose))
 
 
 def reversed_sign(patch):

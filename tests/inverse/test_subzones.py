@@ -97,6 +97,8 @@ def test_a_zone_that_finds_nothing_lower_keeps_what_it_had(kept, tmp_path, monke
     monkeypatch.setattr("ngbrain.inverse.subzones.invert_among", stuck)
     again = invert_by_subzones(wave_data(), **ZONES, checkpoint=tmp_path)
     np.testing.assert_array_equal(again.maps["storage"], found.rows[0].maps["storage"])
+    alone = invert_by_subzones(wave_data(), **ZONES, passes=0, checkpoint=tmp_path)
+    assert again.solves == alone.solves and alone.solves.checks > 0  # what was found before is not counted again
 
 
 def test_a_checkpoint_of_another_problem(kept):
