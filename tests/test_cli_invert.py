@@ -12,7 +12,8 @@ from spoiled import spoiled
 
 from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
-from ngbrain.io.waves import WaveData, write_waves
+from ngbrain.inverse.quality import strain_of, where_strained
+from ngbrain.io.waves import WaveData, read_waves, write_waves
 from ngbrain.progress import ProgressLine
 from ngbrain.report.parameters import percent
 
@@ -108,6 +109,11 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
 
     image = nibabel.load(tmp_path / "out" / "youngs.nii.gz")
     assert image.shape == (10, 9, 1) and np.median(np.asarray(image.dataobj)) == pytest.approx(2.8 * 3000, rel=0.03)
+    strain = nibabel.load(tmp_path / "out" / "oss_snr.nii.gz")  # of both loads
+    assert strain.shape == (10, 9, 1, 2) and "oss.nii.gz" in result["files"]
+    with np.load(tmp_path / "out" / "maps.npz") as file:
+        assert file["oss"].shape == (2, 90) and np.median(file["oss_snr"]) == result["checks"]["strain_snr"]
+        np.testing.assert_allclose(np.asarray(strain.dataobj)[..., 0, :].reshape(-1, 2, order="F").T, file["oss_snr"])
     assert set(result["files"]) <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
@@ -228,6 +234,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["--noise", "-0.1"], ["--noise is -0.1", "0.02"]),
         (["--noise", "nan"], ["--noise is nan"]),
         (["--rounds", "0"], ["--rounds is 0", "at least 1"]),
+        (["--oss-snr", "-3"], ["--oss-snr is -3.0", "positive"]),
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),
         (["-o", "waves.npz"], ["-o is waves.npz", "a folder"]),
@@ -318,6 +325,35 @@ def test_progress_says_what_is_under_way_on_a_terminal(capsys, monkeypatch):
         line._started -= 10.0
         line.tell("round 3")
     assert not capsys.readouterr().err
+
+
+def test_what_is_hardly_strained_is_left_out_where_that_is_asked_for(tmp_path, capsys, monkeypatch, waves):
+    taken = []
+
+    def caught(data, elements, **options):
+        taken.append(data)
+        raise SolverError("seen enough")
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
+    snr = strain_of(data := read_waves(waves), 0.02).snr.max(axis=0)
+    least = float(np.quantile(snr, 0.7))
+    status, _, _ = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--oss-snr", least)
+    assert status == 3 and not taken[0].mask.all() and taken[0].mask.sum() > 5
+    np.testing.assert_array_equal(taken[0].mask, where_strained(data, None, least))
+    assert not (taken[0].dirichlet & ~taken[0].mask).any()
+
+
+def test_without_a_component_there_is_no_strain(tmp_path, capsys):
+    data = plane()
+    u = data.displacement.copy()
+    u[:, :, 0] = np.nan
+    write_waves(tmp_path / "axial.npz", replace(data, displacement=u))
+    status, out, errors = run(capsys, tmp_path / "axial.npz", "-o", tmp_path / "out", *ROUGH[:-1], "--rounds", "1")
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    said = "no octahedral shear strain (OSS) where a component is never measured: component x of load 1, component x of load 2"
+    assert status == 0 and not errors and said in result["notes"] and said in out
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "strain_snr" not in result["checks"] and said[1:] in page and 'img alt="Octahedral' not in page
 
 
 def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):

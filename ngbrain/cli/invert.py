@@ -6,9 +6,11 @@ import argparse
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ngbrain.cli.predict import runtime_version, start_of
 from ngbrain.errors import InputError, SolverError, require
@@ -20,6 +22,7 @@ from ngbrain.inverse.invert import invert
 from ngbrain.inverse.misfit import MISFITS
 from ngbrain.inverse.outliers import without_outliers
 from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.quality import where_strained
 from ngbrain.inverse.quantities import UNKNOWNS
 from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
@@ -29,6 +32,7 @@ from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
+from ngbrain.io.waves.grid import hull
 from ngbrain.progress import ProgressLine
 from ngbrain.report import parameters
 from ngbrain.solvers.device import DEVICES, Device
@@ -120,6 +124,13 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         help="leave out displacements that are far off a smooth field",
     )
     parser.add_argument(
+        "--oss-snr",
+        type=float,
+        metavar="LEAST",
+        help="leave out what is around the part whose octahedral shear strain is at least so many times (3, say) its noise in "
+        "some load",
+    )
+    parser.add_argument(
         "--by-label",
         action="store_true",
         help="fields of their own for each label of DATA, which jump where labels meet",
@@ -158,8 +169,7 @@ def run(arguments: argparse.Namespace) -> None:
             line.tell(_round(iteration, len(rounds)))
 
         line.tell("reading")
-        given = int(data.measured.sum())
-        data = without_outliers(data) if arguments.drop_outliers else data
+        data, notes = _usable(data, arguments)
         try:
             inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
             if arguments.bars:
@@ -168,10 +178,7 @@ def run(arguments: argparse.Namespace) -> None:
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
-    if arguments.drop_outliers:
-        left_out = given - int(data.measured.sum())
-        inversion.notes.append(f"{left_out} of {given} displacements are far off a smooth field and left out")
-    inversion.notes += bars.notes if bars else []
+    inversion.notes += notes + (bars.notes if bars else [])
     result = write_inversion(
         folder,
         inversion,
@@ -189,6 +196,21 @@ def run(arguments: argparse.Namespace) -> None:
     report = elastography.build(folder / "report.html", result, inversion.data, inversion.arrays())
     if not arguments.quiet:
         print(summary(result), f"report: {report}", sep="\n")
+
+
+def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
+    """The data without what is to be left out, and what that is."""
+    notes = []
+    if arguments.drop_outliers:
+        given, data = int(data.measured.sum()), without_outliers(data)
+        left_out = given - int(data.measured.sum())
+        notes.append(f"{left_out} of {given} displacements are far off a smooth field and left out")
+    if arguments.oss_snr is not None:
+        strained = where_strained(data, arguments.noise, arguments.oss_snr)
+        words = f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, around the part that is"
+        notes.append(f"{words} strained by {arguments.oss_snr:g} times the noise or more (OSS-SNR)")
+        data = replace(data, mask=strained, dirichlet=hull(data.points, data.structured, strained))
+    return data, notes
 
 
 def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
@@ -238,6 +260,8 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
             raise InputError(option, level, "relative, from 0 to 10 (0.02: two per cent)")
     if arguments.rounds is not None and arguments.rounds < 1:
         raise InputError("--rounds", arguments.rounds, "at least 1")
+    if arguments.oss_snr is not None and not 0 < arguments.oss_snr < np.inf:
+        raise InputError("--oss-snr", arguments.oss_snr, "a positive number, such as 3")
     if arguments.start and arguments.starts != "auto":
         raise InputError("--starts", arguments.starts, "left out with --start: there is no other start then")
     if arguments.start:

@@ -58,7 +58,7 @@ def align(head: Volume, template: Volume) -> Alignment:
     >>> align(other, one).affine[:3, 3].round(3)
     array([ 0.008, -0.01 , 0.004])
     """
-    bright = _largest(ndimage.binary_opening(head.data > _otsu(head.data), iterations=2))
+    bright = largest(ndimage.binary_opening(head.data > _otsu(head.data), iterations=2))
     litres = bright.sum() * head.voxel_volume * 1e3
     if litres < _LEAST:
         raise InputError(
@@ -216,10 +216,11 @@ def foreground(head: Volume) -> np.ndarray:
     '100% of it, 0% of the rest'
     """
     bright = ndimage.binary_opening(head.data > _otsu(head.data) / 2, iterations=2)
-    return np.asarray(ndimage.binary_fill_holes(_largest(bright)))
+    return np.asarray(ndimage.binary_fill_holes(largest(bright)))
 
 
-def _largest(mask: np.ndarray) -> np.ndarray:
+def largest(mask: np.ndarray) -> np.ndarray:
+    """Its largest piece; pieces hang together by faces."""
     pieces, count = ndimage.label(mask)
     return pieces == np.bincount(pieces.ravel())[1:].argmax() + 1 if count else mask
 

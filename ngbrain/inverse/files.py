@@ -29,7 +29,7 @@ def write_inversion(
     Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
     """
     arrays = inversion.arrays() | (bars.arrays() if bars else {})
-    images = *inversion.maps, *inversion.following
+    images = *inversion.maps, *inversion.following, "oss", "oss_snr"
     told = {"error_bars": bars.result()} if bars else {}
     return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.result(), **told})
 
@@ -44,7 +44,7 @@ def write_maps(
     whole(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
     names = images if data.affine is not None else ()
     for name in names:
-        write_map(folder / f"{name}.nii.gz", data, arrays[name])
+        write_map(folder / f"{name}.nii.gz", data, arrays[name].T)  # loads, if there are some, last
     files = ["maps.npz", *(f"{name}.nii.gz" for name in names), "result.json"]
     written: dict[str, Any] = finite({**result, "files": files})
     write_json(folder / "result.json", written)

@@ -16,7 +16,7 @@ from ngbrain.inverse.crime import committed
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
+from ngbrain.inverse.quality import Strain, noise_of, resolution, resonance_distance, strain_of
 from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
 from ngbrain.io.waves import WaveData
 
@@ -56,7 +56,8 @@ class Inversion:
     noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
     regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
     resolution  a hint at the finest detail of each map, m (see `quality`)
-    checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
+    strain      octahedral shear strain of the data, and over its noise
+    checks      name → number: the data's strain over noise (median), distance of a resonance, misfit over its expected level
     notes       what a reader has to know, in words
     end         where error bars start from (`uncertainty`); None of zones
     """
@@ -76,6 +77,7 @@ class Inversion:
     history: list[Iteration]
     model: dict[str, Any]
     checks: dict[str, float | bool]
+    strain: Strain
     notes: list[str] = field(default_factory=list)
     end: End | None = field(default=None, repr=False)
 
@@ -103,12 +105,14 @@ class Inversion:
 
         points, measured, predicted, and residual: measured less predicted over the noise of real and of imaginary parts.
         `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
-        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
+        and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`). `oss` and `oss_snr` (loads, n) are
+        the data's octahedral shear strain, and over its noise, NaN where a component is not measured.
         """
         measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
         residual = (measured - self.predicted) / noise_of(self.data, self.noise)
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
-        return {"points": self.data.points, **self.maps, **self.following, **waves}
+        strain = {"oss": self.strain.oss, "oss_snr": self.strain.snr}
+        return {"points": self.data.points, **self.maps, **self.following, **waves, **strain}
 
     def _shear(self) -> Array:
         if "storage" in self.maps:
@@ -179,10 +183,11 @@ def concluded(
     state = experiment.model.at(unknowns.theta(best.x))
     predicted[:, experiment.inside] = state.data
     mesh, determined = experiment.body.mesh, best.history[-1].determined
+    strain = strain_of(data, noise)
     checks = {
         "misfit_over_expected": best.level.ratio,
         "converged": bool(best.converged),
-        "strain_snr": median_strain_snr(data, noise),
+        "strain_snr": strain.median,
         "resonance_distance": resonance_distance(data, state.factors),
     }
     ratio = best.level.ratio
@@ -225,7 +230,8 @@ def concluded(
             **mismatch,
         },
         checks={name: value for name, value in checks.items() if value is not None},
-        notes=notes,
+        strain=strain,
+        notes=notes + ([strain.note] if strain.note else []),
         end=End(experiment, problem, best.x),
     )
 

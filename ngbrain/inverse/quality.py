@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import KDTree
 
-from ngbrain.errors import NgbrainError
+from ngbrain.errors import InputError, NgbrainError
 from ngbrain.forward.factors import Factorised
-from ngbrain.image.wavefield import gradient_noise, strain_snr
+from ngbrain.image.align import largest
+from ngbrain.image.wavefield import gradient_noise, octahedral_amplitude, strain_snr
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData
 
 STILL = 0.01
 """Part of the largest component's rms below which a component counts as still, see `noise_of`."""
+
+NO_STRAIN = "no octahedral shear strain (OSS)"
 
 
 def noise_of(data: WaveData, relative: float) -> np.ndarray:
@@ -27,26 +32,93 @@ def noise_of(data: WaveData, relative: float) -> np.ndarray:
     return relative * np.maximum(data.rms, least) / np.sqrt(2)
 
 
-def median_strain_snr(data: WaveData, relative: float) -> float | None:
-    """Median of the octahedral shear strain over its noise (`strain_snr`), all loads and points of the mask.
+@dataclass(frozen=True, eq=False)
+class Strain:
+    """Octahedral shear strain of measured waves (the mean over a period; at rest the strain itself) and what there is of it.
 
-    The strain is that of a smooth field, its noise that of central differences over neighbours, as published values are.
-    None where a component is not measured, or no smooth field can be laid through the data.
+    oss   (loads, n), NaN where a component is not measured and at points that do not count
+    snr   (loads, n), over its noise
+    note  why there is none, or none of some loads; empty if nothing is missing
     """
-    if not data.measured[:, data.mask].all() or relative <= 0:
-        return None
+
+    oss: np.ndarray
+    snr: np.ndarray
+    note: str = ""
+
+    @property
+    def median(self) -> float | None:
+        """Of its ratio to noise, over all points and loads; None without any."""
+        known = self.snr[np.isfinite(self.snr)]
+        return float(np.median(known)) if known.size else None
+
+
+def strain_of(data: WaveData, relative: float) -> Strain:
+    """The strain is that of a smooth field, its noise that of central differences over neighbours, as published values are.
+
+    relative   noise of the displacement, as `noise_of` takes it
+
+    >>> line = np.arange(12) * 2e-3
+    >>> grid = np.array([[x, y] for y in line for x in line])
+    >>> u = 1e-5 * np.stack([np.exp(-200j * grid[:, 1]), 0 * grid[:, 0]], axis=1)[None]
+    >>> data = WaveData(grid, u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)
+    >>> shear = 2e-3  # its amplitude: 200/m of 1e-5 m
+    >>> bool(abs(np.median(strain_of(data, 0.01).oss) / (2 / np.pi * np.sqrt(2 / 3) * shear) - 1) < 1e-3)
+    True
+    """
+    known = data.measured & data.mask[:, None]
+    oss, snr = np.full((2, data.loads, len(data.points)), np.nan)
+    never = ~known.any(axis=1)
+    missing = [
+        f"component{'s' if lost.sum() > 1 else ''} {' and '.join(np.array(list('xyz'))[: data.dim][lost])} of load {load + 1}"
+        for load, lost in enumerate(never)
+        if lost.any()
+    ]
+    note = f"{NO_STRAIN} where a component is never measured: {', '.join(missing)}" if missing else ""
+    loads = np.flatnonzero(~never.any(axis=1))
+    if not len(loads):
+        return Strain(oss, snr, note)
     try:
-        gradient = smoothed(data).gradient()[:, data.mask]
-    except NgbrainError:
-        return None
-    if data.structured:
-        spacing = data.structured.spacing @ np.abs(data.structured.axes)
-    else:
-        spacing = np.full(
-            data.dim, np.median(KDTree(data.points[data.mask]).query(data.points[data.mask], k=2)[0][:, 1])
+        gradient = smoothed(data).gradient()
+    except NgbrainError as error:
+        return Strain(oss, snr, f"{NO_STRAIN}, as no smooth field can be laid through the data: {error}")
+    noise = gradient_noise(noise_of(data, relative), _spacing(data))
+    for load in loads:
+        where = known[load].all(axis=1)
+        if data.frequency[load]:
+            mean, at = octahedral_amplitude(gradient[load, where])[1], strain_snr(gradient[load, where], noise[load])[0]
+        else:  # a cosine's mean is 2/π of its peak
+            still = gradient[load, where].real
+            mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, noise[load])[0]
+        oss[load, where], snr[load, where] = mean, at
+    return Strain(oss, snr, note)
+
+
+def where_strained(data: WaveData, noise: float | None, least: float) -> np.ndarray:
+    """Which points (n,) of the mask have a strain of at least so many times its noise, in one load or more.
+
+    noise   relative, None as for `noise_level`
+
+    On a grid the largest piece of these, its holes filled: in nodes of standing waves nothing is strained, yet they are tissue.
+
+    Raises `InputError` where no strain can be told.
+    """
+    strain = strain_of(data, noise_level(data, noise)[0])
+    if strain.median is None:
+        raise InputError(
+            "displacement", strain.note or "without noise", "all components and noise, or no least OSS-SNR"
         )
-    noise = gradient_noise(noise_of(data, relative), spacing)
-    return float(np.median(strain_snr(gradient, noise)[0]))
+    strained, grid = (np.nan_to_num(strain.snr) >= least).any(axis=0), data.structured
+    if grid:
+        strained = grid.flat(ndimage.binary_fill_holes(largest(grid.box(strained))))
+    return np.asarray(data.mask & strained)
+
+
+def _spacing(data: WaveData) -> np.ndarray:
+    """Of neighbours along each axis (dim,) m."""
+    if data.structured:
+        return np.asarray(data.structured.spacing @ np.abs(data.structured.axes))
+    points = data.points[data.mask]
+    return np.full(data.dim, np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
 
 def resonance_distance(data: WaveData, factors: Factorised) -> float | None:

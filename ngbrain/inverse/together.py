@@ -14,7 +14,7 @@ from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.one_body import level_as_one_body
-from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution
+from ngbrain.inverse.quality import noise_of, resolution, strain_of
 from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
@@ -178,7 +178,7 @@ def concluded(
     names = ["zones", *(f"pass {i}" for i in range(1, len(found)))]
     rows = [each.row(name, noise) for name, each in zip(names, found, strict=True)]
     level = Level(rows[-1].misfit, rows[-1].expected)
-    solves, effect, snr = _solves(found), last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
+    solves, effect, strain = _solves(found), last.of_all("bulk_change_over_noise"), strain_of(data, noise)
     body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled, solves)
     of_plane, combined = of_fibres(data, last.maps)
     notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, noise, floor), *of_few(last.determined)]
@@ -186,7 +186,7 @@ def concluded(
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,
-        "strain_snr": snr,
+        "strain_snr": strain.median,
         "misfit_as_one_body": None if body is None else body.ratio,
         "bulk_change_over_noise": effect,
         **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
@@ -221,7 +221,8 @@ def concluded(
             **({"errors_of_moduli": combined} if combined else {}),
         },
         checks={name: value for name, value in checks.items() if value is not None},
-        notes=notes,
+        strain=strain,
+        notes=notes + ([strain.note] if strain.note else []),
     )
 
 

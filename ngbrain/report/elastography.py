@@ -46,6 +46,7 @@ def build(
     pictures |= {
         "maps": maps(result, data, arrays, flat),
         "following": following(arrays, flat),
+        "strain": strain(data, arrays, flat),
         "residuals": residuals(result, arrays["residual"]),
         "convergence": convergence(result),
     }
@@ -128,6 +129,21 @@ def following(arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
         ]
 
     return table(flat, titles, [""] * len(flat), looks)
+
+
+def strain(data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """Octahedral shear strain of each load that is measured whole, and over its noise; nothing without one."""
+    names, loads = ("oss", "oss_snr"), min(data.loads, MOST_LOADS)
+    rows = [(load, plane) for load in range(loads) if np.isfinite(arrays["oss"][load]).any() for plane in flat]
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        shown = [PARAMETERS[name].factor * arrays[name][rows[row][0]] for name in names]
+        return [(window(MODULUS, values), values) for values in shown]
+
+    if not rows:
+        return b""
+    titles = [PARAMETERS[name].label for name in names]
+    return table([plane for _, plane in rows], titles, [load_name(data, load) for load, _ in rows], looks)
 
 
 def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:

@@ -42,6 +42,8 @@ PARAMETERS = {
     "phase": Parameter("Phase angle", "arg G*", "rad"),
     "damping_ratio": Parameter("Damping ratio", "ξ"),
     "stiffness": Parameter("Shear stiffness", "ρc²", "kPa", 1e-3),
+    "oss": Parameter("Octahedral shear strain", "OSS", "10⁻³", 1e3),
+    "oss_snr": Parameter("Its ratio to noise", "OSS-SNR"),
 }
 
 
