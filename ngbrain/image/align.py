@@ -58,7 +58,7 @@ def align(head: Volume, template: Volume) -> Alignment:
     >>> align(other, one).affine[:3, 3].round(3)
     array([ 0.008, -0.01 , 0.004])
     """
-    bright = largest(ndimage.binary_opening(head.data > _otsu(head.data), iterations=2))
+    bright = largest(ndimage.binary_opening(head.data > otsu(head.data), iterations=2))
     litres = bright.sum() * head.voxel_volume * 1e3
     if litres < _LEAST:
         raise InputError(
@@ -195,7 +195,7 @@ def _similar() -> np.ndarray:
 _SIMILAR = _similar()
 
 
-def _otsu(data: np.ndarray) -> float:
+def otsu(data: np.ndarray) -> float:
     """The threshold between dark and bright that parts the grey values best (Otsu 1979, doi:10.1109/TSMC.1979.4310076)."""
     low, high = np.quantile(data, [0.001, 0.995])
     counts, edges = np.histogram(data.clip(low, high), 256)
@@ -215,7 +215,7 @@ def foreground(head: Volume) -> np.ndarray:
     >>> f"{found[ball < 11].mean():.0%} of it, {found[ball > 12].mean():.0%} of the rest"
     '100% of it, 0% of the rest'
     """
-    bright = ndimage.binary_opening(head.data > _otsu(head.data) / 2, iterations=2)
+    bright = ndimage.binary_opening(head.data > otsu(head.data) / 2, iterations=2)
     return np.asarray(ndimage.binary_fill_holes(largest(bright)))
 
 

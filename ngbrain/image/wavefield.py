@@ -1,7 +1,7 @@
 """From the phases of an MR scan to harmonic displacements, and how much strain and noise is in them.
 
-Phase φ(x, t) → `unwrapped` → `displacement` → `harmonic` → `without_rigid` → `strain_snr`. Arrays stand on the voxels of an
-image: its axes first, then whatever the function names.
+Phase φ(x, t) → `unwrapped_through_time` → `displacement` → `harmonic` → `without_rigid` → `strain_snr`. Arrays stand on the voxels
+of an image: its axes first, then whatever the function names.
 """
 
 from __future__ import annotations
@@ -16,8 +16,21 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.special import ellipe
 
 from ngbrain.errors import InputError, require
+from ngbrain.image.align import largest, otsu
 
 _GAUSS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+def tissue(magnitude: np.ndarray) -> np.ndarray:
+    """A mask (nx, ny[, nz]) from the magnitude image of a scan: its largest piece that is not dark, holes filled.
+
+    >>> ball = np.linalg.norm(np.indices((20, 20)) - 9.5, axis=0)
+    >>> found = tissue(np.select([ball < 2, ball < 7], [10.0, 300.0], 20.0))
+    >>> bool((found == (ball < 7)).all())
+    True
+    """
+    magnitude = np.asarray(magnitude, float)
+    return np.asarray(ndimage.binary_fill_holes(largest(magnitude > otsu(magnitude))))
 
 
 def unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
@@ -96,13 +109,46 @@ def least_squares_unwrapped(phase: np.ndarray, mask: np.ndarray | None = None) -
     return np.where(mask, phase + 2 * np.pi * np.round((off - level[pieces]) / (2 * np.pi)), 0)
 
 
-def displacement(phase: np.ndarray, encoding: float) -> np.ndarray:
+def unwrapped_through_time(phase: np.ndarray, mask: np.ndarray | None = None) -> np.ndarray:
+    """Wrapped phases (rad) at times equally spaced over one period, without jumps in space and from time to time.
+
+    phase   (nx, ny[, nz], N) rad
+    mask    (nx, ny[, nz])
+
+    Each time is `unwrapped`; then each connected piece of it is moved by the multiple of 2π that brings most voxels within π of the
+    time before. One multiple of 2π for each piece, the same at all times, stays unknown: it is no part of a harmonic.
+
+    Raises `InputError` as `unwrapped`, and where the last time does not lead back to the first: phases that step by more than π
+    from time to time.
+
+    >>> x, y, t = np.arange(12)[:, None, None], np.arange(3)[:, None], np.arange(8)
+    >>> true = 0.5 * x + y + 4 * np.sin(x / 2) * np.cos(2 * np.pi * t / 8)
+    >>> off = unwrapped_through_time(np.angle(np.exp(1j * true))) - true
+    >>> bool(np.ptp(off) < 1e-9)
+    True
+    """
+    phase = np.asarray(phase, float)
+    mask = np.ones(phase.shape[:-1], bool) if mask is None else np.asarray(mask, bool)
+    found = np.stack([unwrapped(each, mask) for each in np.moveaxis(phase, -1, 0)], axis=-1)
+    pieces, count = ndimage.label(mask)
+    for number in range(1, count + 1):
+        here = pieces == number
+        steps = np.diff(found[here], axis=-1, append=found[here][:, :1])
+        turns = np.rint(np.median(np.rint(steps / (2 * np.pi)), axis=0))
+        if turns.sum():
+            wanted = "steps of less than π from time to time: more times, or a smaller encoding"
+            raise InputError("phase", "of a motion too fast to be unwrapped through time", wanted)
+        found[here] -= 2 * np.pi * np.r_[0, np.cumsum(turns[:-1])]
+    return found
+
+
+def displacement(phase: np.ndarray, encoding: float | np.ndarray) -> np.ndarray:
     """Displacements (m) from unwrapped phases (rad) and the motion encoding (rad per m of displacement).
 
     Raises `InputError` unless the encoding is finite and not 0.
     """
-    if not (np.isfinite(encoding) and encoding):
-        raise InputError("encoding", encoding, "rad/m, not 0")
+    if not (np.isfinite(encoding).all() and np.all(encoding)):
+        raise InputError("encoding", np.ravel(encoding).tolist(), "rad/m, not 0")
     return np.asarray(phase) / encoding
 
 

@@ -13,7 +13,9 @@ from ngbrain.image.wavefield import (
     octahedral_amplitude,
     octahedral_strain,
     strain_snr,
+    tissue,
     unwrapped,
+    unwrapped_through_time,
     without_rigid,
 )
 
@@ -54,6 +56,33 @@ def test_unwrapping_refuses_what_it_cannot_use(way):
             way(wrong)
     with pytest.raises(InputError, match="phase"):
         way(np.zeros((4, 4)), np.zeros((3, 3), bool))
+
+
+def test_unwrapping_through_time_is_off_by_one_constant_for_each_piece(rng):
+    """Motion of 3.5 rad over phases that stay, eight times a period; times by themselves come out whole turns apart."""
+    mask, t = ring((34, 36)), 2 * np.pi * np.arange(8) / 8
+    moving = 3.5 * np.exp(0.3j * np.indices((34, 36))[0])[..., None]
+    true = wave((34, 36))[..., None] + (moving * np.exp(1j * t)).real + 4 * np.cos(t)
+    true += 0.1 * rng.normal(size=true.shape)
+    wrapped = np.where(mask[..., None], np.angle(np.exp(1j * true)), np.nan)
+    found = unwrapped_through_time(wrapped, mask)
+    for piece in (mask & (np.indices((34, 36))[0] < 28), mask & (np.indices((34, 36))[0] >= 30)):
+        off = (found - true)[piece] / (2 * np.pi)
+        assert np.ptp(off) < 1e-9 and abs(off[0, 0] - round(off[0, 0])) < 1e-9
+    alone = np.stack([unwrapped(each, mask) for each in np.moveaxis(wrapped, -1, 0)], axis=-1)
+    assert np.ptp((alone - true)[mask]) > 6
+    fast = np.angle(np.exp(1j * (true + np.array([0, 2.5, 5, 7.5, 10, 12.5, 15, 17.5]))))
+    with pytest.raises(InputError, match="too fast to be unwrapped through time"):
+        unwrapped_through_time(fast, mask)
+
+
+def test_tissue_is_the_largest_bright_piece_without_holes(rng):
+    away = np.linalg.norm(np.indices((40, 40, 12)) - np.array([15, 18, 6])[:, None, None, None], axis=0)
+    true = away < 12
+    bright = np.where(true & (away > 3), 300.0, 0.0)
+    bright[34:38, 34:38] = 320.0
+    noisy = np.abs(bright + 20 * (rng.normal(size=bright.shape) + 1j * rng.normal(size=bright.shape)))
+    np.testing.assert_array_equal(tissue(noisy), true)
 
 
 def test_the_first_harmonic_and_its_error(rng):

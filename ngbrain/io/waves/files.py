@@ -16,11 +16,12 @@ from ngbrain.errors import InputError, NgbrainError
 from ngbrain.image.niftifile import NIFTI
 from ngbrain.io.waves.data import TRUTHS, WaveData
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
+from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
 from ngbrain.io.whole import whole
 
 _REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
 _OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine")
-_KEYS = (*_REQUIRED, *_OPTIONAL, "fibre_angle_deg", *(f"truth_{name}" for name in TRUTHS))
+_KEYS = (*_REQUIRED, *_OPTIONAL, *SAMPLED, "fibre_angle_deg", *(f"truth_{name}" for name in TRUTHS))
 _WANTED = "wave data: .npz, .h5, .hdf5, .nii or .nii.gz"
 _HDF5 = (".h5", ".hdf5")
 _ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
@@ -30,10 +31,11 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
     """Read wave data; see `WaveData` for the fields, which are the keys of the file, SI units.
 
     .npz, .h5, .hdf5: one array for each field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for
-    the truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`. Other keys
-    are left alone, but one that looks like a slip of these is refused. Nothing is unpickled.
-    .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, with all else in a sidecar
-    (`ngbrain.io.waves.nifti`).
+    the truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`, and `samples` over
+    a period, or their `phase` and `encoding`, for `displacement` (`ngbrain.io.waves.samples`). Other keys are left alone,
+    but one that looks like a slip of these is refused. Nothing is unpickled.
+    .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, or samples (x, y, z, loads, components, times), with all
+    else in a sidecar (`ngbrain.io.waves.nifti`).
 
     Raises:
         InputError: names file, field, value and what is wanted.
@@ -94,6 +96,7 @@ def to_keys(data: WaveData) -> dict[str, Any]:
 
 def from_keys(keys: Mapping[str, Any]) -> WaveData:
     """The data that a file holds; 0-d arrays become numbers and text."""
+    keys = as_amplitudes(keys)
     for name in _REQUIRED:
         if name not in keys:
             raise InputError(name, "missing", f"wave data with {', '.join(_REQUIRED)}")

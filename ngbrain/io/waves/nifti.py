@@ -7,8 +7,10 @@
 The sidecar's `files` names those images, by field. Two components are plane data and have one slice; three are data in
 space. The points are the middles of all voxels, numbered along x first. In space, points and components are in the world of
 the image's affine (right, front, up). So they are in the plane where the slice is level; any other slice lies in the plane of
-its own two axes, its first voxel at the origin. Instead of a complex image there may be two real ones, whose names differ by
-`part-real` and `part-imag`; a real one alone is a real displacement. Fields that the sidecar leaves out have their defaults.
+its own two axes, its first voxel at the origin. A real image with one more axis, of times, holds samples over a period (m), or
+their phases (rad) where the sidecar has `encoding` (`ngbrain.io.waves.samples`). Instead of a complex image
+there may be two real ones, whose names differ by `part-real` and `part-imag`; a real one alone is a real displacement. Fields
+that the sidecar leaves out have their defaults.
 """
 
 from __future__ import annotations
@@ -41,14 +43,16 @@ def read_nifti(path: Path) -> dict[str, Any]:
         if imaginary.shape != u.shape or np.iscomplexobj(u) or np.iscomplexobj(imaginary):
             raise InputError("displacement", f"{u.shape} and {imaginary.shape}", "two real images of one shape")
         u = u + 1j * imaginary
-    plane = u.ndim == 5 and u.shape[4] == 2 and u.shape[2] == 1
-    if not plane and not (u.ndim == 5 and u.shape[4] == 3 and min(u.shape[:3]) > 1):
-        wanted = "(x, y, z, loads, 3), or (x, y, 1, loads, 2) in the plane"
+    timed = u.ndim == 6
+    plane = u.ndim in (5, 6) and u.shape[4] == 2 and u.shape[2] == 1
+    if not plane and not (u.ndim in (5, 6) and u.shape[4] == 3 and min(u.shape[:3]) > 1):
+        wanted = "(x, y, z, loads, 3), or (x, y, 1, loads, 2) in the plane; times may follow"
         raise InputError("displacement", f"of shape {u.shape}", wanted, path)
     keys = _sidecar(path)
     d, shape = u.shape[4], u.shape[:3]
     n = int(np.prod(shape))
-    keys["displacement"] = np.moveaxis(u.reshape(n, u.shape[3], d, order="F"), 1, 0)
+    name = "displacement" if not timed else "phase" if "encoding" in keys else "samples"
+    keys[name] = np.moveaxis(u.reshape(n, *u.shape[3:], order="F"), 1, 0)
     keys["points"] = _places(affine, shape, d)
     keys["affine"] = affine
     files = keys.pop("files", {})
@@ -121,7 +125,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
         raise InputError("sidecar", f"unreadable ({error})", "a JSON object", place) from error
     if not isinstance(keys, dict):
         raise InputError("sidecar", f"a {type(keys).__name__}", "a JSON object", place)
-    for name in ("points", "displacement", "affine"):
+    for name in ("points", "displacement", "samples", "phase", "affine"):
         if name in keys:
             raise InputError(name, "given", "nothing: the image has it", place)
     bulk = keys.get("bulk")

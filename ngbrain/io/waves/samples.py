@@ -1,0 +1,118 @@
+"""Motion as a scan samples it over one period, and what becomes of it: complex amplitudes, their noise, and a mask.
+
+    samples    (loads, n, d, N)   m, at t_j = jT/N, j = 0 … N-1, N at least 3 and T one period
+    phase      (loads, n, d, N)   rad, wrapped or not, at these times; with
+    encoding   () or (d,)         rad of phase per m of displacement
+    magnitude  (n,)               of the scan; where no mask is given, the mask is its largest piece that is not dark
+
+Phases are unwrapped at each time and then through time. What first harmonics leave of more than three samples is noise, unless
+one is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.image.wavefield import displacement, harmonic, tissue, unwrapped_through_time
+from ngbrain.io.waves.grid import Grid
+
+SAMPLED = ("samples", "phase", "encoding", "magnitude")
+"""Keys of a file that are read here."""
+FEWEST = 3
+"""Samples over a period."""
+
+
+def as_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a file with `displacement`, `mask` and `noise` in place of those of `SAMPLED`.
+
+    Raises `InputError` for samples beside displacements, of another shape, at rest, or too few; phases without encoding, at
+    points that are no grid, or that move too fast to be unwrapped. `MissingExtra` for phases without scikit-image.
+
+    >>> points = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> turn = np.exp(2j * np.pi * np.arange(4) / 4)
+    >>> keys = {"points": points, "frequency": [50.0], "samples": np.real((1e-6 + 2e-6j) * np.ones((1, 9, 2, 1)) * turn)}
+    >>> complex(np.round(1e6 * as_amplitudes(keys)["displacement"][0, 0, 0], 9))
+    (1+2j)
+    """
+    found = {name: value for name, value in keys.items() if name not in SAMPLED}
+    if "magnitude" in keys and "mask" not in keys:
+        found["mask"] = _mask(keys)
+    given = [name for name in ("displacement", "samples", "phase") if name in keys]
+    if len(given) > 1:
+        raise InputError(given[1], f"given beside {given[0]}", "one of them")
+    if given in ([], ["displacement"]):
+        return found
+    (name,) = given
+    values = _over_time(name, keys)
+    if name == "phase":
+        encoding = _encoding(keys, values.shape[2])
+        values = displacement(_through_time(values, keys, _counting(found)), encoding)
+    found["displacement"], error = harmonic(values)
+    times = values.shape[-1]
+    if times > FEWEST and keys.get("noise") is None:
+        found["noise"] = _relative(found["displacement"], np.sqrt(2 / times) * error, _counting(found))
+    return found
+
+
+def _over_time(name: str, keys: Mapping[str, Any]) -> np.ndarray:
+    values = np.asarray(keys[name])
+    shape = np.shape(keys.get("points", ()))
+    wanted = f"real numbers (loads, {', '.join(map(str, shape))}, times), at {FEWEST} times of a period or more"
+    if values.ndim != 4 or values.dtype.kind not in "fiu" or values.shape[1:3] != shape or values.shape[3] < FEWEST:
+        raise InputError(name, f"{values.dtype} of shape {values.shape}", wanted)
+    frequency = np.asarray(keys.get("frequency", 1))
+    if frequency.dtype.kind in "fiu" and not np.all(frequency > 0):
+        raise InputError(name, "of a load at rest", "frequencies above 0, or displacement")
+    return values.astype(float)
+
+
+def _encoding(keys: Mapping[str, Any], dim: int) -> np.ndarray:
+    """rad/m, to divide phases (loads, n, d, N) by."""
+    if "encoding" not in keys:
+        raise InputError("encoding", "missing", "rad of phase per m of displacement, for all components or each")
+    encoding = np.asarray(keys["encoding"])
+    if encoding.dtype.kind not in "fiu" or encoding.shape not in ((), (1,), (dim,)):
+        raise InputError("encoding", f"{encoding.dtype} of shape {encoding.shape}", f"one number or {dim}, rad/m")
+    return np.broadcast_to(encoding.astype(float), (dim,))[:, None]
+
+
+def _through_time(phase: np.ndarray, keys: Mapping[str, Any], counting: np.ndarray) -> np.ndarray:
+    """Phases without jumps at the points that count; a component of which there are none stays NaN."""
+    grid, found = _grid("phase", keys), np.full(phase.shape, np.nan)
+    for load, i in np.ndindex(phase.shape[0], phase.shape[2]):
+        if not np.isnan(phase[load, :, i]).all():
+            found[load, :, i] = grid.flat(unwrapped_through_time(grid.box(phase[load, :, i]), grid.box(counting)))
+    return found
+
+
+def _counting(keys: Mapping[str, Any]) -> np.ndarray:
+    """Which points (n,) count; of a mask that is none, `WaveData` will say so."""
+    mask, n = np.asarray(keys.get("mask", True)), len(keys["points"])
+    return mask.astype(bool) if mask.shape == (n,) and mask.dtype.kind in "biuf" else np.ones(n, bool)
+
+
+def _mask(keys: Mapping[str, Any]) -> np.ndarray:
+    magnitude, grid = np.asarray(keys["magnitude"]), _grid("magnitude", keys)
+    n = int(np.prod(grid.shape))
+    if magnitude.shape != (n,) or magnitude.dtype.kind not in "fiu" or not np.isfinite(magnitude).all():
+        raise InputError("magnitude", f"{magnitude.dtype} of shape {magnitude.shape}", f"finite real numbers ({n},)")
+    return grid.flat(tissue(grid.box(magnitude)))
+
+
+def _grid(name: str, keys: Mapping[str, Any]) -> Grid:
+    points = np.asarray(keys.get("points", ()))
+    numbers = points.ndim == 2 and points.dtype.kind in "fiu" and np.isfinite(points).all()
+    grid = Grid.of(points.astype(float)) if numbers else None
+    if grid is None:
+        raise InputError(name, "given at points that are no grid", "a grid, numbered along its first axis first")
+    return grid
+
+
+def _relative(u: np.ndarray, error: np.ndarray, counting: np.ndarray) -> float:
+    """Noise of complex amplitudes, whose parts have `error`, relative to each component's rms: the median over those that move."""
+    size, off = (np.sqrt(np.nansum(np.abs(part[:, counting]) ** 2, axis=1)) for part in (u, error))
+    return float(np.median(np.sqrt(2) * off[size > 0] / size[size > 0])) if size.any() else 0.0
