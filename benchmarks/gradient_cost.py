@@ -87,7 +87,10 @@ def measured(fields: str, form: str, n: int, loads: str, times: int, dim: int = 
     wanted = there.data * (1.1 + 0.2j)
     w = there.data - wanted
     there.gradient(w)  # which fields go together is tried once for all inversions
-    ours, adjoints = least(lambda: there.gradient(w), 2 * times), least(lambda: there._adjoints(w), 2 * times)
+    ours, adjoints = (
+        least(lambda: there.gradient(w), 2 * times),
+        least(lambda: there._adjoints(w, "adjoint"), 2 * times),
+    )
     around = least(lambda: Linearised(of, there.factors, there.waves).pull(w), times)
     own = {"case": "plane" if dim == 2 else "space", "fields": fields, "form": form, "loads": loads}
     more = {"order": of.body.form.order, "ndof": of.body.fes.ndof, "waves_s": waves, "converged": True, "reason": ""}
