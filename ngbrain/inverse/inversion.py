@@ -12,6 +12,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
 from ngbrain.inverse.answers import answers, by_label, derived
 from ngbrain.inverse.crime import committed
+from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.parameters import Fields
@@ -172,6 +173,7 @@ def concluded(
     state = experiment.model.at(unknowns.theta(best.x))
     predicted[:, experiment.inside] = state.data
     mesh, determined = experiment.body.mesh, best.history[-1].determined
+    free = free_part(mesh)
     checks = {
         "misfit_over_expected": best.level.ratio,
         "converged": bool(best.converged),
@@ -212,6 +214,7 @@ def concluded(
             "n_parameters": sum(q.stop - q.start for name, q in unknowns.blocks.items() if name != BOUNDARY),
             "inverse_crime": crime,
             "weight": weight,
+            **({"free_boundary": free} if free else {}),
             **({"errors_of_moduli": combined} if combined else {}),
             **_mismatch(experiment),
         },

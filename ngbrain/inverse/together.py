@@ -10,6 +10,7 @@ import numpy as np
 
 from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.answer import Answer
+from ngbrain.inverse.driven import driven, free_part
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
@@ -192,6 +193,7 @@ def concluded(
         **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
         **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
     }
+    free = free_part(driven(data, cells.mesh)[0])
     volume = spacing(data) ** data.dim if data.structured is None else float(np.prod(data.structured.spacing))
     known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
     sizes = [len(zone.points) for zone in zones]
@@ -218,6 +220,7 @@ def concluded(
             "weight": "evidence",
             "zones": len(zones),
             "points_of_a_zone": [min(sizes), max(sizes)],
+            **({"free_boundary": free} if free else {}),
             **({"errors_of_moduli": combined} if combined else {}),
         },
         checks={name: value for name, value in checks.items() if value is not None},

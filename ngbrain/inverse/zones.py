@@ -95,7 +95,8 @@ def spacing(data: WaveData) -> float:
 def part(data: WaveData, zone: Zone) -> tuple[PartOfWaves, Array]:
     """The zone's data, on the grid's box around them where there is one, and the points of all data that these are.
 
-    Truths are left out: what is compared with them is the joined map.
+    Cut faces are driven, the body's own border where the data say so. Truths are left out: what is compared with them is the
+    joined map.
     """
     chosen = zone.points
     if data.structured:
@@ -110,7 +111,9 @@ def part(data: WaveData, zone: Zone) -> tuple[PartOfWaves, Array]:
     fibre, labels = (None if given[name] is None else given[name][chosen] for name in ("fibre", "labels"))
     given |= {"points": data.points[chosen], "displacement": data.displacement[:, chosen], "fibre": fibre}
     given |= {"labels": labels, "mask": np.isin(chosen, zone.points), "dirichlet": None, "truth": {}, "affine": None}
-    return PartOfWaves(**given, of_all=data.rms), chosen
+    own = PartOfWaves(**given, of_all=data.rms)
+    free = data.border & ~data.dirichlet
+    return replace(own, dirichlet=own.dirichlet & ~free[chosen]) if free.any() else own, chosen
 
 
 def joined(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Array:

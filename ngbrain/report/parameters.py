@@ -109,6 +109,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Misfit over its expected level", number(checks["misfit_over_expected"])),
         ("Detail that the data determine, about", fields),
     ]
+    if free := model.get("free_boundary"):
+        sides = zip("xyz", free["from_mm"], free["to_mm"], strict=False)
+        where = ", ".join(f"{x} {number(a)}" + (f" to {number(b)}" if b - a > 1e-6 else "") for x, a, b in sides)
+        pairs.insert(1, ("Boundary free of forces, not driven", f"{percent(free['share'])} of it, at {where} mm"))
     for name, bars in result.get("error_bars", {}).items():
         pairs.append((f"Mean of {symbol(name)}, 95 % credible interval", _interval(name, bars["mean"])))
         for label, band in bars["by_label"].items():

@@ -37,7 +37,8 @@ class WaveData:
         bulk: Pa, real or complex; this or `poisson`.
         fibre: (n, d) unit vectors, or one vector (d,) for all points; needed when transversely isotropic.
         element: q4 | q4p0 when the data were computed with these elements on the grid of the points, else None.
-        dirichlet: (n,) bool, where the displacement is taken as a boundary value; by default the hull of the mask.
+        dirichlet: (n,) bool, points of the border whose displacements drive the body, the rest of it being free of forces; by
+            default the hull of the mask, and to be given anew (or None) with another mask.
         mask: (n,) bool, the points that count; by default all.
         noise: of the displacement, relative to the rms of each component; None: not known.
         labels: (n,) whole numbers from 0 on, or None.
@@ -90,10 +91,7 @@ class WaveData:
         self._set(mask=mask)
         self._check_material()
         self._check_grid()
-        given = self.dirichlet
-        self._set(
-            dirichlet=hull(self.points, self.structured, mask) if given is None else _flags("dirichlet", given, n)
-        )
+        self._set(dirichlet=self.border if self.dirichlet is None else _flags("dirichlet", self.dirichlet, n))
         if self.noise is not None:
             self._set(
                 noise=_number("noise", self.noise, 0.0, 10.0, "relative, from 0 (0.02: two per cent), or nothing")
@@ -209,6 +207,11 @@ class WaveData:
     def structured(self) -> Grid | None:
         """The grid of the points (shape, spacing, axes), or None if they are scattered."""
         return Grid.of(self.points)
+
+    @cached_property
+    def border(self) -> np.ndarray:
+        """(n,) bool: the points of the mask at its border, see `hull`."""
+        return hull(self.points, self.structured, self.mask)
 
     @property
     def measured(self) -> np.ndarray:
