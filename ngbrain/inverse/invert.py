@@ -47,7 +47,8 @@ LEVELS = 8
 CLOSE = 0.15
 BEYOND = 1.3
 """How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
-given is raised when the misfit says this many times more, and never lowered. The floors are no levels that were given."""
+given is raised when the misfit says this many times more, and then lowered again, but not below. The floors are no levels that
+were given."""
 ASTRAY = 100.0
 """Times its expected level that the misfit of a start's fields is, beyond which its level of noise is corrected before any way
 down: nearly exact data are seen from afar first, as those of ten times the noise are, then closer and closer."""
@@ -143,7 +144,7 @@ def invert(
     stated = floor if guessed else total
     for _ in range(LEVELS):
         found = max(total * float(np.sqrt(both.level.ratio)), stated)
-        if abs(np.log(found / total)) < CLOSE or (not guessed and found < total * BEYOND):
+        if abs(np.log(found / total)) < CLOSE or (not guessed and total == stated and found < total * BEYOND):
             break
         if not note:
             note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * total:.3g} % leaves"
