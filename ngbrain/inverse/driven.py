@@ -36,10 +36,15 @@ def driven(data: WaveData, mesh: ngs.Mesh) -> tuple[ngs.Mesh, str]:
 
     mesh   of straight sides, over the points of the mask
 
-    Raises `InputError` for flags at points inside of the body, for too few side by side to drive half of an element's side, and
-    where none is left. Flags outside of the mask count for nothing.
+    Raises `InputError` for flags at points outside of the mask, as those of another mask are, or inside of the body, for too few
+    beside each other to drive half of an element's side, and where there are none.
     """
-    corners, flags = _corners(mesh), data.dirichlet & data.mask
+    corners, flags = _corners(mesh), data.dirichlet
+    if np.any(outside := flags & ~data.mask):
+        found = (
+            f"true at {int(outside.sum())} points outside of the mask, the first at {_place(data.points[outside][0])}"
+        )
+        raise InputError("dirichlet", found, "true at points of the mask's border alone, or None for all of them")
     inside = flags & ~data.border
     if data.structured is None and inside.any():  # borders of holes are none of the hull
         vertices, size = KDTree(corners.reshape(-1, data.dim)), float(np.ptp(data.points))

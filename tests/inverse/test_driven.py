@@ -107,12 +107,14 @@ def test_flags_that_drive_nothing(change, says):
         as_made(change(standing(9, 8, element="q4")))
 
 
-def test_flags_outside_of_the_mask_do_not_count():
+def test_flags_of_another_mask_are_refused():
     data = standing(9, 8)
     inner = np.all((data.points > 2e-3) & (data.points < data.points.max(axis=0) - 2e-3), axis=1)
-    masked = replace(data, mask=inner, dirichlet=None)
-    everywhere = replace(masked, dirichlet=masked.dirichlet | data.border)
-    assert in_elements(everywhere).held == ".*"
+    with pytest.raises(InputError, match=r"true at 23 points outside of the mask, the first at \(0, 0\) mm"):
+        in_elements(replace(data, mask=inner))
+    with pytest.raises(InputError, match="true at 22 points inside"):
+        in_elements(replace(replace(data, mask=inner, dirichlet=None), mask=None))
+    assert in_elements(replace(data, mask=inner, dirichlet=None)).held == ".*"
 
 
 def test_sides_that_reach_out_of_the_points_are_driven():
