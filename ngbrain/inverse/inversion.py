@@ -16,7 +16,15 @@ from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution, resonance_distance
+from ngbrain.inverse.quality import (
+    Relative,
+    explaining,
+    median_strain_snr,
+    noise_of,
+    overall,
+    resolution,
+    resonance_distance,
+)
 from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
 from ngbrain.io.waves import WaveData
 
@@ -53,7 +61,7 @@ class Inversion:
     maps        name → (n,) at the points of the data, NaN where they are left out
     predicted   waves of these maps (loads, n, dim), m
     rows        the starts that were tried: "waves", "uniform", "both"
-    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
+    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says of its rms
     regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
     resolution  a hint at the finest detail of each map, m (see `quality`)
     checks      name → number: the data's strain over noise, distance of a resonance, misfit over its expected level
@@ -66,7 +74,7 @@ class Inversion:
     predicted: Array
     rows: list[Row]
     chosen: str
-    noise: float
+    noise: Relative
     noise_found: float
     regulariser: str
     weights: dict[str, float]
@@ -104,6 +112,12 @@ class Inversion:
         waves = {"measured": measured, "predicted": self.predicted, "residual": residual}
         return {"points": self.data.points, **self.maps, **moduli_of_fibres(self.maps), **follows, **waves}
 
+    def _range(self) -> dict[str, list[float]]:
+        if not np.ndim(self.noise):
+            return {}
+        known = np.asarray(self.noise)[self.data.mask]
+        return {"range": [float(known.min()), float(known.max())]}
+
     def _shear(self) -> Array:
         if "storage" in self.maps:
             return self.maps["storage"] + 1j * self.maps["loss"]
@@ -137,7 +151,7 @@ class Inversion:
                 "determined": self.determined,
                 "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
             },
-            "noise": {"assumed": self.noise, "found": self.noise_found},
+            "noise": {"assumed": overall(self.data, self.noise), "found": self.noise_found, **self._range()},
             "starts": rows,
             "chosen": self.chosen,
             "notes": self.notes,
@@ -159,7 +173,7 @@ def concluded(
     rows: list[Row],
     chosen: str,
     *,
-    noise: float,
+    noise: Relative,
     floor: float,
     regulariser: str,
     weight: str,
@@ -181,7 +195,7 @@ def concluded(
         "resonance_distance": resonance_distance(data, state.factors),
     }
     ratio = best.level.ratio
-    notes += of_misfit(ratio, noise, floor)
+    notes += of_misfit(ratio, overall(data, noise), floor)
     maps = experiment.maps(unknowns, best.x)
     of_plane, combined = of_fibres(data, maps)
     notes += of_few(determined) + of_plane
@@ -200,7 +214,7 @@ def concluded(
         rows=rows,
         chosen=chosen,
         noise=noise,
-        noise_found=noise * float(np.sqrt(ratio)),
+        noise_found=overall(data, explaining(data, noise, ratio)),
         regulariser=regulariser,
         weights=best.weights,
         determined=determined,

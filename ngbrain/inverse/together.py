@@ -15,7 +15,7 @@ from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.one_body import level_as_one_body
-from ngbrain.inverse.quality import median_strain_snr, noise_of, resolution
+from ngbrain.inverse.quality import Relative, explaining, median_strain_snr, noise_of, overall, resolution
 from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
@@ -130,7 +130,7 @@ class Together:
             found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
         return found
 
-    def row(self, name: str, noise: float) -> Row:
+    def row(self, name: str, noise: Relative) -> Row:
         """Misfit of the joined waves, and what zones expect of as many data."""
         measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
         misfit = LeastSquares(measured, noise_of(self.data, noise))
@@ -171,7 +171,7 @@ class Together:
 
 
 def concluded(
-    found: Sequence[Together], cells: Lattice, *, noise: float, floor: float, labelled: bool, notes: list[str]
+    found: Sequence[Together], cells: Lattice, *, noise: Relative, floor: float, labelled: bool, notes: list[str]
 ) -> Inversion:
     """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
     first, last = found[0], found[-1]
@@ -182,7 +182,13 @@ def concluded(
     effect, snr = last.of_all("bulk_change_over_noise"), median_strain_snr(data, noise)
     body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled)
     of_plane, combined = of_fibres(data, last.maps)
-    notes = [*notes, *_of_zones(found), *of_misfit(level.ratio, noise, floor), *of_few(last.determined), *of_plane]
+    notes = [
+        *notes,
+        *_of_zones(found),
+        *of_misfit(level.ratio, overall(data, noise), floor),
+        *of_few(last.determined),
+        *of_plane,
+    ]
     notes += [*of_scale(data), *([] if effect is None else [of_bulk(effect)])]
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
@@ -204,7 +210,7 @@ def concluded(
         rows=rows,
         chosen=names[-1],
         noise=noise,
-        noise_found=noise * float(np.sqrt(level.ratio)),
+        noise_found=overall(data, explaining(data, noise, level.ratio)),
         regulariser="smooth",
         weights=last.weights,
         determined=last.determined,

@@ -102,10 +102,14 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     )
     weights = ", ".join(f"{symbol(name)} {number(weight)}" for name, weight in model["weights"].items())
     by = model.get("weight", "evidence")
+    points = f", {' to '.join(map(percent, noise['range']))} by point" if "range" in noise else ""
     pairs = [
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
-        ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
+        (
+            "Noise, with the model's error",
+            f"{percent(noise['assumed'])} assumed{points}, {percent(noise['found'])} found",
+        ),
         ("Misfit over its expected level", number(checks["misfit_over_expected"])),
         ("Detail that the data determine, about", fields),
     ]

@@ -63,8 +63,13 @@ def assert_same(first, second, exact=True):
             assert one == other, field.name
 
 
+def by_point():
+    """Noise of each point; outside of the mask what there is none of counts as 1."""
+    return plane(noise=np.where(np.arange(30) % 6 == 0, np.nan, 0.01 + 1e-3 * np.arange(30)))
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".hdf5"])
-@pytest.mark.parametrize("make", [plane, space])
+@pytest.mark.parametrize("make", [plane, space, by_point])
 def test_archives_come_back_to_the_last_bit(make, suffix, tmp_path):
     write_waves(tmp_path / f"waves{suffix}", make())
     assert_same(make(), read_waves(tmp_path / f"waves{suffix}"))
@@ -72,7 +77,7 @@ def test_archives_come_back_to_the_last_bit(make, suffix, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
-@pytest.mark.parametrize("make", [plane, space])
+@pytest.mark.parametrize("make", [plane, space, by_point])
 def test_images_come_back(make, suffix, tmp_path):
     write_waves(tmp_path / f"waves{suffix}", make())
     found = read_waves(tmp_path / f"waves{suffix}")
@@ -128,6 +133,10 @@ WRONG = [
     ("dirichlet", lambda d: 2.0 + d.dirichlet, "true or false"),
     ("mask", lambda d: np.zeros(30, bool), "some points"),
     ("noise", lambda d: -0.1, "from 0"),
+    ("noise", lambda d: np.full(29, 0.1), "one number, relative (0.02: two per cent), or 30, one for each point"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, 0.0, 0.1), "noise is 0 at point 7; wanted: relative, above 0"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, np.nan, 0.1), "noise is nan at point 7"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, np.inf, 0.1), "at most 10 at every point of the mask"),
     ("labels", lambda d: np.arange(30) - 5, "from 0 on"),
     ("labels", lambda d: np.arange(30) / 2, "whole numbers"),
     ("truth", lambda d: {"young": d.truth["mu"]}, "did you mean 'youngs'?"),
