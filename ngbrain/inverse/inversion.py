@@ -10,7 +10,8 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY, Solves
-from ngbrain.inverse.answers import answers, by_label, derived
+from ngbrain.inverse.answers import answers, by_label, derived, median_shear, shear_of
+from ngbrain.inverse.believable import of_frequency
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
@@ -105,7 +106,7 @@ class Inversion:
         `magnitude, phase, damping_ratio, stiffness` are those of `derived`; along and across fibres they stand for μ alone,
         and `shear_along`, `shear_stretch` (Pa) are what waves tell best (`moduli_of_fibres`).
         """
-        modulus = derived(self._shear())
+        modulus = derived(shear_of(self.data, self.maps))
         follows = {name: modulus[name] for name in ("magnitude", "phase", "damping_ratio", "stiffness")}
         measured = np.where(self.data.mask[:, None], self.data.displacement, np.nan)
         residual = (measured - self.predicted) / noise_of(self.data, self.noise)
@@ -117,11 +118,6 @@ class Inversion:
             return {}
         known = np.asarray(self.noise)[self.data.mask]
         return {"range": [float(known.min()), float(known.max())]}
-
-    def _shear(self) -> Array:
-        if "storage" in self.maps:
-            return self.maps["storage"] + 1j * self.maps["loss"]
-        return np.real(self.maps["mu"] if "mu" in self.maps else self.data.shear_of(self.maps["youngs"]))
 
     def result(self) -> dict[str, Any]:
         """All numbers of it, for JSON."""
@@ -205,7 +201,7 @@ def concluded(
             "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
         )
     effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
-    notes += [*of_scale(data), of_bulk(effect)]
+    notes += [*of_scale(data), of_bulk(effect), *of_frequency(data, median_shear(data, maps))]
     checks["bulk_change_over_noise"] = effect
     return Inversion(
         data=data,

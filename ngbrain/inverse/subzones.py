@@ -22,6 +22,7 @@ from ngbrain import pool
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
 from ngbrain.inverse.answer import Answer, told
+from ngbrain.inverse.believable import check_frequency
 from ngbrain.inverse.composition import elements_on
 from ngbrain.inverse.consistent import Neighbourhood, invert_among
 from ngbrain.inverse.direct import uniform_shear
@@ -101,6 +102,7 @@ def invert_by_subzones(
         raise InputError("noise", noise, "a relative level of at least 0")
     if labelled and data.labels is None:
         raise InputError("labels", "not given", "a whole number for each point, or one field for all")
+    check_frequency(data, uniform_shear(data))
     level, note = noise_level(data, noise)
     cells = lattice(data, form_of(data))
     zones = cut(data, cells, *_in_cells(data, cells, size, overlap))

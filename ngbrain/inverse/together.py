@@ -10,6 +10,8 @@ import numpy as np
 
 from ngbrain.forward.sensitivity import Solves
 from ngbrain.inverse.answer import Answer
+from ngbrain.inverse.answers import median_shear
+from ngbrain.inverse.believable import of_frequency
 from ngbrain.inverse.driven import driven, free_part
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
@@ -190,6 +192,7 @@ def concluded(
         *of_plane,
     ]
     notes += [*of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    notes += of_frequency(data, median_shear(data, last.maps))
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,

@@ -129,7 +129,13 @@ WRONG = [
     ("fibre", lambda d: None, "unit vectors"),
     ("fibre", lambda d: 2 * d.fibre, "unit vectors"),
     ("fibre", lambda d: d.fibre[:3], "(30, 2)"),
-    ("dirichlet", lambda d: d.dirichlet[1:], "(30)"),
+    (
+        "displacement",
+        lambda d: d.displacement * [[[1.0]], [[0.0]]],
+        "displacement is 0 everywhere in load 1; wanted: a body that moves",
+    ),
+    ("dirichlet", lambda d: d.dirichlet[1:], "bool of shape (29,); wanted: true or false for each of the 30 points"),
+    ("mask", lambda d: "brain", "true or false for each of the 30 points"),
     ("dirichlet", lambda d: 2.0 + d.dirichlet, "true or false"),
     ("mask", lambda d: np.zeros(30, bool), "some points"),
     ("noise", lambda d: -0.1, "from 0"),
@@ -212,7 +218,7 @@ def test_the_hull_of_scattered_points_follows_a_dent(d, rng):
 def test_points_on_a_line_are_no_plane():
     points = np.linspace(0, 0.1, 9)[:, None] ** 2 * [[1.0, 2.0]]
     with pytest.raises(InputError, match="on a line or plane"):
-        WaveData(points, np.zeros((1, 9, 2)), [0.0], 1000.0, "isotropic", "elastic", poisson=0.3)
+        WaveData(points, 1e-6 * np.ones((1, 9, 2)), [0.0], 1000.0, "isotropic", "elastic", poisson=0.3)
 
 
 def test_noise_has_the_size_asked_for_and_is_the_seeds():
@@ -347,6 +353,10 @@ def test_what_is_no_file_or_of_no_known_kind(tmp_path):
         np.save(tmp_path / "one.npy", np.zeros(3))
         (tmp_path / "one.npy").rename(tmp_path / "one.npz")
         read_waves(tmp_path / "one.npz")
+    with pytest.raises(InputError, match="damaged, or no archive"):
+        write_waves(tmp_path / "waves.npz", plane())
+        (tmp_path / "waves.npz").write_bytes(b"????" + (tmp_path / "waves.npz").read_bytes()[4:])
+        read_waves(tmp_path / "waves.npz")
     with pytest.raises(InputError, match="points is no grid"):
         off = grid(6, 5) + 1e-4 * np.random.default_rng(0).normal(size=(30, 2))
         write_waves(tmp_path / "waves.nii", replace(plane(), points=off, element=None))

@@ -49,8 +49,9 @@ class WaveData:
 
     Raises:
         InputError: a field of another shape or kind, not finite or out of bounds; points given twice; points or
-            displacements that cannot be in m; both or neither of `poisson` and `bulk`; transversely isotropic without
-            `fibre`; `element` or `affine` where the points are no grid along the coordinates, or no grid.
+            displacements that cannot be in m; a load that is 0 everywhere; both or neither of `poisson` and `bulk`;
+            transversely isotropic without `fibre`; `element` or `affine` where the points are no grid along the
+            coordinates, or no grid.
 
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u = 1e-6 * np.ones((1, 9, 2))
@@ -91,6 +92,9 @@ class WaveData:
         if not mask.any():
             raise InputError("mask", "false everywhere", "some points that count")
         self._set(mask=mask)
+        for load, known in enumerate(self.measured & mask[:, None]):
+            if known.any() and not self.displacement[load][known].any():
+                raise InputError("displacement", f"0 everywhere in load {load}", "a body that moves")
         self._check_material()
         self._check_grid()
         self._set(dirichlet=self.border if self.dirichlet is None else _flags("dirichlet", self.dirichlet, n))
@@ -322,7 +326,7 @@ def _noise(name: str, value: Any, mask: np.ndarray) -> float | np.ndarray:
 
 
 def _flags(name: str, value: Any, n: int) -> np.ndarray:
-    flags = _array(name, value, (n,), "biuf")
+    flags = _array(name, value, (n,), "biuf", f"true or false for each of the {n} points")
     if not np.isin(flags, (0, 1)).all():
         raise InputError(name, "neither 0 nor 1 somewhere", "true or false for every point")
     return flags.astype(bool)
