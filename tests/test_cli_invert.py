@@ -257,7 +257,8 @@ def test_bad_options(tmp_path, capsys, monkeypatch, waves, no_work, arguments, w
     ("name", "content", "words"),
     [
         ("absent.npz", None, ["absent.npz", "missing"]),
-        ("cut.npz", b"PK\x03\x04 and no more", ["cut.npz", "unreadable"]),
+        ("cut.npz", b"PK\x03\x04 and no more", ["cut.npz: data is damaged, or no archive; wanted: a whole archive"]),
+        ("text.npz", b"points = 1", ["text.npz: data is damaged, or no archive; wanted: a whole archive"]),
         ("waves.mat", b"", ["waves.mat", ".mat file"]),
     ],
 )
@@ -267,6 +268,41 @@ def test_bad_files(tmp_path, capsys, no_work, name, content, words):
     status, _, lines = run(capsys, tmp_path / name, "-o", tmp_path / "out", "-q")
     assert status == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"displacement": np.zeros((2, 90, 2))}, "displacement is 0 everywhere in load 0; wanted: a body that moves"),
+        (
+            {"frequency": [50e3, 50e3]},
+            "frequency is 50000, so that waves of 31.6 mm mean a shear modulus of 2.49 GPa; wanted: Hz",
+        ),
+        (
+            {"frequency": [0.05, 0.05]},
+            "frequency is 0.05, so that waves of 31.6 mm mean a shear modulus of 0.00249 Pa; wanted: Hz",
+        ),
+        (
+            {"dirichlet": np.ones((9, 10), bool)},
+            "dirichlet is bool of shape (9, 10); wanted: true or false for each of the 90",
+        ),
+        (
+            {"noise": np.full(9, 0.1)},
+            "noise is float64 of shape (9,); wanted: one number, relative (0.02: two per cent), or 90",
+        ),
+        (
+            {"labels": np.array([{}] * 90, object)},
+            "labels is made of Python objects; wanted: a plain array, without pickles",
+        ),
+    ],
+    ids=["still", "kHz", "mHz", "flags", "noise", "pickled"],
+)
+def test_bad_fields(tmp_path, capsys, recwarn, waves, changes, line):
+    """One line each, and no warning of NumPy's before it."""
+    np.savez(tmp_path / "bad.npz", **{**dict(np.load(waves)), **changes})
+    status, out, lines = run(capsys, tmp_path / "bad.npz", "-o", tmp_path / "out", *ROUGH)
+    assert status == 2 and len(lines) == 1 and not out and not recwarn.list
+    assert lines[0].startswith(f"ngbrain: {tmp_path}/bad.npz: {line}")
 
 
 def test_what_is_not_installed_is_said_first(tmp_path, capsys, monkeypatch, waves, no_work):

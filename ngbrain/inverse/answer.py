@@ -94,9 +94,9 @@ class Answer:
 
 def told(data: PartOfWaves, cells: Lattice, *rest: object) -> str:
     """Tells a zone's problem from others, by its arrays and whatever else it depends on."""
-    parts = [data.points, data.displacement, data.mask, data.frequency, data.rms]
+    parts = [data.points, data.displacement, data.mask, data.dirichlet, data.frequency, data.rms]
     parts += [*cells.planes, cells.cells]
-    parts += [each for each in (data.labels, data.fibre) if each is not None]
+    parts += [np.asarray(each) for each in (data.labels, data.fibre, data.noise) if each is not None]
     words = repr((data.density, data.symmetry, data.rheology, data.poisson, data.bulk, cells.form, rest))
     arrays = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
     return hashlib.sha256(arrays + words.encode()).hexdigest()

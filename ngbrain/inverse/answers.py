@@ -43,6 +43,18 @@ def derived(shear: np.ndarray) -> dict[str, np.ndarray]:
         }
 
 
+def shear_of(data: WaveData, maps: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The shear modulus G* (n,) Pa of an inversion's maps, real for elastic data; across fibres where there are some."""
+    if "storage" in maps:
+        return maps["storage"] + 1j * maps["loss"]
+    return np.real(maps["mu"] if "mu" in maps else data.shear_of(maps["youngs"]))
+
+
+def median_shear(data: WaveData, maps: Mapping[str, np.ndarray]) -> float:
+    """Of |G*|, Pa."""
+    return float(np.nanmedian(np.abs(shear_of(data, maps))))
+
+
 def spread(values: np.ndarray) -> dict[str, float]:
     """`median` and `iqr` (third less first quartile) of the finite values; nothing if there is none.
 

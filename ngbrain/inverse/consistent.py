@@ -120,7 +120,6 @@ def invert_among(
     around: Neighbourhood,
     prior: Prior,
     *,
-    noise: float,
     floor: float,
     labelled: bool,
     rounds: int,
@@ -128,12 +127,15 @@ def invert_among(
     checkpoint: str | os.PathLike[str] | None = None,
     tell: Callable[[Iteration], None] = lambda _: None,
 ) -> Inversion:
-    """A zone's maps next to its neighbours'; arguments are those of `invert_in_space`, and what solves are counted in."""
+    """A zone's maps next to its neighbours', its noise as its data say; arguments are those of `invert_in_space`, and where solves
+    are counted.
+    """
+    assert data.noise is not None  # `invert_by_subzones` has seen to it
     composition = composed(data, elements, labelled)
     # Its boundary starts from the joined waves, which have less noise than the measured ones.
     experiment = Experiment(replace(data, displacement=around.waves), elements, composition=composition)
     experiment.model.solves = solves
-    sigma = noise_of(data, noise)
+    sigma = noise_of(data, data.noise)
     unknowns = experiment.unknowns(sigma)
     others = (around.foreign > 0.5)[:, None]
     measured = np.where(others, around.waves, data.displacement)
@@ -156,7 +158,7 @@ def invert_among(
         found,
         rows,
         "zones",
-        noise=noise,
+        noise=data.noise,
         floor=floor,
         regulariser="smooth",
         weight="evidence",

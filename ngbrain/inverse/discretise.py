@@ -2,7 +2,7 @@
 
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
 there are data, and triangles between scattered points; in space hexahedra as large as the waves allow, over the points of the
-mask. A field is looked for in half that order.
+mask. A field is looked for in half that order. What drives their boundary is up to the data (`driven`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form
 from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
+from ngbrain.inverse.driven import ALL, driven
 from ngbrain.inverse.lattice import Lattice, lattice
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import rectangles
@@ -42,6 +43,7 @@ class Discretisation:
     quadrature  as `Harmonic` takes it
     inside      (n,) bool, the points in the mesh
     nodal       whether the points are the mesh's vertices, one by one and in their order
+    held        pattern of the boundaries that measured displacements drive; others are free of forces
     """
 
     mesh: ngs.Mesh
@@ -50,6 +52,7 @@ class Discretisation:
     quadrature: int | None
     inside: Array
     nodal: bool = False
+    held: str = ALL
 
     @property
     def degree(self) -> int:
@@ -60,7 +63,7 @@ class Discretisation:
 def as_made(data: WaveData) -> Discretisation:
     """The elements `data.element` of the grid that the data were computed on: bilinear, with a 2×2 rule; q4p0 with pressures.
 
-    Raises `InputError` when the data name none.
+    Raises `InputError` when the data name none, and for a boundary that cannot be driven so, see `driven`.
     """
     if data.element is None:
         raise InputError("element", "not given", "q4 or q4p0, or a discretisation of our own (fe)")
@@ -68,11 +71,15 @@ def as_made(data: WaveData) -> Discretisation:
     assert grid is not None  # WaveData has seen to it
     lines = [start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)]
     form = {"q4": "Q1", "q4p0": "Q1/L2(0)"}[data.element]
-    return Discretisation(rectangles(*lines), form, 1, 1, np.ones(len(data.points), bool), nodal=True)
+    mesh, held = driven(data, rectangles(*lines))
+    return Discretisation(mesh, form, 1, 1, np.ones(len(data.points), bool), nodal=True, held=held)
 
 
 def in_elements(data: WaveData, order: int = 3) -> Discretisation:
-    """Elements of our own, of an order; one with pressures for nearly incompressible tissue."""
+    """Elements of our own, of an order; one with pressures for nearly incompressible tissue.
+
+    Raises `InputError` for points that are too scattered, and for a boundary that cannot be driven so, see `driven`.
+    """
     form = form_of(data, order)
     if data.dim == 3:
         return on_lattice(data, lattice(data, form, LARGEST))
@@ -83,10 +90,12 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
             np.linspace(start, start + step * (n - 1), max(2, round((n - 1) / order) + 1))
             for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)
         ]
-        return Discretisation(rectangles(*sides), form, fields, None, np.ones(len(data.points), bool))
+        mesh, held = driven(data, rectangles(*sides))
+        return Discretisation(mesh, form, fields, None, np.ones(len(data.points), bool), held=held)
     mesh, inside = _between(data.points, data.mask)
+    mesh, held = driven(data, mesh)
     low = "P2/P1" if "/" in form else "P2"
-    return Discretisation(mesh, low, 1, None, inside)
+    return Discretisation(mesh, low, 1, None, inside, held=held)
 
 
 def form_of(data: WaveData, order: int = 3) -> str:
@@ -96,9 +105,9 @@ def form_of(data: WaveData, order: int = 3) -> str:
 
 def on_lattice(data: WaveData, cells: Lattice) -> Discretisation:
     """The hexahedra of a lattice, which may be of more points than these."""
-    mesh, inside = cells.mesh, data.mask.copy()
+    (mesh, held), inside = driven(data, cells.mesh), data.mask.copy()
     inside[data.mask] = in_mesh(mesh, data.points[data.mask])
-    return Discretisation(mesh, cells.form, _fields(Form.named(cells.form).order), None, inside)
+    return Discretisation(mesh, cells.form, _fields(Form.named(cells.form).order), None, inside, held=held)
 
 
 def _fields(order: int) -> int:

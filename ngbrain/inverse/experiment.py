@@ -47,7 +47,7 @@ class Experiment:
     device     where matrices are factorised
 
     `model` predicts waves at `data.points[inside]`; `waves` are the measured ones in the elements' unknowns (loads, ndof);
-    `unknowns(sigma)` are all quantities and the displacements of the boundary.
+    `unknowns(sigma)` are all quantities and the displacements of the boundary where it is driven.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Experiment:
             bulk=self.squeeze * bulk,
             density=data.density,
             form=elements.form,
-            held=".*",
+            held=elements.held,
             quadrature=elements.quadrature,
             device=device,
         )

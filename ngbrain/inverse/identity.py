@@ -40,8 +40,8 @@ def identity(reduced: Reduced) -> dict[str, str]:
     """
     model: WaveModel = reduced.model  # type: ignore[assignment]
     misfit: LeastSquares = reduced.misfit  # type: ignore[assignment]
-    unknowns, random = reduced.unknowns, np.random.default_rng(0)
-    x = unknowns.start + ASIDE * random.normal(size=len(unknowns.start))
+    unknowns = reduced.unknowns
+    x = unknowns.start + ASIDE * np.random.default_rng(0).normal(size=len(unknowns.start))
     theta = unknowns.theta(x)
     starts = [unknowns.start[block] for name, block in unknowns.blocks.items() if name != BOUNDARY]
     known = [theta[block] for name, block in model.blocks.items() if name != BOUNDARY or name not in unknowns.blocks]
@@ -54,9 +54,10 @@ def identity(reduced: Reduced) -> dict[str, str]:
         "elements": _hash(
             str(model.body.form), [v.point for v in mesh.vertices], [len(e.vertices) for e in mesh.Elements()]
         ),
+        "driven boundary": _hash(model.driving),
         "frequencies": _hash([wave.frequency for wave in model.body.waves]),
         "unknowns or their start": _hash_of_computed(" ".join(unknowns.blocks), [*starts, *known]),
-        "material, density or fibres": _hash_of_computed("", _images(model, theta, random)),
+        "material, density or fibres": _hash_of_computed("", _images(model, theta, np.random.default_rng(1))),
         "regularisers": _hash_of_computed(" ".join(sorted(reduced.regularisers)), slopes),
     }
 

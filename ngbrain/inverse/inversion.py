@@ -11,12 +11,23 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.forward.solves import Solves
-from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
+from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived, median_shear, shear_of
+from ngbrain.inverse.believable import of_frequency
 from ngbrain.inverse.crime import committed
+from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.parameters import Fields
-from ngbrain.inverse.quality import Strain, noise_of, resolution, resonance_distance, strain_of
+from ngbrain.inverse.quality import (
+    Relative,
+    Strain,
+    explaining,
+    noise_of,
+    overall,
+    resolution,
+    resonance_distance,
+    strain_of,
+)
 from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
 from ngbrain.io.waves import WaveData
 
@@ -53,7 +64,7 @@ class Inversion:
     maps        name → (n,) at the points of the data, NaN where they are left out
     predicted   waves of these maps (loads, n, dim), m
     rows        the starts that were tried: "waves", "uniform", "both"
-    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says
+    noise       relative, that the weights of the data stand for; `noise_found` what the misfit says of its rms
     regulariser, weights, determined   which, how strong, and how many numbers of each field the data determine
     resolution  a hint at the finest detail of each map, m (see `quality`)
     strain      octahedral shear strain of the data, and over its noise
@@ -67,7 +78,7 @@ class Inversion:
     predicted: Array
     rows: list[Row]
     chosen: str
-    noise: float
+    noise: Relative
     noise_found: float
     regulariser: str
     weights: dict[str, float]
@@ -97,7 +108,7 @@ class Inversion:
     @property
     def following(self) -> dict[str, Array]:
         """Maps (n,) that follow from those found: of G*, or of μ where there are fibres, and of fibres `moduli_of_fibres`."""
-        modulus = derived(self._shear())
+        modulus = derived(shear_of(self.data, self.maps))
         return {**moduli_of_fibres(self.maps), **{name: modulus[name] for name in FOLLOWING}}
 
     def arrays(self) -> dict[str, Array]:
@@ -114,10 +125,11 @@ class Inversion:
         strain = {"oss": self.strain.oss, "oss_snr": self.strain.snr}
         return {"points": self.data.points, **self.maps, **self.following, **waves, **strain}
 
-    def _shear(self) -> Array:
-        if "storage" in self.maps:
-            return self.maps["storage"] + 1j * self.maps["loss"]
-        return np.real(self.maps["mu"] if "mu" in self.maps else self.data.shear_of(self.maps["youngs"]))
+    def _range(self) -> dict[str, list[float]]:
+        if not np.ndim(self.noise):
+            return {}
+        known = np.asarray(self.noise)[self.data.mask]
+        return {"range": [float(known.min()), float(known.max())]}
 
     def result(self) -> dict[str, Any]:
         """All numbers of it, for JSON."""
@@ -147,7 +159,7 @@ class Inversion:
                 "determined": self.determined,
                 "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
             },
-            "noise": {"assumed": self.noise, "found": self.noise_found},
+            "noise": {"assumed": overall(self.data, self.noise), "found": self.noise_found, **self._range()},
             "starts": rows,
             "chosen": self.chosen,
             "notes": self.notes,
@@ -169,7 +181,7 @@ def concluded(
     rows: list[Row],
     chosen: str,
     *,
-    noise: float,
+    noise: Relative,
     floor: float,
     regulariser: str,
     weight: str,
@@ -183,7 +195,7 @@ def concluded(
     state = experiment.model.at(unknowns.theta(best.x))
     predicted[:, experiment.inside] = state.data
     mesh, determined = experiment.body.mesh, best.history[-1].determined
-    strain = strain_of(data, noise)
+    strain, free = strain_of(data, noise), free_part(mesh)
     checks = {
         "misfit_over_expected": best.level.ratio,
         "converged": bool(best.converged),
@@ -192,7 +204,7 @@ def concluded(
     }
     ratio = best.level.ratio
     notes[:0] = of_end(best)
-    notes += of_misfit(ratio, noise, floor)
+    notes += of_misfit(ratio, overall(data, noise), floor)
     maps = experiment.maps(unknowns, best.x)
     of_plane, combined = of_fibres(data, maps)
     notes += of_few(determined) + of_plane
@@ -203,7 +215,7 @@ def concluded(
         )
     with experiment.model.solves.spent_on("checks"):
         effect, mismatch = bulk_effect(experiment, unknowns.theta(best.x), noise), _mismatch(experiment)
-    notes += [*of_scale(data), of_bulk(effect)]
+    notes += [*of_scale(data), of_bulk(effect), *of_frequency(data, median_shear(data, maps))]
     checks["bulk_change_over_noise"] = effect
     return Inversion(
         data=data,
@@ -212,7 +224,7 @@ def concluded(
         rows=rows,
         chosen=chosen,
         noise=noise,
-        noise_found=noise * float(np.sqrt(ratio)),
+        noise_found=overall(data, explaining(data, noise, ratio)),
         regulariser=regulariser,
         weights=best.weights,
         determined=determined,
@@ -226,6 +238,7 @@ def concluded(
             "n_parameters": sum(q.stop - q.start for name, q in unknowns.blocks.items() if name != BOUNDARY),
             "inverse_crime": crime,
             "weight": weight,
+            **({"free_boundary": free} if free else {}),
             **({"errors_of_moduli": combined} if combined else {}),
             **mismatch,
         },

@@ -23,7 +23,7 @@ from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
-from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of, overall, total
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.space import ROUNDS, invert_in_space
 from ngbrain.inverse.starts import at_least_one, at_maps, compared, multiples_of
@@ -47,7 +47,8 @@ LEVELS = 8
 CLOSE = 0.15
 BEYOND = 1.3
 """How often a level of noise that was not given is corrected by what the misfit says, and when (in ln) it agrees; one that was
-given is raised when the misfit says this many times more, and never lowered. The floors are no levels that were given."""
+given is raised when the misfit says this many times more, and then lowered again, but not below. The floors are no levels that
+were given."""
 ASTRAY = 100.0
 """Times its expected level that the misfit of a start's fields is, beyond which its level of noise is corrected before any way
 down: nearly exact data are seen from afar first, as those of ten times the noise are, then closer and closer."""
@@ -78,7 +79,7 @@ def invert(
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
 
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
-    noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
+    noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit, such as another discretisation
     regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation
     weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
@@ -138,25 +139,26 @@ def invert(
     level, note = noise_level(data, noise)
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
-    total = max(float(np.hypot(level, model_error)), floor)
+    sure = total(level, floor, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
-    search = _Search(experiment, made, total, settling, tell)
+    search = _Search(experiment, made, sure, settling, tell)
     tried = {name: search.from_waves(prior, start) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)
     problem, first = tried[kind]
     both = search.descend(problem, first)
-    guessed = bool(note) or total == floor
-    stated = floor if guessed else total
+    guessed = bool(note) or bool(np.all(sure == floor))
+    stated = floor if guessed else sure
     for _ in range(LEVELS):
-        found = max(total * float(np.sqrt(both.level.ratio)), stated)
-        if abs(np.log(found / total)) < CLOSE or (not guessed and found < total * BEYOND):
+        found = explaining(data, sure, both.level.ratio, stated)
+        more = overall(data, found / sure)
+        if abs(np.log(more)) < CLOSE or (not guessed and np.all(sure == stated) and more < BEYOND):
             break
         if not note:
-            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * total:.3g} % leaves"
+            note = f"the misfit is {both.level.ratio:.3g} times what noise of {100 * overall(data, sure):.3g} % leaves"
             notes.append(f"{note}: the rest counts as model error")
-        before = both.x if found < total else None  # what was fitted too closely is no start
-        total = found
-        search = _Search(experiment, made, total, settling, tell, search)
+        before = both.x if more < 1 else None  # what was fitted too closely is no start
+        sure = found
+        search = _Search(experiment, made, sure, settling, tell, search)
         problem, first = search.from_waves(kinds[kind], start, before)
         both = search.descend(problem, first)
     rows = [row("waves" if start is None else "given", experiment, problem, first)]
@@ -171,7 +173,7 @@ def invert(
         kept.best,
         rows,
         kept.chosen,
-        noise=total,
+        noise=sure,
         floor=floor,
         regulariser=kind,
         weight=weight,
@@ -187,7 +189,7 @@ class _Search:
         self,
         experiment: Experiment,
         made: MisfitKind,
-        noise: float,
+        noise: Relative,
         settling: Settling,
         tell: Callable[[Iteration], None],
         before: _Search | None = None,
@@ -195,7 +197,7 @@ class _Search:
         self.experiment, self.noise, self.settling = experiment, noise, settling
         self.history: list[Iteration] = before.history if before else []
         self._made, self._told = made, tell
-        self.sigma = noise_of(experiment.data, noise)
+        self.sigma = noise_of(experiment.data, noise, experiment.inside)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = made(experiment.measured, self.sigma)
 
@@ -233,9 +235,9 @@ class _Search:
 
     def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
         """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
-        easy = (
-            self if self.noise >= EASY else _Search(self.experiment, self._made, EASY, self.settling, self._told, self)
-        )
+        easy = self
+        if np.any((noise := total(self.noise, EASY)) != self.noise):
+            easy = _Search(self.experiment, self._made, noise, self.settling, self._told, self)
         problem = easy.problem(prior)
         problem.weights = dict.fromkeys(problem.weights, FAR)
         try:

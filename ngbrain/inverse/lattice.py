@@ -68,7 +68,7 @@ def lattice(data: WaveData, form: str, largest: float = np.inf) -> Lattice:
     """
     points, order = data.points[data.mask], Form.named(form).order
     low, high = points.min(axis=0), points.max(axis=0)
-    axes, spacing = _voxels(data)
+    axes, spacing = voxels(data)
     fastest = float(data.frequency.max())
     wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
     along = np.linalg.norm(axes * spacing[:, None], axis=0)  # of a voxel, along each coordinate
@@ -88,7 +88,7 @@ def lattice(data: WaveData, form: str, largest: float = np.inf) -> Lattice:
         size = size * max(1.01, over ** (1 / 3))
 
 
-def _voxels(data: WaveData) -> tuple[Array, Array]:
+def voxels(data: WaveData) -> tuple[Array, Array]:
     """Axes (a unit vector in each row) of the voxels that the points of the mask are, and the spacing along them (m).
 
     Points that were left of a grid along the coordinates have few values of each; others count as equally far apart.

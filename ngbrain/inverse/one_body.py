@@ -17,7 +17,7 @@ from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.normal import MOST_PROBED, PROBED, Normal
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.inverse.quality import noise_of
+from ngbrain.inverse.quality import Relative, noise_of
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -32,7 +32,7 @@ def level_as_one_body(
     cells: Lattice,
     logarithms: Mapping[str, Array],
     waves: Array,
-    noise: float,
+    noise: Relative,
     labelled: bool,
     solves: Solves,
 ) -> Level | None:
@@ -51,8 +51,9 @@ def level_as_one_body(
     elements = elements_on(data, cells, labelled)
     composition = composed(data, elements, labelled)
     start = replace(data, displacement=np.where(np.isnan(waves), data.displacement, waves))
-    experiment, sigma = Experiment(start, elements, composition=composition), noise_of(data, noise)
+    experiment = Experiment(start, elements, composition=composition)
     experiment.model.solves = solves
+    sigma = noise_of(data, noise, experiment.inside)
     both = experiment.unknowns(sigma)
     x = both.start.copy()
     for name, _, at, values in fields_at(experiment, logarithms):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
@@ -23,13 +24,51 @@ STILL = 0.01
 NO_STRAIN = "no octahedral shear strain (OSS)"
 
 
-def noise_of(data: WaveData, relative: float) -> np.ndarray:
+Relative: TypeAlias = float | np.ndarray
+"""Noise relative to the rms of each component: one number, or one for each point of the data (n,)."""
+
+
+def noise_of(data: WaveData, relative: Relative, where: np.ndarray | None = None) -> np.ndarray:
     """Standard deviation (loads, 1, dim) m of real and of imaginary parts, for noise relative to each component's rms.
 
+    Of noise by points (loads, points, dim), at those of them that are chosen (n,) bool.
     Of a component that hardly moves it is taken as a hundredth of the largest one's: none is known without error.
     """
     least = STILL * data.rms.max(axis=2, keepdims=True)
+    if np.ndim(relative):
+        relative = np.reshape(relative, (-1, 1))[slice(None) if where is None else where]
     return relative * np.maximum(data.rms, least) / np.sqrt(2)
+
+
+def overall(data: WaveData, relative: Relative) -> float:
+    """One number for noise: the rms over the points of the mask.
+
+    >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> round(overall(data, np.repeat([0.01, 0.02], [4, 5])), 4)
+    0.0163
+    """
+    return float(np.sqrt(np.mean(np.square(relative)[data.mask]))) if np.ndim(relative) else float(relative)
+
+
+def total(level: Relative, floor: Relative, model_error: float = 0.0) -> Relative:
+    """Noise and model error together, and no less than a floor."""
+    found = np.maximum(np.hypot(level, model_error), floor)
+    return found if np.ndim(found) else float(found)
+
+
+def explaining(data: WaveData, noise: Relative, ratio: float, floor: Relative = 0.0) -> Relative:
+    """Noise that explains a misfit of so many times what this one leaves, as one more error that is the same at all points.
+
+    √(σ² + e²) with the mean of (σ² + e²)/σ² over the points as the ratio; less than σ for a ratio below 1, but not than a floor.
+
+    >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
+    >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
+    >>> explaining(data, 0.01, 4.0)
+    0.02
+    """
+    more = np.square(noise) + (ratio - 1) / overall(data, 1 / noise) ** 2
+    return total(np.sqrt(np.maximum(more, 0.0)), floor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +91,7 @@ class Strain:
         return float(np.median(known)) if known.size else None
 
 
-def strain_of(data: WaveData, relative: float) -> Strain:
+def strain_of(data: WaveData, relative: Relative) -> Strain:
     """The strain is that of a smooth field, its noise that of central differences over neighbours, as published values are.
 
     relative   noise of the displacement, as `noise_of` takes it
@@ -84,11 +123,12 @@ def strain_of(data: WaveData, relative: float) -> Strain:
     noise = gradient_noise(noise_of(data, relative), _spacing(data))
     for load in loads:
         where = known[load].all(axis=1)
+        off = noise[load, where] if np.ndim(relative) else noise[load]
         if data.frequency[load]:
-            mean, at = octahedral_amplitude(gradient[load, where])[1], strain_snr(gradient[load, where], noise[load])[0]
+            mean, at = octahedral_amplitude(gradient[load, where])[1], strain_snr(gradient[load, where], off)[0]
         else:  # a cosine's mean is 2/π of its peak
             still = gradient[load, where].real
-            mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, noise[load])[0]
+            mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, off)[0]
         oss[load, where], snr[load, where] = mean, at
     return Strain(oss, snr, note)
 
@@ -141,7 +181,7 @@ def resolution(size: float, dim: int, determined: Mapping[str, float]) -> dict[s
     return {name: float((size / max(number, 1.0)) ** (1 / dim)) for name, number in determined.items()}
 
 
-def noise_level(data: WaveData, given: float | None) -> tuple[float, str]:
+def noise_level(data: WaveData, given: float | None) -> tuple[Relative, str]:
     """Relative noise: as given, as the data say, or as a smooth fit finds it; and a note where it had to be found."""
     if given is not None:
         return given, ""

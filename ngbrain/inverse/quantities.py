@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.inverse.believable import check_frequency
 from ngbrain.inverse.direct import uniform_modulus, uniform_shear
 from ngbrain.inverse.parameters import Bounded, Log
 from ngbrain.io.waves import WaveData
@@ -42,7 +43,7 @@ class Quantity:
 def quantities(data: WaveData, shear: float | None = None) -> tuple[Quantity, ...]:
     """What the data's material has: youngs, or storage and loss (isotropic); mu or storage and loss, zeta, phi (fibres).
 
-    `shear` (Pa) is where moduli start; unasked what the waves suggest.
+    `shear` (Pa) is where moduli start; unasked what the waves suggest. Raises `InputError` where that is the modulus of no tissue.
     """
     stiff, loss = _start(data) if shear is None else (shear, LOSSY * shear)
     if data.rheology == "viscoelastic":
@@ -106,6 +107,8 @@ def _start(data: WaveData) -> tuple[float, float]:
     """Storage and loss modulus (Pa) that waves suggest."""
     if data.dim == 2 or not np.any(data.frequency > 0):
         stiff = uniform_shear(data)
+        check_frequency(data, stiff)
         return stiff, LOSSY * stiff
     modulus = uniform_modulus(data)
+    check_frequency(data, abs(modulus))
     return modulus.real, max(modulus.imag, LOSSY * modulus.real)

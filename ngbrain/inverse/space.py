@@ -25,7 +25,7 @@ from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.priors import PRIORS, Prior, priors
-from ngbrain.inverse.quality import noise_level, noise_of
+from ngbrain.inverse.quality import Relative, noise_level, noise_of, total
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.starts import at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
@@ -62,7 +62,7 @@ def invert_in_space(
     """Property maps of wave data in space.
 
     elements     see `discretise`; by default hexahedra over the points, as large as the waves allow
-    noise        relative to the rms of each component; by default what the data say, or what a smooth fit leaves over
+    noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit
     regulariser  one of `priors.PRIORS`, or a prior of one's own
     labelled     whether each label of the data has fields of its own, which jump where labels meet
@@ -102,9 +102,9 @@ def invert_in_space(
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     found_noise, note = noise_level(data, noise)
     notes = [note] if note else []
-    total = max(float(np.hypot(found_noise, model_error)), LEAST)
+    sure = total(found_noise, LEAST, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
-    problem = _problem(experiment, made, total, prior)
+    problem = _problem(experiment, made, sure, prior)
     shared = _shared(experiment)
     way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)
     both = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
@@ -113,7 +113,7 @@ def invert_in_space(
     history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
     ends: dict[float, Found | None] = {}
     for level in multiples:
-        again = _problem(experiment, made, total, prior)
+        again = _problem(experiment, made, sure, prior)
         way = Iterative(again, EvidenceOfNoise(FALL, shared), checkpoint=_beside(checkpoint, level), tell=tell)
         ends[level] = _judged(problem, way, experiment.uniform(way.unknowns, level), rounds)
     kept = compared(both, ends)
@@ -128,7 +128,7 @@ def invert_in_space(
         kept.best,
         rows,
         kept.chosen,
-        noise=total,
+        noise=sure,
         floor=LEAST,
         regulariser=kind,
         weight="evidence",
@@ -163,8 +163,8 @@ def _shared(experiment: Experiment) -> float:
     return len(experiment.model.points) * body.mesh.dim / moved.ndof
 
 
-def _problem(experiment: Experiment, made: MisfitKind, noise: float, prior: Prior) -> Reduced:
-    sigma = noise_of(experiment.data, noise)
+def _problem(experiment: Experiment, made: MisfitKind, noise: Relative, prior: Prior) -> Reduced:
+    sigma = noise_of(experiment.data, noise, experiment.inside)
     unknowns, misfit = experiment.unknowns(sigma), made(experiment.measured, sigma)
     blocks = {name: block for name, block in unknowns.blocks.items() if name != BOUNDARY}
     regularisers = {name: prior(experiment.space, unknowns.start[block]) for name, block in blocks.items()}

@@ -23,6 +23,7 @@ from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer, told
+from ngbrain.inverse.believable import check_frequency
 from ngbrain.inverse.composition import elements_on
 from ngbrain.inverse.consistent import Neighbourhood, invert_among
 from ngbrain.inverse.direct import uniform_shear
@@ -31,7 +32,7 @@ from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.lattice import Lattice, lattice
 from ngbrain.inverse.priors import extent
-from ngbrain.inverse.quality import noise_level
+from ngbrain.inverse.quality import noise_level, total
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space
@@ -102,15 +103,15 @@ def invert_by_subzones(
         raise InputError("noise", noise, "a relative level of at least 0")
     if labelled and data.labels is None:
         raise InputError("labels", "not given", "a whole number for each point, or one field for all")
+    check_frequency(data, uniform_shear(data))
     level, note = noise_level(data, noise)
     cells = lattice(data, form_of(data))
     zones = cut(data, cells, *_in_cells(data, cells, size, overlap))
     if not zones:
         raise InputError("mask", "of small pieces alone", f"one of more than {FEWEST} points that touch")
-    common = Common(
-        max(level, LEAST), float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint)
-    )
-    parts = [(*part(data, zone), zone.cells) for zone in zones]
+    sure = total(level, LEAST)
+    common = Common(float(np.max(np.ptp(data.points[data.mask], axis=0))), labelled, rounds, _folder(checkpoint))
+    parts = [(*part(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(tell)
     tasks: list[pool.Task] = [
@@ -125,14 +126,13 @@ def invert_by_subzones(
             around = _around(last, zone.points, zone.share, own, chosen)
             tasks.append((name, _among, (f"{name}, pass {i + 1}", own, box, around, answer, common)))
         found.append(Together(data, zones, rough, list(pool.run(tasks, processes, hear).values()), found[0]))
-    return concluded(found, cells, noise=common.noise, floor=LEAST, labelled=labelled, notes=[note] if note else [])
+    return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
 @dataclass(frozen=True)
 class Common:
-    """What is the same for all zones: noise, the body's length (m), labels, iterations, where checkpoints are."""
+    """What is the same for all zones: the body's length (m), labels, iterations, where checkpoints are."""
 
-    noise: float
     length: float
     labelled: bool
     rounds: int
@@ -167,7 +167,6 @@ def _alone(name: str, data: PartOfWaves, cells: Lattice, common: Common, *, tell
         found = invert_in_space(
             data,
             elements_on(data, cells, common.labelled),
-            noise=common.noise,
             regulariser=common.prior,
             labelled=common.labelled,
             rounds=common.rounds,
@@ -197,7 +196,6 @@ def _among(
                 elements_on(data, cells, common.labelled),
                 around,
                 common.prior,
-                noise=common.noise,
                 floor=LEAST,
                 labelled=common.labelled,
                 rounds=common.rounds,

@@ -10,11 +10,14 @@ import numpy as np
 
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer
+from ngbrain.inverse.answers import median_shear
+from ngbrain.inverse.believable import of_frequency
+from ngbrain.inverse.driven import driven, free_part
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.one_body import level_as_one_body
-from ngbrain.inverse.quality import noise_of, resolution, strain_of
+from ngbrain.inverse.quality import Relative, explaining, noise_of, overall, resolution, strain_of
 from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
@@ -129,7 +132,7 @@ class Together:
             found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
         return found
 
-    def row(self, name: str, noise: float) -> Row:
+    def row(self, name: str, noise: Relative) -> Row:
         """Misfit of the joined waves, and what zones expect of as many data."""
         measured = np.where(np.isnan(self.waves), np.nan, self.data.displacement)
         misfit = LeastSquares(measured, noise_of(self.data, noise))
@@ -170,7 +173,7 @@ class Together:
 
 
 def concluded(
-    found: Sequence[Together], cells: Lattice, *, noise: float, floor: float, labelled: bool, notes: list[str]
+    found: Sequence[Together], cells: Lattice, *, noise: Relative, floor: float, labelled: bool, notes: list[str]
 ) -> Inversion:
     """The last of these answers, those before it as rows; data with less noise than `floor` are fitted as well as elements can."""
     first, last = found[0], found[-1]
@@ -181,8 +184,9 @@ def concluded(
     solves, effect, strain = _solves(found), last.of_all("bulk_change_over_noise"), strain_of(data, noise)
     body = level_as_one_body(data, cells, last.logarithms, last.waves, noise, labelled, solves)
     of_plane, combined = of_fibres(data, last.maps)
-    notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, noise, floor), *of_few(last.determined)]
-    notes += [*of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, overall(data, noise), floor)]
+    notes += [*of_few(last.determined), *of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
+    notes += of_frequency(data, median_shear(data, last.maps))
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,
@@ -192,6 +196,7 @@ def concluded(
         **{f"disagreement_{name}_first": off for name, off in first.disagreement.items()},
         **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
     }
+    free = free_part(driven(data, cells.mesh)[0])
     volume = spacing(data) ** data.dim if data.structured is None else float(np.prod(data.structured.spacing))
     known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
     sizes = [len(zone.points) for zone in zones]
@@ -202,7 +207,7 @@ def concluded(
         rows=rows,
         chosen=names[-1],
         noise=noise,
-        noise_found=noise * float(np.sqrt(level.ratio)),
+        noise_found=overall(data, explaining(data, noise, level.ratio)),
         regulariser="smooth",
         weights=last.weights,
         determined=last.determined,
@@ -218,6 +223,7 @@ def concluded(
             "weight": "evidence",
             "zones": len(zones),
             "points_of_a_zone": [min(sizes), max(sizes)],
+            **({"free_boundary": free} if free else {}),
             **({"errors_of_moduli": combined} if combined else {}),
         },
         checks={name: value for name, value in checks.items() if value is not None},

@@ -15,7 +15,7 @@ import numpy as np
 from ngbrain.inverse.answers import relative_l2_error
 from ngbrain.inverse.discretise import all_measured, without_scale
 from ngbrain.inverse.experiment import Experiment
-from ngbrain.inverse.quality import noise_of
+from ngbrain.inverse.quality import Relative, noise_of
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ FEW = 5
 """Where the data determine fewer numbers of a field, its map is hardly more than uniform."""
 
 
-def bulk_effect(experiment: Experiment, theta: Array, noise: float) -> float:
+def bulk_effect(experiment: Experiment, theta: Array, noise: Relative) -> float:
     """How far waves move with `STIFFER` more of the bulk modulus, over their noise (rms); one factorisation a frequency.
 
     theta   of `experiment.model`
@@ -38,7 +38,8 @@ def bulk_effect(experiment: Experiment, theta: Array, noise: float) -> float:
         moved = experiment.model.at(theta).data - before
     finally:
         experiment.squeeze.Set(1.0)
-    return float(np.sqrt(np.mean(np.abs(moved / (np.sqrt(2) * noise_of(experiment.data, noise))) ** 2)))
+    sigma = noise_of(experiment.data, noise, experiment.inside)
+    return float(np.sqrt(np.mean(np.abs(moved / (np.sqrt(2) * sigma)) ** 2)))
 
 
 def of_bulk(effect: float) -> str:

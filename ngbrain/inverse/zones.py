@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ngbrain.inverse.lattice import Lattice
+from ngbrain.inverse.quality import Relative
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -92,10 +93,12 @@ def spacing(data: WaveData) -> float:
     return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
 
-def part(data: WaveData, zone: Zone) -> tuple[PartOfWaves, Array]:
+def part(data: WaveData, zone: Zone, noise: Relative | None = None) -> tuple[PartOfWaves, Array]:
     """The zone's data, on the grid's box around them where there is one, and the points of all data that these are.
 
-    Truths are left out: what is compared with them is the joined map.
+    Its noise is that of all data, unless another one (of all points) is given.
+    Cut faces are driven, the body's own border where the data say so. Truths are left out: what is compared with them is the
+    joined map.
     """
     chosen = zone.points
     if data.structured:
@@ -109,8 +112,12 @@ def part(data: WaveData, zone: Zone) -> tuple[PartOfWaves, Array]:
     given = {each.name: getattr(data, each.name) for each in fields(WaveData)}
     fibre, labels = (None if given[name] is None else given[name][chosen] for name in ("fibre", "labels"))
     given |= {"points": data.points[chosen], "displacement": data.displacement[:, chosen], "fibre": fibre}
+    level = data.noise if noise is None else noise
+    given["noise"] = level[chosen] if isinstance(level, np.ndarray) else level
     given |= {"labels": labels, "mask": np.isin(chosen, zone.points), "dirichlet": None, "truth": {}, "affine": None}
-    return PartOfWaves(**given, of_all=data.rms), chosen
+    own = PartOfWaves(**given, of_all=data.rms)
+    free = data.border & ~data.dirichlet
+    return replace(own, dirichlet=own.dirichlet & ~free[chosen]) if free.any() else own, chosen
 
 
 def joined(zones: Sequence[Zone], values: Sequence[Array], n: int) -> Array:

@@ -1,7 +1,11 @@
-"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, and hexahedra of cells."""
+"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, and hexahedra of cells.
+
+Boundaries of such meshes, whose sides are straight, may get other names.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import netgen.meshing as meshing
@@ -78,4 +82,31 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
     _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
     for side in sides[first[count == 1]]:
         made.Add(meshing.Element2D(hull, [node[i] for i in side]))
+    return ngs.Mesh(made)
+
+
+def with_boundaries(mesh: ngs.Mesh, names: Sequence[str]) -> ngs.Mesh:
+    """The same mesh of straight sides with other names of its boundary elements, one for each in their order.
+
+    Raises `InputError` for another number of names.
+
+    >>> mesh = rectangles(np.arange(3.0), np.arange(2.0))
+    >>> again = with_boundaries(mesh, ["a", "a", "b", "a", "a", "a"])
+    >>> again.GetBoundaries(), again.nv, ngs.Integrate(1, again.Boundaries("b"))
+    (('a', 'b'), 6, 1.0)
+    """
+    old, d = mesh.ngmesh, mesh.dim
+    sides, cells = (old.Elements1D(), old.Elements2D()) if d == 2 else (old.Elements2D(), old.Elements3D())
+    if len(names) != len(sides):
+        raise InputError("names", f"{len(names)} of them", f"{len(sides)}, one for each element of the boundary")
+    made = meshing.Mesh(dim=d)
+    node = [made.Add(meshing.MeshPoint(meshing.Pnt(*point.p))) for point in old.Points()]
+    cell, side = (meshing.Element2D, meshing.Element1D) if d == 2 else (meshing.Element3D, meshing.Element2D)
+    regions = [made.AddRegion(name, d) for name in mesh.GetMaterials()]
+    for element in cells:
+        made.Add(cell(regions[element.index - 1], [node[v.nr - 1] for v in element.vertices]))
+    edges = {name: made.AddRegion(name, d - 1) for name in dict.fromkeys(names)}
+    for name, element in zip(names, sides, strict=True):
+        corners = [node[v.nr - 1] for v in element.vertices]
+        made.Add(side(corners, index=edges[name]) if d == 2 else side(edges[name], corners))
     return ngs.Mesh(made)

@@ -123,13 +123,21 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     )
     weights = ", ".join(f"{symbol(name)} {number(weight)}" for name, weight in model["weights"].items())
     by = model.get("weight", "evidence")
+    points = f", {' to '.join(map(percent, noise['range']))} by point" if "range" in noise else ""
     pairs = [
         ("Elements", f"{model['form']}, {model['n_elements']}, {own}; {model['n_unknowns']} unknowns of a wave"),
         ("Fields", f"{model['n_parameters']} unknowns, {model['regulariser']}; weights by {by}: {weights}"),
-        ("Noise, with the model's error", f"{percent(noise['assumed'])} assumed, {percent(noise['found'])} found"),
+        (
+            "Noise, with the model's error",
+            f"{percent(noise['assumed'])} assumed{points}, {percent(noise['found'])} found",
+        ),
         ("Misfit over its expected level", _misfit(result)),
         ("Detail that the data determine, about", fields),
     ]
+    if free := model.get("free_boundary"):
+        sides = zip("xyz", free["from_mm"], free["to_mm"], strict=False)
+        where = ", ".join(f"{x} {number(a)}" + (f" to {number(b)}" if b - a > 1e-6 else "") for x, a, b in sides)
+        pairs.insert(1, ("Boundary free of forces, not driven", f"{percent(free['share'])} of it, at {where} mm"))
     for name, bars in result.get("error_bars", {}).items():
         pairs.append((f"Mean of {symbol(name)}, 95 % credible interval", _interval(name, bars["mean"])))
         for label, band in bars["by_label"].items():

@@ -100,6 +100,14 @@ def test_other_labels():
     assert differing(one, other) == MATERIAL
 
 
+def test_another_driven_boundary():
+    """One side less: its start is no part of the problem."""
+    flags = data().dirichlet & (data().points[:, 0] > 1e-9)
+    assert differing(identity(problem(replace(data(), dirichlet=flags))), identity(problem(data()))) == [
+        "driven boundary"
+    ]
+
+
 def test_another_guess_of_unknown_displacements_is_no_other_problem():
     """But other displacements that are given are."""
     free = [problem(data()) for _ in range(2)]

@@ -112,6 +112,18 @@ def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
     assert measured.errors(found.maps)["storage"] < 0.03
 
 
+def test_a_level_that_was_raised_too_far_is_lowered_again():
+    """Ten times too little noise, and a third of the points without data: the first way down ends far off, at a misfit as if the
+    waves were nothing but noise."""
+    measured = Phantom.named("CE-B", 9).measured(0.01, seed=1)
+    data, height = measured.data(), measured.points[:, 1]
+    u = np.where((height < 0.04)[:, None], np.nan, data.displacement)
+    found = invert(
+        replace(data, displacement=u, dirichlet=height > 0.119, noise=1e-3), uniform=False, regulariser="smooth"
+    )
+    assert found.noise == pytest.approx(0.01, rel=0.2) and measured.errors(found.maps)["youngs"] < 0.06
+
+
 def test_starts_are_compared_at_the_same_weights():
     data = waves(n=17).with_noise(0.01, seed=4)
     found = invert(data, regulariser="smooth")

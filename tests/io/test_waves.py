@@ -63,8 +63,13 @@ def assert_same(first, second, exact=True):
             assert one == other, field.name
 
 
+def by_point():
+    """Noise of each point; outside of the mask what there is none of counts as 1."""
+    return plane(noise=np.where(np.arange(30) % 6 == 0, np.nan, 0.01 + 1e-3 * np.arange(30)))
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".hdf5"])
-@pytest.mark.parametrize("make", [plane, space])
+@pytest.mark.parametrize("make", [plane, space, by_point])
 def test_archives_come_back_to_the_last_bit(make, suffix, tmp_path):
     write_waves(tmp_path / f"waves{suffix}", make())
     assert_same(make(), read_waves(tmp_path / f"waves{suffix}"))
@@ -72,7 +77,7 @@ def test_archives_come_back_to_the_last_bit(make, suffix, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
-@pytest.mark.parametrize("make", [plane, space])
+@pytest.mark.parametrize("make", [plane, space, by_point])
 def test_images_come_back(make, suffix, tmp_path):
     write_waves(tmp_path / f"waves{suffix}", make())
     found = read_waves(tmp_path / f"waves{suffix}")
@@ -124,10 +129,20 @@ WRONG = [
     ("fibre", lambda d: None, "unit vectors"),
     ("fibre", lambda d: 2 * d.fibre, "unit vectors"),
     ("fibre", lambda d: d.fibre[:3], "(30, 2)"),
-    ("dirichlet", lambda d: d.dirichlet[1:], "(30)"),
+    (
+        "displacement",
+        lambda d: d.displacement * [[[1.0]], [[0.0]]],
+        "displacement is 0 everywhere in load 1; wanted: a body that moves",
+    ),
+    ("dirichlet", lambda d: d.dirichlet[1:], "bool of shape (29,); wanted: true or false for each of the 30 points"),
+    ("mask", lambda d: "brain", "true or false for each of the 30 points"),
     ("dirichlet", lambda d: 2.0 + d.dirichlet, "true or false"),
     ("mask", lambda d: np.zeros(30, bool), "some points"),
     ("noise", lambda d: -0.1, "from 0"),
+    ("noise", lambda d: np.full(29, 0.1), "one number, relative (0.02: two per cent), or 30, one for each point"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, 0.0, 0.1), "noise is 0 at point 7; wanted: relative, above 0"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, np.nan, 0.1), "noise is nan at point 7"),
+    ("noise", lambda d: np.where(np.arange(30) == 7, np.inf, 0.1), "at most 10 at every point of the mask"),
     ("labels", lambda d: np.arange(30) - 5, "from 0 on"),
     ("labels", lambda d: np.arange(30) / 2, "whole numbers"),
     ("truth", lambda d: {"young": d.truth["mu"]}, "did you mean 'youngs'?"),
@@ -203,7 +218,7 @@ def test_the_hull_of_scattered_points_follows_a_dent(d, rng):
 def test_points_on_a_line_are_no_plane():
     points = np.linspace(0, 0.1, 9)[:, None] ** 2 * [[1.0, 2.0]]
     with pytest.raises(InputError, match="on a line or plane"):
-        WaveData(points, np.zeros((1, 9, 2)), [0.0], 1000.0, "isotropic", "elastic", poisson=0.3)
+        WaveData(points, 1e-6 * np.ones((1, 9, 2)), [0.0], 1000.0, "isotropic", "elastic", poisson=0.3)
 
 
 def test_noise_has_the_size_asked_for_and_is_the_seeds():
@@ -338,6 +353,10 @@ def test_what_is_no_file_or_of_no_known_kind(tmp_path):
         np.save(tmp_path / "one.npy", np.zeros(3))
         (tmp_path / "one.npy").rename(tmp_path / "one.npz")
         read_waves(tmp_path / "one.npz")
+    with pytest.raises(InputError, match="damaged, or no archive"):
+        write_waves(tmp_path / "waves.npz", plane())
+        (tmp_path / "waves.npz").write_bytes(b"????" + (tmp_path / "waves.npz").read_bytes()[4:])
+        read_waves(tmp_path / "waves.npz")
     with pytest.raises(InputError, match="points is no grid"):
         off = grid(6, 5) + 1e-4 * np.random.default_rng(0).normal(size=(30, 2))
         write_waves(tmp_path / "waves.nii", replace(plane(), points=off, element=None))

@@ -27,7 +27,7 @@ MOST = 30
 @pytest.fixture(scope="module")
 def normal():
     data = wave_data()
-    data = replace(data, mask=np.linalg.norm(data.points - MIDDLE, axis=1) < 0.018, bulk=2e6)
+    data = replace(data, mask=np.linalg.norm(data.points - MIDDLE, axis=1) < 0.018, dirichlet=None, bulk=2e6)
     experiment = Experiment(data, in_elements(data, order=2))
     sigma = noise_of(data, 0.02)
     unknowns, misfit = experiment.unknowns(sigma), LeastSquares(experiment.measured, sigma)

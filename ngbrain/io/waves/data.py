@@ -19,6 +19,7 @@ ELEMENTS = ("q4", "q4p0")
 TRUTHS = ("youngs", "shear", "mu", "zeta", "phi")
 _LARGEST = 2.0  # m, across all points
 _DENSITY = (100.0, 20000.0)  # kg/m³
+_NOISIEST = 10.0
 _POSITIVE = ("youngs", "shear", "mu")
 
 
@@ -37,17 +38,20 @@ class WaveData:
         bulk: Pa, real or complex; this or `poisson`.
         fibre: (n, d) unit vectors, or one vector (d,) for all points; needed when transversely isotropic.
         element: q4 | q4p0 when the data were computed with these elements on the grid of the points, else None.
-        dirichlet: (n,) bool, where the displacement is taken as a boundary value; by default the hull of the mask.
+        dirichlet: (n,) bool, points of the border whose displacements drive the body, the rest of it being free of forces; by
+            default the hull of the mask, and to be given anew (or None) with another mask.
         mask: (n,) bool, the points that count; by default all.
-        noise: of the displacement, relative to the rms of each component; None: not known.
+        noise: of the displacement, relative to the rms of each component: one number, or one above 0 for each point (n,), whatever
+            outside of the mask; None: not known.
         labels: (n,) whole numbers from 0 on, or None.
         truth: name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
         affine: (4, 4), indices of the image that the points are the voxels of → m; None: not from an image.
 
     Raises:
         InputError: a field of another shape or kind, not finite or out of bounds; points given twice; points or
-            displacements that cannot be in m; both or neither of `poisson` and `bulk`; transversely isotropic without
-            `fibre`; `element` or `affine` where the points are no grid along the coordinates, or no grid.
+            displacements that cannot be in m; a load that is 0 everywhere; both or neither of `poisson` and `bulk`;
+            transversely isotropic without `fibre`; `element` or `affine` where the points are no grid along the
+            coordinates, or no grid.
 
     >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
     >>> u = 1e-6 * np.ones((1, 9, 2))
@@ -71,7 +75,7 @@ class WaveData:
     element: str | None = None
     dirichlet: np.ndarray = None  # type: ignore[assignment]
     mask: np.ndarray = None  # type: ignore[assignment]
-    noise: float | None = None
+    noise: float | np.ndarray | None = None
     labels: np.ndarray | None = None
     truth: Mapping[str, np.ndarray] = field(default_factory=dict)
     affine: np.ndarray | None = None
@@ -88,16 +92,14 @@ class WaveData:
         if not mask.any():
             raise InputError("mask", "false everywhere", "some points that count")
         self._set(mask=mask)
+        for load, known in enumerate(self.measured & mask[:, None]):
+            if known.any() and not self.displacement[load][known].any():
+                raise InputError("displacement", f"0 everywhere in load {load}", "a body that moves")
         self._check_material()
         self._check_grid()
-        given = self.dirichlet
-        self._set(
-            dirichlet=hull(self.points, self.structured, mask) if given is None else _flags("dirichlet", given, n)
-        )
+        self._set(dirichlet=self.border if self.dirichlet is None else _flags("dirichlet", self.dirichlet, n))
         if self.noise is not None:
-            self._set(
-                noise=_number("noise", self.noise, 0.0, 10.0, "relative, from 0 (0.02: two per cent), or nothing")
-            )
+            self._set(noise=_noise("noise", self.noise, mask))
         if self.labels is not None:
             labels = _array("labels", self.labels, (n,), "fiub")
             if not (np.isfinite(labels) & (labels == np.rint(labels)) & (labels >= 0)).all():
@@ -210,6 +212,11 @@ class WaveData:
         """The grid of the points (shape, spacing, axes), or None if they are scattered."""
         return Grid.of(self.points)
 
+    @cached_property
+    def border(self) -> np.ndarray:
+        """(n,) bool: the points of the mask at its border, see `hull`."""
+        return hull(self.points, self.structured, self.mask)
+
     @property
     def measured(self) -> np.ndarray:
         """(loads, n, d) bool: which components are."""
@@ -254,24 +261,27 @@ class WaveData:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
 
-    def with_noise(self, sigma: float, seed: int) -> WaveData:
+    def with_noise(self, sigma: float | np.ndarray, seed: int) -> WaveData:
         """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
+
+        σ is one number or, as `noise`, one for each point.
 
         a and b are standard normal, independent, drawn for all loads, points and components in that order; the rms is that of
         |u| over the measured points of the mask, of a component of a load. η is complex for elastic data too. `noise` becomes σ, or
         √(noise² + σ²) where there was some.
 
-        Raises `InputError` unless 0 ≤ σ ≤ 10.
+        Raises `InputError` unless 0 ≤ σ ≤ 10, at points 0 < σ.
 
         >>> grid = np.array([[x, y] for y in range(3) for x in range(3)]) * 0.01
         >>> data = WaveData(grid, 1e-6 * np.ones((1, 9, 2)), [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
         >>> data.with_noise(0.02, seed=0).noise
         0.02
         """
-        sigma = _number("sigma", sigma, 0.0, 10.0, "relative, from 0 on (0.02: two per cent)")
+        sigma = _noise("sigma", sigma, self.mask)
         a, b = np.random.default_rng(seed).standard_normal((2, *self.displacement.shape))
-        noisy = self.displacement + sigma * self.rms * (a + 1j * b) / np.sqrt(2)
-        return replace(self, displacement=noisy, noise=float(np.hypot(self.noise or 0.0, sigma)))
+        noisy = self.displacement + np.reshape(sigma, (-1, 1)) * self.rms * (a + 1j * b) / np.sqrt(2)
+        noise = np.hypot(0.0 if self.noise is None else self.noise, sigma)
+        return replace(self, displacement=noisy, noise=noise)
 
 
 def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: str = "") -> np.ndarray:
@@ -302,8 +312,21 @@ def _number(name: str, value: Any, low: float, high: float, wanted: str) -> floa
     return number
 
 
+def _noise(name: str, value: Any, mask: np.ndarray) -> float | np.ndarray:
+    if np.ndim(value) == 0:
+        return _number(name, value, 0.0, _NOISIEST, "relative, from 0 on (0.02: two per cent)")
+    n = len(mask)
+    array = _array(name, value, (n,), "fiu", f"one number, relative (0.02: two per cent), or {n}, one for each point")
+    array = array.astype(float)
+    bad = mask & ~((array > 0) & (array <= _NOISIEST))
+    if bad.any():
+        wanted = f"relative, above 0 and at most {_NOISIEST:g} at every point of the mask"
+        raise InputError(name, f"{array[bad][0]:.6g} at point {bad.argmax()}", wanted)
+    return np.where(array > 0, array, 1.0)  # outside of the mask anything may be
+
+
 def _flags(name: str, value: Any, n: int) -> np.ndarray:
-    flags = _array(name, value, (n,), "biuf")
+    flags = _array(name, value, (n,), "biuf", f"true or false for each of the {n} points")
     if not np.isin(flags, (0, 1)).all():
         raise InputError(name, "neither 0 nor 1 somewhere", "true or false for every point")
     return flags.astype(bool)

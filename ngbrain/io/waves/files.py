@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+from zipfile import is_zipfile
 
 import h5py
 import numpy as np
@@ -133,10 +134,22 @@ def _directions(angle: Any, shape: tuple[int, ...]) -> np.ndarray:
 def _read_npz(path: Path) -> dict[str, Any]:
     # Opened here: numpy leaves a damaged archive open.
     with path.open("rb") as raw:
+        begins = raw.read(6)
+        if not begins.startswith(b"PK") or not is_zipfile(raw):
+            found = "one array" if begins == b"\x93NUMPY" else "damaged, or no archive"
+            raise InputError("data", found, "a whole archive of arrays, as numpy.savez writes it")
+        raw.seek(0)
         file = np.load(raw, allow_pickle=False)
-        if not isinstance(file, np.lib.npyio.NpzFile):
-            raise InputError("data", "one array", "an archive of arrays, as numpy.savez writes it")
-        return {name: file[name] for name in file.files}
+        return {name: _unpickled(file, name) for name in file.files}
+
+
+def _unpickled(file: Mapping[str, Any], name: str) -> Any:
+    try:
+        return file[name]
+    except ValueError as error:
+        if "allow_pickle" not in str(error):
+            raise
+        raise InputError(name, "made of Python objects", "a plain array, without pickles") from error
 
 
 def _read_h5(path: Path) -> dict[str, Any]:

@@ -73,6 +73,7 @@ def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> No
     suffix, affine, shape = suffix_of(path), *_grid_of(data)
     stem = path.name[: -len(suffix)]
     fields = {name: keys[name] for name in keys if name in _AT_POINTS or name.startswith("truth_")}
+    fields |= {"noise": keys["noise"]} if isinstance(keys.get("noise"), np.ndarray) else {}
     files = {name: f"{stem}_{name}{suffix}" for name in fields}
     rest = {name: _json(keys[name]) for name in keys if name not in (*fields, "points", "displacement", "affine")}
     for name, values in fields.items():
