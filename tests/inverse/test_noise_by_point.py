@@ -11,7 +11,7 @@ from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.lattice import lattice
 from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.quality import explaining, median_strain_snr, noise_of, overall, total
+from ngbrain.inverse.quality import explaining, noise_of, overall, strain_of, total
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.inverse.zones import cut, part
 from ngbrain.report.parameters import facts
@@ -94,9 +94,9 @@ def test_one_more_error_explains_the_misfit():
 
 def test_strain_over_noise_takes_the_points_own():
     data = phantom("CV-G", 13)
-    assert median_strain_snr(data, np.full(169, 0.02)) == pytest.approx(median_strain_snr(data, 0.02))
+    assert strain_of(data, np.full(169, 0.02)).median == pytest.approx(strain_of(data, 0.02).median)
     noisy = np.where(np.arange(169) % 3 < 2, 0.02, 0.2)
-    assert median_strain_snr(data, noisy) > 2 * median_strain_snr(data, overall(data, noisy))
+    assert strain_of(data, noisy).median > 2 * strain_of(data, overall(data, noisy)).median
 
 
 @pytest.mark.slow
