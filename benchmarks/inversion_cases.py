@@ -81,7 +81,7 @@ def chart(records: list[Record], path: str) -> None:
     """Errors by case."""
     cases = list(dict.fromkeys(record["case"] for record in records))
     _, fig, ax = figure(8, 5)
-    ways = [(SAME, "o", "own elements"), (OURS, "s", "our elements")]
+    ways = [(SAME, "o", "the data's elements"), (OURS, "s", "ours")]
     for k, (noise, colour) in enumerate(((0.0, "#009E73"), (0.01, "#0072B2"))):
         for j, (method, marker, elements) in enumerate(ways):
             ax.plot([], [], marker, color=colour, label=f"{elements}, {f'{noise:.0%} noise' if noise else 'no noise'}")
