@@ -84,7 +84,12 @@ def chart(records: list[Record], png: str) -> None:
     """Every run's error by body and start; the bound; what did not converge is hollow."""
     plt, made, axes = figure(12, 4.8, 2)
     bodies = list(dict.fromkeys(r["body"] for r in records))
-    names = [body.replace("transversely_isotropic", "fibres").replace(" ", "\n", 2) for body in bodies]
+    short = {"transversely_isotropic": "fibres", " nearly incompressible": " nearly\nincompr.", " ": "\n"}
+    names = []
+    for body in bodies:
+        for long, name in short.items():
+            body = body.replace(long, name)
+        names.append(body)
     for axis, (noise, wanted) in zip(axes, WANTED.items(), strict=True):
         for r in (r for r in records if r["noise"] == noise):
             k = list(COLOURS).index(r["start"])
@@ -94,6 +99,9 @@ def chart(records: list[Record], png: str) -> None:
         axis.axhline(100 * wanted, color="#b22222", lw=1, ls="--")
         axis.set(yscale="log", title=f"{100 * noise:g} % noise" if noise else "no noise")
         axis.set_xticks(range(len(bodies)), names, fontsize=6.5)
+        axis.set_yticks([1, 2, 3, 4] if noise else [0.3, 0.5, 1, 2, 5, 10, 20, 40])
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("")
         axis.grid(True, axis="y", alpha=0.3)
     for start, text in (("waves", "measured waves alone"), ("uniform", "uniform start"), ("both", "both")):
         axes[0].plot([], [], "o", color=COLOURS[start], label=text)
