@@ -13,9 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import ngsolve as ngs
-import numpy as np
-import scipy
 
+from ngbrain.io.versions import versions
 from ngbrain.threads import set_threads
 
 Record = dict
@@ -53,12 +52,11 @@ def run() -> Record:
         return done.stdout.strip() if done.returncode == 0 else ""
 
     changed = "+" if git("status", "--porcelain", "--untracked-files=no") else ""
-    versions = {"python": platform.python_version()} | {m.__name__: m.__version__ for m in (ngs, np, scipy)}
     return {
         "commit": (git("rev-parse", "--short", "HEAD") or "unknown") + changed,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "machine": f"{_processor()}, {os.cpu_count()} cores",
-        "versions": versions,
+        "versions": versions(),
     }
 
 

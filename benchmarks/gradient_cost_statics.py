@@ -99,7 +99,8 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
     factors, wanted = each.work.factorisations // times, 1.1 * there.data
     symbols, _ = least(lambda: each.by_theta, 1)
     few = implicit_solve.FEW
-    for method, allowed in [(OLD, few), (NEW, 0)][: 1 if case == LINEAR else 2]:
+    ways = {OLD: few} if case == LINEAR else {OLD: few, NEW: 0}
+    for method, allowed in ways.items():
         implicit_solve.FEW = allowed
         gradient, slope = least(lambda: Equilibria(of, theta, there.states).gradient(there.data - wanted), times)
         implicit_solve.FEW = few

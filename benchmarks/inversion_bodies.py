@@ -35,7 +35,7 @@ COLOURS = {"waves": "#0072B2", "uniform": "#E69F00", "both": "#009E73"}
 
 
 def measure(quick: bool) -> list[Record]:
-    """All of them; the first and the fourth body where it has to be quick."""
+    """All of them; isotropic compressible bodies where it has to be quick."""
     records: list[Record] = []
     for body in (BODIES[0], BODIES[2]) if quick else BODIES:
         n = 17 if quick else FINE if body in BODIES[:3] else COARSE
@@ -55,12 +55,7 @@ def rows(body: tuple[str, str, str], n: int, noise: float, seed: int) -> list[Re
         told = body[0] != "isotropic" and body[2] != "compressible"
         error = max(errors["shear_along"], errors["shear_stretch"]) if told else next(iter(errors.values()))
         record = {"method": "ngbrain:invert", "body": " ".join(body), "points": n, "noise": noise, "seed": seed}
-        record |= {
-            "start": row.name,
-            "chosen": row.name == found.chosen,
-            "order": 1,
-            "ndof": ndof,
-        }
+        record |= {"start": row.name, "chosen": row.name == found.chosen, "order": 1, "ndof": ndof}
         record |= {"error": error, "errors": errors, "cpu_s": spent, "converged": row.converged}
         made.append(record | {"regulariser": found.regulariser, "misfit_over_expected": row.misfit / row.expected})
     return made

@@ -116,3 +116,17 @@ def inf_sup(mesh: ngs.Mesh, form: Form, dirichlet: str = ".*") -> tuple[float, i
 def _dense(form: ngs.BilinearForm) -> np.ndarray:
     form.Assemble()
     return np.asarray(form.mat.ToDense())
+
+
+def check_elements(mesh: ngs.Mesh) -> None:
+    """Refuse a mesh with elements turned inside out, by number and region."""
+    jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+    least = ngs.Integrate(ngs.IfPos(jacobian, 1, -1), mesh, element_wise=True, order=4).NumPy()
+    size = ngs.Integrate(ngs.CF(1), mesh, element_wise=True, order=4).NumPy()
+    sign = 1 if np.sum(least) > 0 else -1
+    bad = np.flatnonzero(sign * least < 0.999 * size)
+    if bad.size:
+        element = mesh[ngs.ElementId(ngs.VOL, int(bad[0]))]
+        raise InputError(
+            "mesh", f"inverted at element {bad[0]} of region {element.mat!r}", "one without inverted elements"
+        )

@@ -11,10 +11,10 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import CollapseWarning, ConvergenceError, InputError, InvertedElementError, StabilityWarning
+from ngbrain.errors import CollapseWarning, ConvergenceError, InvertedElementError, StabilityWarning
 from ngbrain.forward import stability
 from ngbrain.forward.choice import COMPRESSIBLE, automatic
-from ngbrain.forward.elements import Form
+from ngbrain.forward.elements import Form, check_elements
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
@@ -103,7 +103,7 @@ class Static:
         self._kept: linear.Solve | None = None
         shapes = {element.type for element in mesh.Elements()}
         self.rules = {shape: ngs.IntegrationRule(shape, 2 * self.form.order + bonus) for shape in shapes}
-        self._check_elements()
+        check_elements(mesh)
         self._det = ngs.Det(self.kinematics.gradient(self.u, ngs.Grad(self.u))).Compile()
         self._points = mesh.MapToAllElements(self.rules, ngs.VOL)
         self.is_u = np.arange(self.fes.ndof) < spaces[0].ndof
@@ -376,19 +376,6 @@ class Static:
         self._factorise = linear.prepare(self.solver, whole, self._moduli)
         self._kept = None
         self.changed()
-
-    def _check_elements(self) -> None:
-        """Refuse a mesh with elements turned inside out, by number and region."""
-        jacobian = ngs.Det(ngs.specialcf.JacobianMatrix(self.mesh.dim))
-        least = ngs.Integrate(ngs.IfPos(jacobian, 1, -1), self.mesh, element_wise=True, order=4).NumPy()
-        size = ngs.Integrate(ngs.CF(1), self.mesh, element_wise=True, order=4).NumPy()
-        sign = 1 if np.sum(least) > 0 else -1
-        bad = np.flatnonzero(sign * least < 0.999 * size)
-        if bad.size:
-            element = self.mesh[ngs.ElementId(ngs.VOL, int(bad[0]))]
-            raise InputError(
-                "mesh", f"inverted at element {bad[0]} of region {element.mat!r}", "one without inverted elements"
-            )
 
     def _error(self, record: PathRecord) -> ConvergenceError | InvertedElementError:
         kind = InvertedElementError if "inverted" in record.reason else ConvergenceError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import WaveData
@@ -31,9 +30,7 @@ def of_frequency(data: WaveData, shear: float) -> list[str]:
     means, notes = f"at {data.frequency.max():g} Hz {_means(data, shear)}", list[str]()
     if not SOFT <= shear <= STIFF:
         notes.append(f"{means}, which few tissues have: is the frequency in Hz, are the points in m?")
-    points = data.points[data.mask]
-    step = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
-    if (along := _length(data, shear) / step) < FEW:
+    if (along := _length(data, shear) / data.apart) < FEW:
         notes.append(f"{means}, and {along:.1f} distances between points: what is shorter cannot be told from it")
     return notes
 

@@ -95,8 +95,7 @@ def voxels(data: WaveData) -> tuple[Array, Array]:
     """
     if data.structured is not None:
         return data.structured.axes, data.structured.spacing
-    points = data.points[data.mask]
-    nearest = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+    points, nearest = data.points[data.mask], data.apart
     unit = SAME * nearest
     steps = [np.diff(np.unique(np.round((x - x.min()) / unit))) for x in points.T]
     if np.prod([len(step) + 1.0 for step in steps]) > SPARSE * len(points):

@@ -9,7 +9,6 @@ from typing import TypeAlias
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.forward.factors import Factorised
@@ -157,8 +156,7 @@ def _spacing(data: WaveData) -> np.ndarray:
     """Of neighbours along each axis (dim,) m."""
     if data.structured:
         return np.asarray(data.structured.spacing @ np.abs(data.structured.axes))
-    points = data.points[data.mask]
-    return np.full(data.dim, np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+    return np.full(data.dim, data.apart)
 
 
 def resonance_distance(data: WaveData, factors: Factorised) -> float | None:

@@ -37,7 +37,7 @@ from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space
 from ngbrain.inverse.together import Together, concluded
-from ngbrain.inverse.zones import FEWEST, PartOfWaves, cut, part, spacing
+from ngbrain.inverse.zones import FEWEST, PartOfWaves, cut, part
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -259,7 +259,7 @@ def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float
     if size is None:
         return np.maximum(np.rint(SIDE * wave / side).astype(int), shared + FEW), shared
     most = (size / side + LESS).astype(int)
-    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * spacing(data))
+    least = max(float(np.max((shared + 1) * side)), overlap + FEWEST ** (1 / 3) * data.apart)
     if size < least * (1 - 1e-9) or not np.all(most > shared):
         wanted = f"{least:.3g} m or more, {float(np.max(shared * side)):.3g} of it an overlap"
         raise InputError("size", f"{size:.3g}", wanted)

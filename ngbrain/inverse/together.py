@@ -22,7 +22,7 @@ from ngbrain.inverse.quantities import quantities
 from ngbrain.inverse.rough import Rough
 from ngbrain.inverse.unseen import of_bulk, of_few, of_fibres, of_scale
 from ngbrain.inverse.weights import Level
-from ngbrain.inverse.zones import Zone, disagreement, joined, spacing
+from ngbrain.inverse.zones import Zone, disagreement, joined
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -197,7 +197,7 @@ def concluded(
         **{f"disagreement_{name}": off for name, off in last.disagreement.items()},
     }
     free = free_part(driven(data, cells.mesh)[0])
-    volume = spacing(data) ** data.dim if data.structured is None else float(np.prod(data.structured.spacing))
+    volume = data.apart**data.dim if data.structured is None else float(np.prod(data.structured.spacing))
     known = int(np.isfinite(np.sum(list(last.maps.values()), axis=0)).sum())
     sizes = [len(zone.points) for zone in zones]
     return Inversion(

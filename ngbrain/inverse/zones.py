@@ -77,7 +77,7 @@ def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Se
         [np.interp(x, plane, np.arange(len(plane))) for x, plane in zip(points.T, cells.planes, strict=True)], 1
     )
     shape, far = np.array(cells.cells.shape), np.full(data.dim, np.inf)
-    touching = TOUCHING * spacing(data)
+    touching = TOUCHING * data.apart
     zones, numbers = [], np.flatnonzero(data.mask)
     for box in _boxes(at, Box(0 * shape, shape, -far, far), np.asarray(size), np.asarray(overlap)):
         near = box.holds(at)
@@ -85,12 +85,6 @@ def cut(data: WaveData, cells: Lattice, size: Sequence[int] | Array, overlap: Se
         if near.any():
             zones.append(Zone(numbers[near], box.ramps(at[near], np.asarray(overlap)), _seen(cells, box, at[near])))
     return _normed(zones, len(data.points))
-
-
-def spacing(data: WaveData) -> float:
-    """Median distance (m) of points of the mask from the nearest other one."""
-    points = data.points[data.mask]
-    return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
 
 
 def part(data: WaveData, zone: Zone, noise: Relative | None = None) -> tuple[PartOfWaves, Array]:

@@ -213,6 +213,12 @@ class WaveData:
         return Grid.of(self.points)
 
     @cached_property
+    def apart(self) -> float:
+        """Median distance (m) of points of the mask from the nearest other one."""
+        points = self.points[self.mask]
+        return float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
+
+    @cached_property
     def border(self) -> np.ndarray:
         """(n,) bool: the points of the mask at its border, see `hull`."""
         return hull(self.points, self.structured, self.mask)
