@@ -13,7 +13,7 @@ from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
 from ngbrain.forward.static import Static
-from ngbrain.inverse.parameters import Scaled, Unknown
+from ngbrain.inverse.parameters import Log, Scaled, Unknown
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import Ogden
 
@@ -48,6 +48,7 @@ def test_a_users_own_law_by_one_call(rng):
     off = np.sqrt(ngs.Integrate((stiffness / truth - 1) ** 2, mesh) / SIDE**2)
     assert off < 0.15 and hardening.Get() == found.values["hardening"] == pytest.approx(0.7, rel=0.25)
     assert 0.7 < found.misfit < 1.6
+    assert all(isinstance(u.transform, Log) for u in found.problem.unknowns.unknowns.values())
     band = found.posterior.band("hardening")
     assert band.low[0] < 0.7 < band.high[0]
 
