@@ -11,7 +11,8 @@ and densities ρ are those of rest. Data are d = B v:
     J δθ :       K δu₀ = -R_θ δθ ,    A δv = -(A_θ δθ + A_u δu₀) v ,    K = E''
     Re(Jᵀ w̄):    Aᵀ λ = Bᵀ w̄ ,        Kᵀ κ = -∂(λᵀ A v)/∂u₀ ,           -∂(λᵀ A v)/∂θ - R_θᵀ κ       real parts
 
-All of it from the energies by symbols. Source: Ogden 2007, 10.1007/978-3-211-73572-5_1.
+and (Re w̄ · d)'' δθ with A' for the change of A along δθ and δu₀, A v' = -A' v and Aᵀ λ' = -A'ᵀ λ. All of it from the energies by
+symbols. Source: Ogden 2007, 10.1007/978-3-211-73572-5_1.
 """
 
 from __future__ import annotations
@@ -203,6 +204,26 @@ class Prestressed:
             of_state -= by_state
             of_theta -= by_theta
         return of_theta + self.there.gradient(of_state)
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(Re Σ w̄ · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
+        work, adjoints = self.model.work, self._adjoints(w, "adjoint")
+        work.aim(self.there.along(direction)[0], direction)
+        first, change = np.zeros(len(self.there.data)), np.zeros(len(self.there.data))
+        total = np.zeros(self.model.size)
+        for wave, v, adjoint in zip(self.model.waves, self.waves, adjoints, strict=True):
+            omega, factor = wave.omega, self._factors[wave.omega]
+            moved = -factor.solve(work.turned(omega, v), "incremental")
+            other = -factor.solve(work.turned_back(omega, adjoint), "incremental", True)
+            first -= work.slopes(omega, v, adjoint)[0]
+            slopes = [
+                work.slopes(omega, moved, adjoint),
+                work.slopes(omega, v, other),
+                work.turned_slopes(omega, v, adjoint),
+            ]
+            change -= sum(by_state for by_state, _ in slopes)
+            total -= sum(by_theta for _, by_theta in slopes)
+        return total + self.there.pull(change) + self.there.second(first, direction)
 
     @cached_property
     def sensitivities(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:

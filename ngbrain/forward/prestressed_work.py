@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cached_property
+from typing import TypeAlias
 
 import ngsolve as ngs
 import numpy as np
@@ -11,25 +12,30 @@ import scipy.sparse as sp
 
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_blocks import Block
-from ngbrain.forward.implicit_work import Motion, Seen, Terms, Work, slope
+from ngbrain.forward.implicit_work import Motion, Seen, Terms, Work, slope, vector
 from ngbrain.forward.slopes import complexified
 from ngbrain.forward.static import Static
 from ngbrain.materials.base import Deformation, Value, density
 
 Array = np.ndarray
+Slopes: TypeAlias = tuple[Callable[[], Array], list[Callable[[], Array]]]
+"""What gives the derivatives of an integral by the state, and by each block of θ."""
+Pair: TypeAlias = Callable[[Motion], tuple[Motion, Motion]]
+"""From a part of the wave to what is tested with what: where loads follow the body, it matters which of two is which."""
 
 
 class WaveWork:
     """Re(A v) of a wave v = c + i d, tested, as integrals of real fields; Im(A v) is Re(A (-i v)).
 
-    With them the derivatives of Re(λᵀ A v), at the body's state, by the state and by θ.
+    With them the derivatives of Re(λᵀ A v), at the body's state, by the state and by θ, and those of its change Re(λᵀ A' v) along
+    the ways of both that `aim` was last given.
     """
 
     def __init__(self, body: Static, blocks: Iterable[Block], loss: Value, rho: Value) -> None:
         self._body, self._blocks, self._loss, self._rho = body, list(blocks), loss, rho
         fes = body.fes
         self._work, self._squared = Work(body), ngs.Parameter(0.0)
-        self._c, self._d, self._adjoint = (ngs.GridFunction(fes) for _ in range(3))
+        self._c, self._d, self._adjoint, self._change = (ngs.GridFunction(fes) for _ in range(4))
         self._trial, self._test = fes.TnT()
         spaces = [complexified(part) for part in ([fes] if body.u is body.gfu else fes.components)]
         same = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
@@ -46,54 +52,104 @@ class WaveWork:
     def _forms(self) -> list[Callable[[], ngs.BaseMatrix]]:
         state, test, work = self._trial, self._test, self._work
         parts = (work(state, test), work.of(self._kinetic, state, test), work.of(self._lossy, state, test))
-        return [_slopes(self._body, each) for each in parts]
+        return [_matrix(self._body, each) for each in parts]
 
     def sensitivity(self, omega: float, v: Array) -> tuple[sp.csr_array, sp.csr_array]:
         """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size)."""
         by_state, by_theta = [], []
         for part in (v, -1j * v):
             self._put(omega, part)
-            by_state.append(sparse(self._turned()))
+            by_state.append(sparse(self._by_state()))
             by_theta.append(sp.csr_array(sp.hstack([columns() for columns in self._columns])))
         return by_state[0] + 1j * by_state[1], by_theta[0] + 1j * by_theta[1]
 
     def slopes(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """∂ Re(λᵀ A v)/∂u₀ (ndof,) and ∂ Re(λᵀ A v)/∂θ (size,)."""
-        by_state, by_theta = [], []
+        return self._summed(self._slopes, omega, v, adjoint)
+
+    def aim(self, state: Array, direction: Array) -> None:
+        """Ways of the state (ndof,) and of θ (size,)."""
+        self._change.vec.FV().NumPy()[:] = state
+        for block, way in zip(
+            self._blocks, np.split(direction, np.cumsum([b.size for b in self._blocks])), strict=False
+        ):
+            block.turn(way)
+
+    def turned(self, omega: float, v: Array) -> Array:
+        """A' v (ndof,)."""
+        return self._complex(self._turned_product, omega, v)
+
+    def turned_back(self, omega: float, adjoint: Array) -> Array:
+        """A'ᵀ λ (ndof,)."""
+        return self._complex(self._turned_transposed, omega, adjoint)
+
+    def turned_slopes(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
+        """∂ Re(λᵀ A' v)/∂u₀ (ndof,) and ∂ Re(λᵀ A' v)/∂θ (size,)."""
+        return self._summed(self._turned_slopes, omega, v, adjoint)
+
+    def _summed(self, slopes: Slopes, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
+        """Of Re λ · Re(A v) and -Im λ · Im(A v)."""
+        by_state, by_theta = slopes
+        found = []
         for part, tested in ((v, adjoint.real), (-1j * v, -adjoint.imag)):
             self._put(omega, part)
             self._adjoint.vec.FV().NumPy()[:] = tested
-            by_state.append(self._by_state())
-            by_theta.append(np.concatenate([slope() for slope in self._by_theta]))
-        return by_state[0] + by_state[1], by_theta[0] + by_theta[1]
+            found.append((by_state(), np.concatenate([slope() for slope in by_theta])))
+        return found[0][0] + found[1][0], found[0][1] + found[1][1]
+
+    def _complex(self, product: Callable[[], Array], omega: float, v: Array) -> Array:
+        """From what gives Re(A v)."""
+        parts = []
+        for part in (v, -1j * v):
+            self._put(omega, part)
+            parts.append(product())
+        return parts[0] + 1j * parts[1]
 
     def _put(self, omega: float, v: Array) -> None:
         self._squared.Set(omega**2)
         self._c.vec.FV().NumPy()[:], self._d.vec.FV().NumPy()[:] = v.real, v.imag
 
     @cached_property
-    def _turned(self) -> Callable[[], ngs.BaseMatrix]:
-        return _slopes(self._body, self._real(self._trial, self._test))
+    def _by_state(self) -> Callable[[], ngs.BaseMatrix]:
+        return _matrix(self._body, self._real(self._trial, _tested(self._test)))
 
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
-        parts = self._real(self._body.gfu, self._test)
+        parts = self._real(self._body.gfu, _tested(self._test))
         return [block.columns(self._body.fes, parts) for block in self._blocks]
 
     @cached_property
-    def _by_state(self) -> Callable[[], Array]:
-        return slope(self._body, self._real(self._trial, self._adjoint))
+    def _slopes(self) -> Slopes:
+        return self._slopes_of(lambda state: self._real(state, _tested(self._adjoint)))
 
     @cached_property
-    def _by_theta(self) -> list[Callable[[], Array]]:
-        parts = self._real(self._body.gfu, self._adjoint)
-        return [block.slope(parts, self._body.mesh) for block in self._blocks]
+    def _turned_slopes(self) -> Slopes:
+        return self._slopes_of(lambda state: self._turn(state, _tested(self._adjoint)))
 
-    def _real(self, state: Motion, virtual: Motion) -> Terms:
-        """Re(A v) tested with a virtual motion."""
-        stored = self._work(state, virtual, self._c)
-        kinetic = self._work.of(self._kinetic, state, virtual, self._c)
-        lossy = self._work.of(self._lossy, state, virtual, self._d)
+    @cached_property
+    def _turned_product(self) -> Callable[[], Array]:
+        return vector(self._body.fes, self._turn(self._body.gfu, _tested(self._test)))
+
+    @cached_property
+    def _turned_transposed(self) -> Callable[[], Array]:
+        test = self._test
+        return vector(self._body.fes, self._turn(self._body.gfu, lambda part: (part, test)))
+
+    def _slopes_of(self, functional: Callable[[Motion], Terms]) -> Slopes:
+        parts = functional(self._body.gfu)
+        by_theta = [block.slope(parts, self._body.mesh) for block in self._blocks]
+        return slope(self._body, functional(self._trial)), by_theta
+
+    def _turn(self, state: Motion, pair: Pair) -> Terms:
+        """The change of `_real` along the ways of the state and of θ."""
+        parts = self._real(state, pair)
+        return self._real(state, pair, self._change) + [term for block in self._blocks for term in block.along(parts)]
+
+    def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
+        """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""
+        stored = self._work(state, *pair(self._c), *along)
+        kinetic = self._work.of(self._kinetic, state, *pair(self._c), *along)
+        lossy = self._work.of(self._lossy, state, *pair(self._d), *along)
         return stored + [term.times(-self._squared) for term in kinetic] + [term.times(-1) for term in lossy]
 
     def _kinetic(self, at: Seen) -> ngs.comp.SumOfIntegrals:
@@ -111,7 +167,11 @@ class WaveWork:
         return sum(rest, first)
 
 
-def _slopes(body: Static, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
+def _tested(virtual: Motion) -> Pair:
+    return lambda part: (virtual, part)
+
+
+def _matrix(body: Static, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
     """How terms with trial functions as the state, and test functions, change with the state: the matrix at the body's."""
     form = ngs.BilinearForm(body.fes)
     for part in parts:

@@ -176,6 +176,32 @@ def test_a_misfit_of_them(rng):
     direction = rng.uniform(-1, 1, len(x)) * np.abs(x).max()
     rates = taylor(reduced.value, reduced.at(x).gradient(), x, direction, 2)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
+    rates = taylor(lambda x: reduced.at(x).gradient(), lambda d: reduced.at(x).hessian(d), x, 0.3 * direction, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+@pytest.mark.parametrize("load", [Traction, Pressure], ids=lambda load: load.__name__)
+@pytest.mark.parametrize(
+    ("law", "form"),
+    [
+        *((neo_hooke, form) for form in ("P2", "P2/P1", Form(2, 0, False))),
+        pytest.param(ogden, "P2/P1", marks=pytest.mark.slow),
+    ],
+)
+def test_second_derivatives(law, form, load, rng):
+    """They are symmetric, and those of the gradient; with a pressure that follows, matrices are not."""
+    of = model(law, form, load, held="top" if load is Pressure else None)
+    theta = of.theta
+    there = of.at(theta)
+    w, size = (
+        weights(there, rng),
+        np.concatenate([np.full(b.stop - b.start, theta[b].max()) for b in of.blocks.values()]),
+    )
+    a, b = 0.3 * size * rng.uniform(-1, 1, (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    assert dot(along_a, along_b, a, b) < 1e-10
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
 
 
 def test_a_state_of_before_keeps_its_derivatives(rng):
