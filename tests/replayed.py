@@ -7,7 +7,7 @@ import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
 
 from ngbrain.forward.body import Body, Material
-from ngbrain.forward.contact import Contact
+from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.through_time import RunModel
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
@@ -40,6 +40,11 @@ def plate(drive, share=0.0):
     return Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5, share)
 
 
+def pressed(share=0.0):
+    """Contacts by a drive."""
+    return lambda drive: [plate(drive, share)]
+
+
 def numbers(**values):
     return {name: ngs.Parameter(value) for name, value in values.items()}
 
@@ -48,7 +53,7 @@ def prony():
     mesh = block((SIDE,) * 3, SIDE)
     p = {"mu": field(mesh, 1000.0), "alpha": field(mesh, -12.0), **numbers(g=0.4, tau=3.0, slow=50.0, bulk=1.5e6)}
     law = Prony(Ogden(p["mu"], p["alpha"]), [p["g"], 0.2], [p["tau"], p["slow"]])
-    return mesh, {"tissue": Material(law, p["bulk"])}, p, HOLD, 0.0
+    return mesh, {"tissue": Material(law, p["bulk"])}, p, HOLD, pressed()
 
 
 def layers():
@@ -58,7 +63,7 @@ def layers():
         NeoHooke(p["rest"]), (Branch(NeoHooke(p["first"]), p["tau"]), Branch(Ogden(p["second"], -9.0), 60.0))
     )
     stiff = Viscous(NeoHooke(500.0), (Branch(NeoHooke(p["stiff"]), 10.0),))
-    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, 0.9
+    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, pressed(0.9)
 
 
 def maxwell():
@@ -67,38 +72,51 @@ def maxwell():
     both = Maxwell(Ogden(p["spring"], p["alpha"]), p["eta"]), Maxwell(NeoHooke(500.0), p["other"])
     soft = Viscous(Ogden(p["rest"], -12.0), (*both, Branch(NeoHooke(400.0), p["tau"])))
     stiff = Viscous(NeoHooke(500.0), (Maxwell(NeoHooke(900.0), p["eta"]),))
-    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, 0.0
+    return mesh, {"low": Material(soft, 1e6), "high": Material(stiff, 1e6)}, p, HOLD, pressed()
 
 
 def lifted():
-    return *prony()[:3], LIFT, 0.0
+    return *prony()[:3], LIFT, pressed()
 
 
 def elastic():
     p = numbers(mu=1000.0)
-    return block((SIDE,) * 3, SIDE), {"tissue": Material(NeoHooke(p["mu"]), 1e6)}, p, HOLD, 0.0
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(NeoHooke(p["mu"]), 1e6)}, p, HOLD, pressed()
 
 
 def relaxing():
     p = numbers(mu=1000.0, g=0.5, tau=3.0)
     law = Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]])
-    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, 0.0
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, pressed()
+
+
+def touched():
+    """What rigid bodies are made of, too: a factor of the plate's way, its shape and penalty, a film's stiffness."""
+    mesh, materials, p, protocol, _ = relaxing()
+    p |= {"rise": field(mesh, 2e-4), **numbers(way=1.1, penalty=1e8, film=2e5)}
+
+    def contacts(drive):
+        distance = lambda x: SIDE - p["way"] * drive.parameter - p["rise"] - x[2]  # noqa: E731
+        film = Sliding.on(mesh, "left", p["film"])
+        return [Contact("top", distance, p["penalty"], 2e-5, 0.9), film]
+
+    return mesh, materials, p, protocol, contacts
 
 
 def flowing():
     p = numbers(rest=400.0, spring=600.0, eta=1800.0)
     law = Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
-    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, 0.0
+    return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, pressed()
 
 
-KINDS = {"Prony": prony, "layers": layers, "Maxwell": maxwell, "lifted": lifted, "elastic": elastic}
+KINDS = {"Prony": prony, "layers": layers, "Maxwell": maxwell, "lifted": lifted, "elastic": elastic, "touched": touched}
 PLAIN = {"relaxing": relaxing, "flowing": flowing}
 
 
 def model(kind="relaxing", grid=GRID, **options):
-    mesh, materials, parameters, protocol, share = (KINDS | PLAIN)[kind]()
+    mesh, materials, parameters, protocol, contacts = (KINDS | PLAIN)[kind]()
     drive = Drive(protocol)
-    body = Body(mesh, materials, "bottom", [plate(drive, share)])
+    body = Body(mesh, materials, "bottom", contacts(drive))
     return RunModel(body, drive, grid, parameters, SEEN, **options)
 
 

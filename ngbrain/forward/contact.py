@@ -107,10 +107,17 @@ class Sliding:
         normal.Set(ngs.specialcf.normal(3), definedon=mesh.Boundaries(wall))
         return cls(wall, stiffness, normal / ngs.Norm(normal))
 
+    def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
+        """Energy per reference area (J/m²)."""
+        return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
+
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energy to a form of a body's."""
-        away = ngs.InnerProduct(form.space.TrialFunction()[0], self.normal)
-        form += ngs.Variation(self.stiffness / 2 * away**2 * ngs.ds(self.wall))
+        form += ngs.Variation(self.energy(form.space.TrialFunction()[0]) * self.measure())
+
+    def measure(self) -> ngs.comp.DifferentialSymbol:
+        """The `ds` of every integral over the wall."""
+        return ngs.ds(self.wall)
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class Ended:
         back = ((c + k) * r[0] - b * r[1]) / det, ((a + k) * r[1] - b * r[0]) / det
         self.energy = W + kappa * (off[0] ** 2 + off[1] ** 2) - (r[0] * back[0] + r[1] * back[1]) / 2
         self.G = (G * end.stretched([-off[i] - back[i] for i in range(2)])).Reshape((9,))
-        self.made, self.law = made, law
+        self.made, self.law, self.branch = made, law, branch
 
 
 def _sum(parts: Iterable[CoefficientFunction]) -> CoefficientFunction:

@@ -114,13 +114,16 @@ class Replay:
         """All steps, with the body at the end of each, its history not yet moved on."""
         for start in self.kept:
             for step in self._steps(start):
-                yield self._stand(step)
+                yield self.stand(step)
 
     def backwards(self) -> Iterator[Step]:
         """The same from the last one to the first."""
-        for start in reversed(self.kept):
-            for step in reversed(self._steps(start)):
-                yield self._stand(step)
+        for steps in self.segments():
+            yield from map(self.stand, reversed(steps))
+
+    def segments(self) -> Iterator[list[Step]]:
+        """Steps from one kept history to the next, the last of them first."""
+        return map(self._steps, reversed(self.kept))
 
     def _steps(self, start: Kept) -> list[Step]:
         if not self._last or self._last[0].n != start.n:
@@ -190,7 +193,8 @@ class Replay:
             x, record = self._newton.solve(self.body, x)
         return (x if record.converged else None), record.reason
 
-    def _stand(self, step: Step) -> Step:
+    def stand(self, step: Step) -> Step:
+        """Go to the end of a step, with the history not yet moved on."""
         body = self.body
         body.memory = step.memory
         body.state = step.x

@@ -12,6 +12,7 @@ e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -59,9 +60,9 @@ class StepForms:
         self._G, self._half, self._settled = ([Block(space, size, self._s) for _ in flows] for size in (9, 10, 5))
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
-        self._one = ngs.GridFunction(ngs.L2(body.mesh, order=0))
-        self._one.Set(1.0)
         self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
+        for material in body.materials.values():
+            self._check(material)
         rules = history.rules
         weights = ngs.LinearForm(space.TestFunction() * ngs.dx(intrules=rules)).Assemble()
         self.quadrature = values(weights).copy()
@@ -73,7 +74,7 @@ class StepForms:
         self._forth = of({p: self._forward(m) for p, m in materials.items()})
         self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
         self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
-        self._slopes = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
+        self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
 
     # What is asked of a step.
 
@@ -90,7 +91,7 @@ class StepForms:
 
     def changed(self, history: Array, theta: Mapping[str, Array]) -> Array:
         """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
-        self._aim(history, theta)
+        self.aim(history, theta)
         return self._changed()
 
     def moved(self, x: Array) -> Array:
@@ -113,21 +114,45 @@ class StepForms:
             put(self._half, "weight", by_inner)
             before = self.points(self._before)[1:]
             by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
-        return by_history, {name: self._gathered(name, s) for name, s in zip(self.parameters, by_theta, strict=True)}
+        return by_history, self.gathered(by_theta)
+
+    def gathered(self, densities: Array) -> dict[str, Array]:
+        """From derivatives by parameters' values at the points to those by their unknowns."""
+        return {name: self._gathered(name, s) for name, s in zip(self.parameters, densities, strict=True)}
 
     def _gathered(self, name: str, density: Array) -> Array:
-        """From a derivative by a parameter's value at the points to that by its unknowns."""
-        if name not in self._slopes:
+        if name not in self._forms:
             return np.array([self.quadrature @ density])
-        at_points, form = self._slopes[name]
+        at_points, form = self._forms[name]
         values(at_points)[:] = density
         form.Assemble()
         return values(form).copy()
 
     # Materials in a step.
 
-    def _slopes_of(self, function: CoefficientFunction) -> Expressions:
-        return [function.Diff(parameter, self._one) for parameter in self.parameters.values()]
+    def _check(self, material: Material) -> None:
+        """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
+        at = Deformation.of(deformation_gradient(self.body.u))
+        flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, STILL)]
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, ngs.GridFunction):
+                for made in (self.energies(material, at, self.body.p, STILL)[0].value, *flows):
+                    if re.search(
+                        r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
+                    ):
+                        raise InputError(
+                            f"parameters.{name}", "in a law by its gradient", "a field that laws see the values of"
+                        )
+
+    def slopes(self, function: CoefficientFunction) -> Expressions:
+        """Derivatives by each parameter's value."""
+        # Not along a direction: that has no memory of what its parts share.
+        return [function.Diff(parameter) for parameter in self.parameters.values()]
+
+    def along(self, function: CoefficientFunction) -> CoefficientFunction:
+        """Change of a function along δθ."""
+        ways = zip(self.slopes(function), self._directions.values(), strict=True)
+        return reduce(add, (slope * way for slope, way in ways))
 
     def _nothing(self, size: int) -> Part:
         return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
@@ -138,10 +163,9 @@ class StepForms:
 
     def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
         """With s times the law's change along the parameters' directions."""
-        ways = zip(self._slopes_of(law), self._directions.values(), strict=True)
-        return made + self._s * reduce(add, (slope * way for slope, way in ways))
+        return made + self._s * self.along(law)
 
-    def _energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
+    def energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
         """W, as `Body` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
@@ -149,7 +173,7 @@ class StepForms:
         for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
             energy += 0.5 * ngs.InnerProduct(of_six(e * seen(over) - beta * seen(stress)), at.shape)
         flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
-        return [Part(energy, self._slopes_of(energy)), *flows]
+        return [Part(energy, self.slopes(energy)), *flows]
 
     def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Ended]:
         parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
@@ -159,17 +183,17 @@ class StepForms:
 
     def _of(self, value: CoefficientFunction, flow: Begun | Ended, seen: Seen) -> Part:
         """What a flow gives; moved, its parameters go with s."""
-        return Part(value) if seen is MOVED else Part(value, self._slopes_of(flow.law), flow.made)
+        return Part(value) if seen is MOVED else Part(value, self.slopes(flow.law), flow.made)
 
-    def _updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Part]:
+    def updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Part]:
         """U at a C̄, block by block; branches that a region has not stay at rest."""
         found, C = list[Part](), shape.MakeVariable()
         for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
             W = density(branch.law, Deformation.of_stretch(C))
-            new = Part(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self._slopes_of(W)])
+            new = Part(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self.slopes(W)])
             factors = ngs.CF(step_factors(self.dt, branch.tau))
             made = ngs.CF((factors, new.value)).MakeVariable()
-            both = zip(self._slopes_of(factors), new.slopes, strict=True)
+            both = zip(self.slopes(factors), new.slopes, strict=True)
             moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
             found += [new, Part(moved, [ngs.CF(slopes) for slopes in both], made)]
         found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
@@ -196,11 +220,11 @@ class StepForms:
         return part.along(self._s, list(self._directions.values()))
 
     def _changing(self, material: Material) -> Density:
-        return lambda at, p: reduce(add, map(self._along, self._energies(material, at, p, MOVED)))
+        return lambda at, p: reduce(add, map(self._along, self.energies(material, at, p, MOVED)))
 
     def _weighted(self, material: Material) -> Density:
         return lambda at, p: reduce(
-            add, (w.value for w in weighed(self.blocks, self._updates(material, at.shape, STILL))), 0 * p
+            add, (w.value for w in weighed(self.blocks, self.updates(material, at.shape, STILL))), 0 * p
         )
 
     def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
@@ -220,15 +244,15 @@ class StepForms:
         changes = [getattr(moving, name).Diff(F, ngs.Grad(u)) for name in names]
         at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
         p = (1.0 * self.body.p).MakeVariable() + t * q
-        works = [W.then(lambda part: part.Diff(t)) for W in self._energies(material, at, p, STILL)]
+        works = [W.then(lambda part: part.Diff(t)) for W in self.energies(material, at, p, STILL)]
         return self._derived(
-            works + weighed(self.blocks, self._updates(material, still[0], STILL)), [*self.blocks, *self._half]
+            works + weighed(self.blocks, self.updates(material, still[0], STILL)), [*self.blocks, *self._half]
         )
 
     def _forward(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
         F = deformation_gradient(self.body.u) + self._s * ngs.Grad(self._moving.components[0])
-        updates = self._updates(material, Deformation.of(F).shape, MOVED)
+        updates = self.updates(material, Deformation.of(F).shape, MOVED)
         return ngs.CF((0.0, *map(self._along, updates))).Compile()
 
     def _inner_backward(self, material: Material) -> CoefficientFunction:
@@ -244,7 +268,8 @@ class StepForms:
         form += at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
         return at_points, form
 
-    def _aim(self, history: Array, theta: Mapping[str, Array]) -> None:
+    def aim(self, history: Array, theta: Mapping[str, Array]) -> None:
+        """Set δh and δθ."""
         put(self.blocks, "change", history)
         for name, direction in self._directions.items():
             if isinstance(direction, ngs.GridFunction):

@@ -12,6 +12,8 @@ from ngbrain.solvers.krylov import gmres
 Array = np.ndarray
 EXACT, MOST = 1e-11, 12
 """What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
+FINER = 1e-13
+"""The first of these for second derivatives, which come from solutions of solutions."""
 FEW = 3
 """Right-hand sides at one state up to which an old factor is tried."""
 
@@ -30,13 +32,13 @@ class Tangents:
         self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         self._factor: Solve | None = None
 
-    def here(self, sides: int) -> Solve:
+    def here(self, sides: int, exact: float = EXACT) -> Solve:
         """A solver for so many right-hand sides, of use until the next is asked for."""
         flows = self.body.history.flows
         if flows:
             flows.stiffen()
         self.body.form.AssembleLinearization(self.body.gfu.vec)
-        self._fresh = False
+        self._fresh, self._exact = False, exact
         if sides > FEW:
             self._renew()
         return self._solve
@@ -52,8 +54,10 @@ class Tangents:
         self.solves += 1
         if self._factor is not None and not self._fresh:
             first = self._factor(b)
-            x, _, left = gmres(lambda y: self.apply(y) * self._free, self._factor, first, self._scale, EXACT, MOST)
-            if left <= EXACT:
+            x, _, left = gmres(
+                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, MOST
+            )
+            if left <= self._exact:
                 return x
         if not self._fresh:
             self._renew()

@@ -3,32 +3,32 @@
 Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data are d = B x + Z f of the tissue's nodal forces f
 (`readings`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
 
-    J δθ:   K δx = -(R_h δh + R_θ δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
-    Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw)
+    J δθ:   K δx = -(R_h δh + (R_θ + C_θ) δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
+    Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
 
-from the first step on and from the last one back. The grid of times is given and stays: an adaptive one would move with θ.
-Contact is differentiated where it stands; its energy is smooth enough.
+with C_θ of the contacts, from the first step on and from the last one back; second derivatives by both, with two solves more a
+step (`step_curvature`). The grid of times is given and stays: an adaptive one would move with θ. Contact is differentiated where it
+stands; its energy is smooth enough.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
-import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.harmonic import vanishes
-from ngbrain.forward.implicit_blocks import places
+from ngbrain.forward.contact_forms import ContactForms
+from ngbrain.forward.implicit_blocks import block, places
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
+from ngbrain.forward.step_curvature import StepCurvature
 from ngbrain.forward.step_forms import Parameter, StepForms
 from ngbrain.forward.tangent import Solve
-from ngbrain.forward.tangents import Tangents
+from ngbrain.forward.tangents import EXACT, FINER, Tangents
 from ngbrain.forward.transient import Motion
 from ngbrain.solvers.newton import Newton
 
@@ -43,8 +43,8 @@ class RunModel:
     body        quasi-static, without friction; its materials are made of `parameters`
     motion      of its rigid bodies
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials, and not contacts, are made of; their values one after the other
-                are θ
+    parameters  name → GridFunction or Parameter that materials and rigid bodies are made of, such as a factor of a blade's way;
+                their values one after the other are θ
     readings    what is seen, see `readings`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`
@@ -87,7 +87,6 @@ class RunModel:
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
         if not readings:
             raise InputError("readings", "none", "one or more: what is seen of a run")
-        _check_contacts(body, parameters)
         self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
         self.forms, self.tangents = StepForms(body, self.parameters), Tangents(body)
@@ -95,27 +94,33 @@ class RunModel:
         self.observed = places([part.shape[0] for part in B])
         """Where each reading is in a row of the data."""
         self.B, self.Z = sp.csr_array(sp.vstack(B)), sp.csr_array(sp.vstack(Z))
-        sizes = [len(_values(p)) for p in self.parameters.values()]
-        ends = np.cumsum([0, *sizes])
-        self.blocks = {name: slice(int(a), int(b)) for name, a, b in zip(parameters, ends, ends[1:], strict=False)}
-        self.size = int(ends[-1])
+        if (own := getattr(motion, "parameter", None)) is not None:
+            for name, parameter in self.parameters.items():
+                if parameter is own:
+                    raise InputError(f"parameters.{name}", "what the motion sets", "another, such as a factor of it")
+        self.parts = {name: block(name, of) for name, of in self.parameters.items()}
+        sizes = [part.size for part in self.parts.values()]
+        self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
+        self.contacts = ContactForms(body, self.parts)
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
         """Which row of the data a step gives."""
 
     @property
     def theta(self) -> Array:
         """θ as the parameters are now."""
-        return np.concatenate([_values(p) for p in self.parameters.values()])
+        return np.concatenate([part.value for part in self.parts.values()])
+
+    @cached_property
+    def curvature(self) -> StepCurvature:
+        """What second derivatives need; made when first asked for."""
+        return StepCurvature(self.forms, self.parts, self.contacts)
 
     def at(self, theta: Array) -> Replayed:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
         if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
             raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
-        for name, parameter in self.parameters.items():
-            if isinstance(parameter, ngs.GridFunction):
-                parameter.vec.FV().NumPy()[:] = theta[self.blocks[name]]
-            else:
-                parameter.Set(float(theta[self.blocks[name]][0]))
+        for name, part in self.parts.items():
+            part.put(theta[self.blocks[name]])
         return Replayed(self)
 
     def split(self, theta: Array) -> dict[str, Array]:
@@ -165,16 +170,60 @@ class Replayed:
         model, forms = self.model, self.model.forms
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
         for step in model.replay.backwards():
-            solve = self._begin(step, 1)
-            row = w[model.row[step.n]] if step.n in model.row else np.zeros(w.shape[1])
-            motion = model.Z.T @ row
-            b = model.B.T @ row + forms.remembered(weights)
-            if motion.any():
-                b += self._tissue(motion[None])[0]
-            weights, slopes = forms.back(motion - solve(b), weights)
-            for name, block in model.blocks.items():
-                total[block] += slopes[name]
+            adjoint, motion, _ = self._adjoint(step, w, weights)
+            weights, slopes = forms.back(adjoint + motion, weights)
+            total += np.concatenate(list(slopes.values())) + model.contacts.slopes(adjoint)
         return total
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
+
+        Raises `InputError` for bodies with Maxwell branches or walls that close on each other.
+        """
+        shaped("w", np.shape(w), self.data.shape)
+        model, forms, curved = self.model, self.model.forms, self.model.curvature
+        theta, total = model.split(direction), np.zeros(model.size)
+        weights = turned = np.zeros((forms.size, len(forms.quadrature)))
+        for step, x, history in self._changes_back(theta):
+            adjoint, motion, solve = self._adjoint(step, w, weights, FINER)
+            curved.aim(x, history, theta)
+            curved.weigh(adjoint, adjoint + motion, weights)
+            (bent, slopes), forces = curved.back(), curved.by_state()
+            change = -solve(forces + forms.remembered(turned))
+            turned, more = forms.back(change, turned)
+            turned = turned + bent
+            weights, _ = forms.back(adjoint + motion, weights)
+            total += slopes + np.concatenate(list(more.values())) + model.contacts.slopes(change)
+        return total
+
+    def _adjoint(self, step: Step, w: Array, weights: Array, exact: float = EXACT) -> tuple[Array, Array, Solve]:
+        """λ and Zᵀw of a step at whose end the body stands, and the solver."""
+        model, solve = self.model, self._begin(step, 1, exact)
+        row = w[model.row[step.n]] if step.n in model.row else np.zeros(w.shape[1])
+        motion = model.Z.T @ row
+        b = model.B.T @ row + model.forms.remembered(weights)
+        if motion.any():
+            b += self._tissue(motion[None])[0]
+        return -solve(b), motion, solve
+
+    def _changes_back(self, theta: Mapping[str, Array]) -> Iterator[tuple[Step, Array, Array]]:
+        """δx and δh of all steps, from the last one back, where the body stands; histories' changes are kept as these are."""
+        replay, forms = self.model.replay, self.model.forms
+        history, kept, changes = np.zeros((forms.size, len(forms.quadrature))), dict[int, Array](), list[Array]()
+        for step in replay.forwards():
+            if step.n % replay.every == 0:
+                kept[step.n] = history
+            solve = self._begin(step, 1, FINER)
+            changes.append(-solve(forms.changed(history, theta) + self.model.contacts.changed(theta)))
+            history = forms.moved(changes[-1])
+        for steps in replay.segments():
+            histories = [kept[steps[0].n]]
+            for step in map(replay.stand, steps[:-1]):
+                self._set(step)
+                forms.aim(histories[-1], theta)
+                histories.append(forms.moved(changes[step.n]))
+            for step, history in zip(map(replay.stand, reversed(steps)), reversed(histories), strict=True):
+                yield step, changes[step.n], history
 
     def _pushed(self, directions: Array) -> Array:
         """J times each of some directions, with one factor of each step."""
@@ -188,17 +237,20 @@ class Replayed:
             stiff = self._tissue(model.Z.toarray()) if seen is not None else np.empty(0)
             for i, theta in enumerate(changes):
                 r = forms.changed(histories[i], theta)
-                x = -solve(r)
+                x = -solve(r + model.contacts.changed(theta))
                 if seen is not None:
                     data[i, seen] = model.B @ x + stiff @ x + model.Z @ r
                 histories[i] = forms.moved(x)
         return data
 
-    def _begin(self, step: Step, sides: int) -> Solve:
+    def _begin(self, step: Step, sides: int, exact: float = EXACT) -> Solve:
         """Forms and tangent of a step at whose end the body stands."""
-        model = self.model
-        model.forms.begin(step.memory, model.replay.grid[step.n + 1] - model.replay.grid[step.n])
-        return model.tangents.here(sides)
+        self._set(step)
+        return self.model.tangents.here(sides, exact)
+
+    def _set(self, step: Step) -> None:
+        grid = self.model.replay.grid
+        self.model.forms.begin(step.memory, grid[step.n + 1] - grid[step.n])
 
     def _tissue(self, motions: Array) -> Array:
         """K_f z of some motions z, where the body's tangent was just made: what is not contact's."""
@@ -210,19 +262,3 @@ class Replayed:
             product.data = body.contact_form.mat * z
             found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
         return found
-
-
-def _check_contacts(body: Body, parameters: Mapping[str, Parameter]) -> None:
-    """Contacts are differentiated where they stand: what they are made of is no parameter."""
-    u, offset = body.u, ngs.Parameter(0.0)
-    for contact in (each for each in body.contacts if isinstance(each, Contact)):
-        for name, parameter in parameters.items():
-            if not vanishes(contact.energy(u, offset).Diff(parameter, ngs.CF(1.0))):
-                wanted = "one of the materials: a run is not differentiated by what its rigid bodies are made of"
-                raise InputError(f"parameters.{name}", f"part of the contact of {contact.wall!r}", wanted)
-
-
-def _values(parameter: Parameter) -> Array:
-    if isinstance(parameter, ngs.GridFunction):
-        return parameter.vec.FV().NumPy().copy()
-    return np.array([parameter.Get()])

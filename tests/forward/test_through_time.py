@@ -1,18 +1,18 @@
 """Derivatives of a run by what its body is made of: Taylor rates, J against Jᵀ, memory, and bugs that are caught."""
 
-from dataclasses import replace
-
 import ngsolve as ngs
 import numpy as np
 import pytest
-from replayed import GRID, KINDS, PLAIN, directions, model, plate, relaxing, weights
+from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, model, plate, relaxing, weights
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward import flow_forms, step_forms, tangents, through_time
 from ngbrain.forward.body import Body
+from ngbrain.forward.contact import Closing
 from ngbrain.forward.dynamic import DynamicBody
 from ngbrain.forward.inertia import GeneralizedAlpha
+from ngbrain.forward.material import Material
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.replay import Replay, times_of
 from ngbrain.forward.step_forms import StepForms
@@ -20,7 +20,9 @@ from ngbrain.forward.steps import StepControl
 from ngbrain.forward.tangents import FEW, MOST, Tangents
 from ngbrain.forward.through_time import Replayed, RunModel
 from ngbrain.forward.transient import Transient
+from ngbrain.materials import NeoHooke
 from ngbrain.materials.flow import Flow
+from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.protocols import Drive
 
@@ -36,7 +38,8 @@ def test_rates_of_every_parameter(kind, rng):
     w = weights(there.data, rng)
     slope = there.gradient(w)
     for name, direction in directions(of, rng):
-        first = min(FIRST, 0.1 * FIRST / abs(slope @ direction))  # far from round-off, near enough to be quadratic
+        # Far from round-off, near enough to be quadratic; where bodies stand counts almost linearly.
+        first = FIRST if name in ("rise", "way") else min(FIRST, 0.1 * FIRST / abs(slope @ direction))
         rates = taylor(lambda x: float(np.sum(w * of.at(x).data)), slope, theta, direction, steps=2, first=first)
         assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
 
@@ -114,6 +117,45 @@ def test_old_factors_serve_several_steps(monkeypatch):
     (slope, few), (direct, all_of_them) = found.values()
     assert few <= 8 and all_of_them == 16
     assert slope == pytest.approx(direct, rel=1e-8)
+
+
+# Second derivatives.
+
+
+@pytest.mark.parametrize("kind", [*(kind for kind in KINDS if kind != "Maxwell"), "relaxing"])
+def test_second_derivatives(kind, rng):
+    """They are symmetric, and those of the gradient."""
+    of = model(kind)
+    theta, there = of.theta, of.at(of.theta)
+    w = weights(there.data, rng)
+    size = np.concatenate([np.full(b.stop - b.start, theta[b].max()) for b in of.blocks.values()])
+    much = 0.5 if kind == "elastic" else 0.05  # a modulus alone changes little but how far contact's penalty gives way
+    a, b = much * size * rng.uniform(-1, 1, (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    assert dot(along_a, along_b, a, b) < 1e-10
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_second_derivatives_where_few_histories_are_held():
+    found = []
+    for every in (1, 2, 5):
+        of = model("layers", every=every)
+        found.append(of.at(of.theta).second(np.ones((5, 8)), of.theta))
+    for each in found[1:]:
+        assert each == pytest.approx(found[0], rel=1e-9, abs=1e-12 * np.abs(found[0]).max())
+
+
+def test_second_derivatives_that_are_not_there_are_refused():
+    of = model("flowing", SHORT)
+    with pytest.raises(InputError, match="Maxwell branches"):
+        of.at(of.theta).second(np.ones((3, 8)), of.theta)
+    mesh, materials, parameters, protocol, _ = relaxing()
+    drive = Drive(protocol)
+    walls = [plate(drive), Closing("left", "right", 1e8, 1e-5, reach=1e-3)]
+    of = RunModel(Body(mesh, materials, "bottom", walls), drive, SHORT, parameters, SEEN)
+    with pytest.raises(InputError, match="close on each other"):
+        of.at(of.theta).second(np.ones((3, 8)), of.theta)
 
 
 # Memory.
@@ -257,10 +299,10 @@ def force_of_nothing(patch):
 def stale_factor(patch):
     here = Tangents.here
 
-    def elsewhere(self, sides):
+    def elsewhere(self, sides, exact):
         x = self.body.state
         self.body.state = 0.7 * x
-        solve = here(self, FEW + 1)
+        solve = here(self, FEW + 1, exact)
         self.body.state = x
         return solve
 
@@ -322,20 +364,20 @@ def test_without_bugs_the_same_has_its_rate(kind, rng):
 # What is refused.
 
 
-@pytest.mark.parametrize("part", ["height", "penalty"])
-def test_what_a_contact_is_made_of_is_no_parameter(part):
-    """Its derivative would be nothing, silently."""
-    mesh, materials, parameters, protocol, _ = relaxing()
-    drive, number = Drive(protocol), ngs.Parameter(1.0)
-    made = plate(drive)
-    if part == "height":
-        made = replace(made, distance=lambda x: 1e-3 * number + plate(drive).distance(x))
-    else:
-        made = replace(made, penalty=1e8 * number)
-    body = Body(mesh, materials, "bottom", [made])
-    RunModel(body, drive, GRID, parameters, [Force("top")])
-    with pytest.raises(InputError, match=r"parameters\.number is part of the contact of 'top'"):
-        RunModel(body, drive, GRID, {**parameters, "number": number}, [Force("top")])
+def test_what_the_motion_sets_itself_is_no_parameter():
+    of = model(grid=GRID[:3])
+    with pytest.raises(InputError, match=r"parameters\.way is what the motion sets"):
+        RunModel(of.body, of.replay.motion, GRID, {"way": of.replay.motion.parameter}, SEEN)
+
+
+def test_a_law_of_a_parameters_gradient_is_refused():
+    """Its derivative by the gradient would be nothing, silently."""
+    mesh, drive = block((SIDE,) * 3, SIDE), Drive(HOLD)
+    mu = field(mesh, 1e3)
+    tissue = Material(NeoHooke(mu + ngs.Norm(ngs.Grad(mu))), 1e6)
+    body = Body(mesh, {"tissue": tissue}, "bottom", [plate(drive)])
+    with pytest.raises(InputError, match=r"parameters\.mu is in a law by its gradient"):
+        RunModel(body, drive, GRID, {"mu": mu}, SEEN)
 
 
 def test_nothing_that_is_seen_and_weights_of_another_shape_are_refused():

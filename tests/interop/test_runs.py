@@ -48,6 +48,8 @@ def test_jax(jax, run, right):
 def test_umbridge(umbridge, run, right):
     theta, data, w, gradient = right
     served = to_umbridge.model(run, theta)
-    assert served.get_output_sizes() == [data.size] and not served.supports_apply_hessian()
+    assert served.get_output_sizes() == [data.size] and served.supports_apply_hessian()
     same(served([theta.tolist()])[0], data.ravel())
     same(served.gradient(0, 0, [theta.tolist()], w.ravel().tolist()), gradient)
+    second = run.at(theta).second(w, theta)
+    same(served.apply_hessian(0, 0, 0, [theta.tolist()], w.ravel().tolist(), theta.tolist()), second)

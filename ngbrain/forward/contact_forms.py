@@ -1,0 +1,51 @@
+"""Virtual work of a body's contacts by symbols: how it changes with what they are made of, and with the state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.body import Body
+from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.implicit_blocks import Block
+from ngbrain.forward.implicit_work import Motion, Term, Terms, by, vector
+
+Array = np.ndarray
+
+
+class ContactForms:
+    """C(x; θ)[λ] of the contacts of `body` that a rigid body makes, at the body's state, with θ in `parts`.
+
+    Walls that close on each other are made of numbers alone, and have no part in it.
+    """
+
+    def __init__(self, body: Body, parts: Mapping[str, Block]) -> None:
+        self._body, self._parts = body, parts
+        self._adjoint, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
+        self._changed = vector(body.fes, [term for part in parts.values() for term in part.along(self.work(test))])
+        of_adjoint = self.work(self._adjoint)
+        self._slopes = [part.slope(of_adjoint, body.mesh) for part in parts.values()]
+
+    def work(self, virtual: Motion, *along: Motion) -> Terms:
+        """C[virtual] and, for each motion more, its derivative along it."""
+        u, a, numbers = self._body.u, self._body.offset, list[ngs.Parameter]()
+        for motion in (virtual, *along):
+            numbers.append(ngs.Parameter(0.0))
+            moves = motion.components if isinstance(motion, ngs.GridFunction) else motion
+            u, a = u + numbers[-1] * moves[0], a + numbers[-1] * moves[2]
+        rigid = [contact for contact in self._body.contacts if isinstance(contact, (Contact, Sliding))]
+        return reduce(by, numbers, [Term(contact.energy(u, a), contact.measure()) for contact in rigid])
+
+    def changed(self, theta: Mapping[str, Array]) -> Array:
+        """C_θ δθ, one number for each unknown of the body."""
+        for name, part in self._parts.items():
+            part.turn(theta[name])
+        return self._changed()
+
+    def slopes(self, adjoint: Array) -> Array:
+        """C_θᵀ λ, one parameter after the other."""
+        self._adjoint.vec.FV().NumPy()[:] = adjoint
+        return np.concatenate([slope() for slope in self._slopes])
