@@ -27,7 +27,7 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, shaped
 from ngbrain.forward.harmonic import Wave
-from ngbrain.forward.implicit import Case, Equilibria, Nodes, StaticModel
+from ngbrain.forward.implicit import Case, Equilibria, StaticModel
 from ngbrain.forward.implicit_blocks import Parameter
 from ngbrain.forward.observations import Displacements, Unknowns
 from ngbrain.forward.prestressed_factor import Factor
@@ -51,7 +51,7 @@ class PrestressedModel:
     body        elastic, with its supports and loads
     waves       frequencies (Hz) and what is `held` where (m, complex); waves without tractions and forces
     points      (n, 2 or 3) m, where they are at rest
-    parameters  name → what is θ, as in `StaticModel`, but for `Nodes`; `loss` and `rho` may be made of them too
+    parameters  name → what is θ, as in `StaticModel`; `loss` and `rho` may be made of them too
     loss        η, a number or a field
     rho         ρ (kg/m³) at rest
     held        boundaries that waves hold: a pattern, or patterns by component as in `Harmonic`; unasked where the body is held
@@ -86,9 +86,6 @@ class PrestressedModel:
     ) -> None:
         if not waves:
             raise InputError("waves", "none", "one Wave or more")
-        for name, part in parameters.items():
-            if isinstance(part, Nodes):
-                raise InputError(f"parameters.{name}", "nodes", "fields, numbers or what is prescribed")
         self.body, self.waves = body, tuple(waves)
         self.loss = checked(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
         self.rho = positive(rho, "rho")

@@ -44,9 +44,10 @@ def waves(dim=2):
     return [Wave(30.0, {"top": (1e-6, 2e-7j, *still)}), Wave(45.0, {"top": (0, 1e-6 + 1e-6j, *still)})]
 
 
-def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, **more):
+def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=False, **more):
     """A square (or another mesh) pressed, sheared and loaded: all that it is made of are fields but for some numbers."""
-    mesh, parameters = mesh or square(2, size=SIDE), {}
+    mesh = mesh or square(2, size=SIDE)
+    parameters = {"nodes": Nodes(mesh)} if nodes else {}
 
     def parameter(name, value):
         number = name.startswith(("alpha", "k2", "load"))
@@ -102,6 +103,21 @@ def test_a_pressure_that_follows(rng):
     verify(of, rng, {"load", "mu"})
     A = next(iter(of.at(of.theta)._factors.values())).matrix[~of.held][:, ~of.held]
     assert abs(A - A.T).max() > 1e-3 * abs(A).max()
+
+
+@pytest.mark.parametrize("form", ["P2", "P2/P1"])
+def test_where_nodes_are(form, rng):
+    """Rates of 2 where nodes move by a twentieth of the side; second derivatives by them there are none."""
+    of = model(neo_hooke, form, nodes=True)
+    there, direction = of.at(of.theta), np.zeros(of.size)
+    block, w = of.blocks["nodes"], weights(there, rng)
+    direction[block] = SIDE / 20 * rng.normal(size=block.stop - block.start)
+    change = there.push(direction)
+    assert dot(change, pulled_both_ways(of, there, w), direction, w) < 1e-10
+    rates = taylor(lambda t: of.at(t).data, lambda _: change, of.theta, direction, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+    with pytest.raises(InputError, match="nodes"):
+        there.second(w, direction)
 
 
 def test_space(rng):
@@ -238,16 +254,12 @@ def test_solves_are_counted(rng):
         ({"loss": -0.1}, "loss"),
         ({"rho": 0.0}, "rho"),
         ({"points": [[1.0, 1.0]]}, "points"),
-        ({"parameters": "nodes"}, "parameters.nodes"),
     ],
 )
 def test_what_makes_no_sense(changes, named):
     mesh = square(1, size=SIDE)
-    nodes = Nodes(mesh) if "parameters" in changes else None
     body = Static(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, form="P2/P1")
     given = {"waves": waves(), "points": POINTS[:, :2], "parameters": {}} | changes
-    if nodes:
-        given["parameters"] = {"nodes": nodes}
     with pytest.raises(InputError, match=f"^{named} is"):
         PrestressedModel(body, **given)
 
