@@ -1,0 +1,173 @@
+"""Do intervals hold the truth as often as they say, at large strain and in relaxing tissue?
+
+*large strain*: a square of Ogden's tissue, ln μ a Gaussian field and α a number, pressed by 15 % and sheared by 20 %; displacements
+of 64 points and the plate's force. *relaxing*: a block that a plate presses in 4 s and holds, its force at the end of each step;
+μ, g and τ are numbers. Truths of the field are drawn from what is assumed of it, numbers stay; each repetition has noise of its
+own. Data and inversion share mesh and elements, so that noise is all there is to be uncertain of. Then a level of p has to
+cover p of all nodes and numbers of all repetitions. Rival: values plus or minus so many standard deviations, where intervals are of
+logarithms. `error` is |coverage - .95| at 95 %; CPU time of one thread for a repetition.
+
+    python benchmarks/uncertainty_models.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/uncertainty_models.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _front import figure, looks
+from ngsolve.meshes import MakeStructured2DMesh
+from scipy.special import ndtri
+
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.forward.body import Body
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.implicit import Case, StaticModel
+from ngbrain.forward.material import Material
+from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.readings import Force as Pressed
+from ngbrain.forward.static import Static
+from ngbrain.forward.through_time import RunModel
+from ngbrain.inverse.curvature import Metric
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
+from ngbrain.inverse.posterior import Posterior
+from ngbrain.inverse.regularise import matern
+from ngbrain.inverse.weights import Given
+from ngbrain.materials import NeoHooke, Ogden, Prony
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
+
+Record = dict
+Model = StaticModel | RunModel
+SIDE, CELLS = 0.1, 6
+WEIGHT, LENGTH = 2.0, 0.03
+"""ln μ deviates by about .3, over bumps of 3 cm."""
+MU, ALPHA = 1e3, -8.0
+NOISES = (0.01, 0.05, 0.2)
+LEVELS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.8, 0.9, 0.95, 0.99]
+OURS, NAIVE = "ngbrain:posterior", "naive ± in units"
+
+
+def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
+    """The square under both loads, and where searches begin."""
+    mesh = MakeStructured2DMesh(False, CELLS, CELLS, mapping=lambda x, y: (SIDE * x, SIDE * y))
+    mu, alpha = ngs.GridFunction(ngs.H1(mesh, order=1)), ngs.Parameter(ALPHA)
+    mu.Set(MU)
+    line = (np.arange(8) + 0.5) * SIDE / 8
+    points = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    cases = []
+    for top in ((0.0, -0.15 * SIDE), (0.2 * SIDE, 0.0)):
+        body = Static(mesh, {".*": Material(Ogden(mu, alpha), 5e4)}, {"bottom": 0, "top": top}, form="P2/P1")
+        cases.append(Case(body, [Displacements(points), Force("top")]))
+    unknowns = {"mu": Unknown(mu.vec.FV().NumPy().copy(), Log()), "alpha": Unknown(ALPHA, Scaled(-ALPHA))}
+    return StaticModel(cases, {"mu": mu, "alpha": alpha}), unknowns
+
+
+def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
+    """The block under its plate, and where searches begin."""
+    drive, side = Drive(Protocol("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))), 0.02
+    p = {"mu": ngs.Parameter(MU), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
+    tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
+    plate = Contact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)
+    body = Body(block((side,) * 3, side), {"tissue": tissue}, "bottom", [plate])
+    times = np.concatenate([np.linspace(0, 4, 6), 4 + np.geomspace(0.5, 36, 9)])
+    return RunModel(body, drive, times, p, [Pressed("top")]), {name: Unknown(q.Get(), Log()) for name, q in p.items()}
+
+
+CASES: dict[str, Callable[[], tuple[Model, dict[str, Unknown]]]] = {"large strain": large_strain, "relaxing": relaxing}
+
+
+def measure(quick: bool) -> list[Record]:
+    """Two records for each case and noise."""
+    number, noises = (6, NOISES[:1]) if quick else (200, NOISES)
+    return [r for case in CASES for noise in noises for r in records(case, noise, number)]
+
+
+def records(case: str, noise: float, number: int) -> Iterator[Record]:
+    """Coverage over so many repetitions, of ours and of the rival."""
+    model, unknowns = CASES[case]()
+    fields = Fields(model.theta, model.blocks, unknowns)
+    held = {}
+    if case == "large strain":
+        space = model.parts["mu"].gfu.space
+        held = {"mu": matern(space, fields.start[fields.blocks["mu"]], LENGTH)}
+    off, slopes, deviations, settled, begun = [], [], [], True, time.process_time()
+    for seed in range(number):
+        random = np.random.default_rng((seed, 5))
+        truth = fields.start.copy()
+        for name, regulariser in held.items():
+            block_ = fields.blocks[name]
+            drawn = Metric(WEIGHT * regulariser.matrix(truth[block_])).back(
+                random.normal(size=block_.stop - block_.start)
+            )
+            truth[block_] += drawn
+        data = model.at(fields.theta(truth)).data
+        sigma = np.empty(data.shape)
+        for where in model.observed:
+            sigma[..., where] = noise * np.sqrt(np.mean(data[..., where] ** 2))
+        misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
+        reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))
+        found = levenberg_marquardt(reduced, fields.start, Given())
+        posterior = Posterior(reduced.at(found.x), least=0.0)
+        for name, block_ in fields.blocks.items():
+            off.append(truth[block_] - found.x[block_])
+            deviations.append(posterior.deviation(name))
+            slopes.append(np.full(len(off[-1]), isinstance(unknowns[name].transform, Log)))
+        settled &= found.converged
+    spent = (time.process_time() - begun) / number
+    z, deviation, log = (np.concatenate(each) for each in (off, deviations, slopes))
+    for method, score in ((OURS, z / deviation), (NAIVE, np.where(log, np.expm1(z), z) / deviation)):
+        covered = [float(np.mean(np.abs(score) < ndtri(0.5 + level / 2))) for level in LEVELS]
+        yield {
+            "method": method,
+            "case": case,
+            "order": 2,
+            "ndof": model.size,
+            "error": abs(covered[LEVELS.index(0.95)] - 0.95),
+            "cpu_s": spent,
+            "converged": settled,
+            "noise": noise,
+            "repetitions": number,
+            "numbers": len(score),
+            "levels": LEVELS,
+            "coverage": covered,
+            "coverage_68": covered[LEVELS.index(0.68)],
+            "coverage_95": covered[LEVELS.index(0.95)],
+        }
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Coverage against level, a panel for each case and noise: right on the diagonal."""
+    cases = list(dict.fromkeys((r["case"], r["noise"]) for r in records))
+    styles = looks(r["method"] for r in records)
+    plt, made, panels = figure(2.7 * len(cases) + 0.4, 4.0, len(cases), squeeze=False)
+    for axes, (case, noise) in zip(panels[0], cases, strict=True):
+        axes.plot([0, 1], [0, 1], color="#999999", lw=1)
+        for level, low, high in ((0.68, 0.60, 0.76), (0.95, 0.90, 0.99)):
+            axes.plot([level, level], [low, high], color="#f2d35b", lw=7, alpha=0.6, solid_capstyle="butt")
+        for r in (r for r in records if (r["case"], r["noise"]) == (case, noise)):
+            axes.plot(r["levels"], r["coverage"], label=r["method"], **styles[r["method"]])
+        axes.set(
+            xlabel="level", ylabel="share inside", title=f"{case}, {100 * noise:g} % noise", xlim=(0, 1), ylim=(0, 1)
+        )
+        axes.grid(alpha=0.25, lw=0.6)
+    made.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    made.savefig(png, dpi=130)
+    plt.close(made)
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    covered = f"68 % cover {100 * r['coverage_68']:.1f} %, 95 % cover {100 * r['coverage_95']:.1f} %"
+    told = f"{r['case']:<13} {r['method']:<18} {100 * r['noise']:>3g} % noise, {r['repetitions']} times"
+    return f"{told}: {covered}, {r['cpu_s']:.2f} s"
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
