@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import reduce
+from numbers import Real
 
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
-from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.implicit_blocks import Block
 from ngbrain.forward.implicit_work import Motion, Term, Terms, by, vector
 
@@ -19,10 +21,15 @@ Array = np.ndarray
 class ContactForms:
     """C(x; θ)[λ] of the contacts of `body` that a rigid body makes, at the body's state, with θ in `parts`.
 
-    Walls that close on each other are made of numbers alone, and have no part in it.
+    Walls that close on each other have no part in it; `InputError` where their penalty or softness is no number.
     """
 
     def __init__(self, body: Body, parts: Mapping[str, Block]) -> None:
+        for contact in body.contacts:
+            if isinstance(contact, Closing):
+                for name in ("penalty", "softness"):
+                    if not isinstance(found := getattr(contact, name), Real):
+                        raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
         self._body, self._parts = body, parts
         self._adjoint, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
         self._changed = vector(body.fes, [term for part in parts.values() for term in part.along(self.work(test))])

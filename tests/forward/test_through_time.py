@@ -156,6 +156,9 @@ def test_second_derivatives_that_are_not_there_are_refused():
     of = RunModel(Body(mesh, materials, "bottom", walls), drive, SHORT, parameters, SEEN)
     with pytest.raises(InputError, match="close on each other"):
         of.at(of.theta).second(np.ones((3, 8)), of.theta)
+    walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
+    with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
+        RunModel(Body(mesh, materials, "bottom", walls), drive, SHORT, parameters, SEEN)
 
 
 # Memory.
