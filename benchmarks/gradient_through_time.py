@@ -1,12 +1,11 @@
-"""What the gradient of a run of relaxing tissue costs, over the run itself and in memory; and what is recovered with it.
+"""What the gradient of a run of relaxing tissue costs, over the run itself and in memory.
 
 A block of 2 cm that a plate presses by 2 mm in 1 s and holds for a minute. *cost*: the gradient of a sum of forces and
 displacements by all parameters (fields of first order and numbers); `ratio` is its CPU time over that of a run from rest that is as
 tightly converged; laws: one Neo-Hooke branch, two of Ogden's law, a Maxwell branch of it. `error`: the gradient along a random
 direction against a central difference. Histories are kept at every √N-th step and states at all; at every step; or both at every
 √N-th, with the steps between solved again. *memory*: the same over the number of steps. Peer: one-sided differences, a run
-for each unknown (their number times the run's time, not run). *inverse*: parameters from noisy data of finer steps (1 %), started
-a factor of 2 to 3 off; `error` is the largest of theirs, `runs` the number of runs and `gradients` that of gradients.
+for each unknown (their number times the run's time, not run). What is recovered with it: `inversion_relaxing.py`.
 
     python benchmarks/gradient_through_time.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/gradient_through_time.py --chart FILE.png < records.json
@@ -21,20 +20,12 @@ import ngsolve as ngs
 import numpy as np
 from _command import main
 from _front import figure
-from netgen.occ import Box, Glue, OCCGeometry, Z
 
-from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.step_forms import Parameter
 from ngbrain.forward.through_time import Replayed, RunModel
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.inverse.parameters import Bounded, Fields, Log, Transform, Unknown
-from ngbrain.inverse.quasi_newton import l_bfgs
-from ngbrain.inverse.regularise import ridge
-from ngbrain.inverse.weights import Given
 from ngbrain.materials import Law, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -90,11 +81,11 @@ def grid(steps: int) -> np.ndarray:
 def pressed(
     mesh: ngs.Mesh, materials: dict[str, Material], p: dict[str, Parameter], times: np.ndarray, **how
 ) -> RunModel:
-    """The model: the plate's force and displacements of `POINTS` are seen, at the end of every step unless `seen` says when."""
+    """The model: the plate's force and displacements of `POINTS` are seen at the end of every step."""
     drive = Drive(PRESS)
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
-    seen, readings = how.pop("seen", None), how.pop("readings", [Force("top"), Displacements(POINTS)])
-    return RunModel(Body(mesh, materials, "bottom", [plate]), drive, times, p, readings, seen, **how)
+    readings = [Force("top"), Displacements(POINTS)]
+    return RunModel(Body(mesh, materials, "bottom", [plate]), drive, times, p, readings, **how)
 
 
 def cost(
@@ -172,123 +163,19 @@ def off(of: RunModel, there: Replayed, w: np.ndarray, slope: np.ndarray) -> floa
     return float(abs((up - down) / (2 * STEP) / (slope @ direction) - 1))
 
 
-# What is recovered.
-
-SEARCHES = {"levenberg-marquardt": levenberg_marquardt, "l-bfgs": l_bfgs}
-SEEN = np.concatenate([np.linspace(0.25, 1, 4), 1 + np.geomspace(0.2, 60, 20)])
-FINER = np.unique(np.concatenate([SEEN, np.linspace(0, 1, 17)[1:], 1 + np.geomspace(0.05, 60, 61)]))
-Numbers = dict[str, float]
-
-
-def prony(values: Numbers, times: np.ndarray) -> RunModel:
-    """Two relaxing terms, from the force alone."""
-    p = {name: ngs.Parameter(value) for name, value in values.items()}
-    law = Prony(NeoHooke(p["mu"]), [p["fast"], p["slow"]], [p["tau_fast"], p["tau_slow"]])
-    return pressed(
-        block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, times, seen=SEEN, readings=[Force("top")]
-    )
-
-
-def dashpot(values: Numbers, times: np.ndarray) -> RunModel:
-    """A Maxwell branch, from the force alone."""
-    p = {name: ngs.Parameter(value) for name, value in values.items()}
-    law = Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
-    return pressed(
-        block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, times, seen=SEEN, readings=[Force("top")]
-    )
-
-
-def regions(values: Numbers, times: np.ndarray) -> RunModel:
-    """Two layers, from landmarks and the force at the end of the ramp and of the hold."""
-    p = {name: ngs.Parameter(value) for name, value in values.items()}
-    low, high = Box((0, 0, 0), (SIDE, SIDE, SIDE / 2)), Box((0, 0, SIDE / 2), (SIDE, SIDE, SIDE))
-    low.mat("low"), high.mat("high")
-    low.faces.Min(Z).name, high.faces.Max(Z).name = "bottom", "top"
-    mesh = ngs.Mesh(OCCGeometry(Glue([low, high])).GenerateMesh(maxh=SIDE / (2 if len(times) == len(FINER) + 1 else 1)))
-    tissues = {name: Material(Prony(NeoHooke(mu), [0.5], [5.0]), 1e6) for name, mu in p.items()}
-    return pressed(mesh, tissues, p, times, seen=[1.0, 61.0])
-
-
-PROBLEMS: dict[str, tuple[Callable[[Numbers, np.ndarray], RunModel], Numbers, Numbers, dict[str, Transform]]] = {
-    "Prony terms": (
-        prony,
-        {"mu": 900.0, "fast": 0.35, "tau_fast": 1.5, "slow": 0.3, "tau_slow": 20.0},
-        {"mu": 1500.0, "fast": 0.15, "tau_fast": 4.0, "slow": 0.15, "tau_slow": 50.0},
-        {"fast": Bounded(0.0, 0.5), "slow": Bounded(0.0, 0.5)},
-    ),
-    "spring and dashpot": (
-        dashpot,
-        {"rest": 300.0, "spring": 700.0, "eta": 4000.0},
-        {"rest": 800.0, "spring": 300.0, "eta": 1500.0},
-        {},
-    ),
-    "two regions": (regions, {"low": 1200.0, "high": 500.0}, {"low": 500.0, "high": 1200.0}, {}),
-}
-
-
-def inverse(problem: str, search: str) -> Record:
-    """One recovery."""
-    make, truth, start, transforms = PROBLEMS[problem]
-    exact = make(truth, np.concatenate([[0.0], FINER]))
-    data, random = exact.at(exact.theta).data, np.random.default_rng(20260101)
-    parts = [slice(0, 1), slice(1, None)] if data.shape[1] > 1 else [slice(None)]
-    sigma = np.empty_like(data)
-    for part in parts:
-        sigma[:, part] = 0.01 * np.sqrt(np.mean(data[:, part] ** 2))
-    of = make(start, np.concatenate([[0.0], SEEN]))
-    unknowns = {name: Unknown(value, transforms.get(name, Log())) for name, value in start.items()}
-    fields = Fields(of.theta, of.blocks, unknowns)
-    held = {name: ridge(fields.start[place]) for name, place in fields.blocks.items()}
-    misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
-    reduced = Reduced(of, misfit, fields, held, dict.fromkeys(held, 1.0))
-    counts = {"runs": 0, "gradients": 0}
-    at, begin = of.at, Replayed.gradient
-
-    def counted(theta: np.ndarray) -> Replayed:
-        counts["runs"] += 1
-        there = at(theta)
-        there.gradient = lambda w: (counts.__setitem__("gradients", counts["gradients"] + 1), begin(there, w))[1]
-        return there
-
-    of.at = counted
-    begun = time.process_time()
-    found = SEARCHES[search](reduced, fields.start, Given())
-    spent, values = time.process_time() - begun, fields.values(found.x)
-    errors = {name: float(values[name][0] / value - 1) for name, value in truth.items()}
-    return {
-        "method": f"ngbrain:{search}",
-        "case": "inverse",
-        "law": problem,
-        "order": 2,
-        "ndof": of.body.fes.ndof,
-        "steps": len(of.replay.grid) - 1,
-        "unknowns": len(fields.start),
-        "error": max(abs(error) for error in errors.values()),
-        "errors": errors,
-        "cpu_s": spent,
-        **counts,
-        "misfit": found.level.misfit / misfit.count,
-        "ratio": None,
-        "converged": found.converged,
-        "reason": "",
-    }
-
-
 def measure(quick: bool) -> list[Record]:
-    """All laws on one mesh and one law on others; one law over the number of steps; all problems."""
+    """All laws on one mesh and one law on others; one law over the number of steps."""
     records = [r for law in LAWS for r in cost(law, 0.01 if quick else 0.005, 12 if quick else 24)]
     for maxh in () if quick else (0.0035, 0.0025):
         records += cost("1 branch", maxh, 24, methods=tuple(OURS)[:1])
     for steps in (9, 25) if quick else (16, 64, 256):
         records += cost("1 branch", 0.02 if quick else 0.01, steps, "memory")
-    for problem in list(PROBLEMS)[:1] if quick else PROBLEMS:
-        records += [inverse(problem, search) for search in (list(SEARCHES)[:1] if quick else SEARCHES)]
     return records
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Cost by law, memory over steps, and what was recovered."""
-    plt, made, (first, second, third) = figure(13, 4.4, 3)
+    """Cost by law, memory over steps."""
+    plt, made, (first, second) = figure(9.5, 4.4, 2)
     ours = [r for r in records if r["method"] in OURS]
     for k, method in enumerate(OURS):
         rows = [r for r in ours if r["method"] == method and r["case"] == "cost"]
@@ -311,20 +198,7 @@ def chart(records: list[Record], png: str) -> None:
     second.set_xticks(steps, [str(n) for n in steps])
     second.minorticks_off()
     second.set(xlabel="steps", ylabel="held (MB)", title="Memory, 1 branch")
-    for k, search in enumerate(SEARCHES):
-        rows = [r for r in records if r["case"] == "inverse" and r["method"].endswith(search)]
-        third.bar(np.arange(len(rows)) + 0.4 * (k - 0.5), [100 * r["error"] for r in rows], 0.37, label=search)
-        for i, r in enumerate(rows):
-            text = f"{r['runs']} runs\n{r['cpu_s']:.0f} s"
-            third.text(i + 0.4 * (k - 0.5), 100 * r["error"], text, ha="center", va="bottom", fontsize=7)
-    third.set(
-        xticks=range(len(PROBLEMS)),
-        xticklabels=list(PROBLEMS),
-        ylabel="largest error (%)",
-        title="Recovered, 1 % noise",
-    )
-    third.legend(fontsize=7)
-    for axis in (first, second, third):
+    for axis in (first, second):
         axis.margins(y=0.15)
         axis.grid(axis="y", alpha=0.25)
     made.savefig(png, dpi=150)
@@ -333,11 +207,6 @@ def chart(records: list[Record], png: str) -> None:
 
 def line(r: Record) -> str:
     """One record in words."""
-    if r["case"] == "inverse":
-        found = ", ".join(f"{name} {100 * error:+.1f} %" for name, error in r["errors"].items())
-        return (
-            f"{r['law']:20} {r['method']:30} {found}; {r['runs']} runs, {r['gradients']} gradients, {r['cpu_s']:.1f} s"
-        )
     if r["method"] == DIFFERENCES:
         return f"{r['law']:20} {r['method']:30} {r['ndof']:6} unknowns, {r['steps']:4} steps: {r['ratio']:.0f} runs"
     more = f"{r['cpu_s']:.2f} s, {r['ratio']:.2f} runs, {r['memory_mb']:.1f} MB, off by {r['error']:.1e}"
