@@ -21,8 +21,9 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.forward.contact import Closing
 from ngbrain.forward.contact_forms import ContactForms
+from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.implicit_blocks import Block
-from ngbrain.forward.implicit_work import Motion, Term, Terms, vector
+from ngbrain.forward.implicit_work import Motion, Terms, vector
 from ngbrain.forward.material import Material
 from ngbrain.forward.parts import Block as Variables
 from ngbrain.forward.parts import entries, put, values, weighed
@@ -48,9 +49,9 @@ class StepCurvature:
             raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
         self._adjoint, self._motion, self._way = (ngs.GridFunction(body.fes) for _ in range(3))
         self._r, self._s = ngs.Parameter(0.0), ngs.Parameter(0.0)
-        test, touched = body.fes.TestFunction(), self._touched()
-        tissues = [self._of_tissue(pattern, test) for pattern in body.materials]
-        self._by_state = vector(body.fes, tissues + self._touched(test))
+        touched, densities = self._touched(), {p: self._density(m) for p, m in body.materials.items()}
+        self._by_contacts = vector(body.fes, self._touched(body.fes.TestFunction()))
+        self._by_tissues = Forces(body.gfu, densities, body.history.space)
         self._back = body.mesh.MaterialCF({p: self._derived(m) for p, m in body.materials.items()})
         self._of_contacts = [part.slope(touched, body.mesh) for part in self._parts]
 
@@ -68,7 +69,7 @@ class StepCurvature:
 
     def by_state(self) -> Array:
         """∂ℓ'/∂x, one number for each unknown of the body."""
-        return self._by_state()
+        return self._by_tissues() + self._by_contacts()
 
     def back(self) -> tuple[Array, Array]:
         """∂ℓ'/∂h, a density at the points, and ∂ℓ'/∂θ, one part after the other."""
@@ -82,15 +83,12 @@ class StepCurvature:
         along = [term for part in self._parts for term in part.along(still)]
         return self._contacts.work(self._adjoint, self._way, *tested) + along
 
-    def _of_tissue(self, pattern: str, test: Motion) -> Term:
-        """A tissue's part of it along a test function."""
-        t, body = ngs.Parameter(0.0), self._forms.body
-        turned = self._turned(self._work(body.materials[pattern], (t, test)))
-        return Term(turned.Diff(t), ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.history.rules))
+    def _density(self, material: Material) -> Density:
+        return lambda at, p: self._turned(self._work(material, at.F, p))
 
     def _derived(self, material: Material) -> CoefficientFunction:
         """A tissue's ℓ' by history and parameters."""
-        work = self._work(material)
+        work = self._work(material, deformation_gradient(self._forms.body.u), 1.0 * self._forms.body.p)
         turned, slopes = self._turned(work), zip(*map(self._forms.slopes, work), strict=True)
         by_history = [turned.Diff(block.variable) for block in self._forms.blocks]
         return ngs.CF((0.0, *by_history, *(self._turned(slope) for slope in slopes))).Compile()
@@ -106,21 +104,25 @@ class StepCurvature:
 
         return whole(*work).Diff(self._s) + whole(*map(self._forms.along, work))
 
-    def _work(self, material: Material, *tested: tuple[ngs.Parameter, Motion]) -> tuple[CoefficientFunction, ...]:
-        """W as a function of r, by which λ + Zᵀw goes, and s, and Λ · U as one of s."""
-        forms, after = self._forms, ((self._s, self._way), *tested)
-        energies = forms.energies(material, *self._moved((self._r, self._motion), *after), self._seen)
-        updates = forms.updates(material, self._moved(*after)[0].shape, self._seen)
+    def _work(
+        self, material: Material, F: CoefficientFunction, p: CoefficientFunction
+    ) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """W as a function of r, by which λ + Zᵀw goes, and s, and Λ · U as one of s, at a state."""
+        forms, way = self._forms, (self._s, self._way)
+        energies = forms.energies(material, *_moved(F, p, (self._r, self._motion), way), self._seen)
+        updates = forms.updates(material, _moved(F, p, way)[0].shape, self._seen)
         kept = (part.value for part in weighed(forms.blocks, updates))
         return reduce(add, (part.value for part in energies)), reduce(add, kept, ngs.CF(0.0))
 
-    def _moved(self, *ways: tuple[ngs.Parameter, Motion]) -> tuple[Deformation, CoefficientFunction]:
-        """The body's state moved by numbers."""
-        F, p = deformation_gradient(self._forms.body.u), 1.0 * self._forms.body.p
-        for number, motion in ways:
-            u, q, _ = motion.components if isinstance(motion, ngs.GridFunction) else motion
-            F, p = F + number * ngs.Grad(u), p + number * q
-        return Deformation.of(F), p
-
     def _seen(self, block: Variables) -> CoefficientFunction:
         return block.variable + self._s * entries(block.change)
+
+
+def _moved(
+    F: CoefficientFunction, p: CoefficientFunction, *ways: tuple[ngs.Parameter, ngs.GridFunction]
+) -> tuple[Deformation, CoefficientFunction]:
+    """A state moved by numbers."""
+    for number, motion in ways:
+        u, q, _ = motion.components
+        F, p = F + number * ngs.Grad(u), p + number * q
+    return Deformation.of(F), p
