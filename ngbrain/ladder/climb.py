@@ -230,8 +230,8 @@ def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
 def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
     """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
 
-    Where the next elements would leave more than the tolerance (`LEFT`), they are made smaller and of higher order at once: what
-    comes between would be dear, and not the last.
+    Where the next elements would leave more than the tolerance, they are made smaller and of higher order at once: what comes
+    between would be dear, and not the last.
     """
 
     def gains(name: str) -> float:
@@ -239,8 +239,18 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 
     must = [name for name in above if gains(name) > 1 and name not in ELEMENTS]
     taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
-    both = taken in ELEMENTS and LEFT * gains(taken) > 1 and set(ELEMENTS) <= set(above)
+    both = taken in ELEMENTS and set(ELEMENTS) <= set(above) and np.any(_left(above, rung, taken) > tolerances)
     return (taken, *(name for name in ELEMENTS if name != taken)) if both else (taken,)
+
+
+def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
+    """What elements would still change after a step to such along one of their axes.
+
+    That axis a part of the step (`LEFT`); the other one half of what it would have changed if it is the order, as elements got
+    smaller, and all of it if it is their size: of higher order the large ones stay.
+    """
+    kept = {name: LEFT if name == taken else HALF if name == "order" else 1.0 for name in ELEMENTS}
+    return sum(part * np.abs(rung.estimates[name].change) * above[name].tail for name, part in kept.items())
 
 
 def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:

@@ -148,9 +148,13 @@ def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     return Estimate(change, "the linear elastic body's")
 
 
-def halved(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
-    """On elements half as large: by Newton steps, if coarse ones are their unions; where strains are small, the linear body's."""
-    by = step if model["strain"] == "finite" and bench.nested else linear
+def finer(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
+    """By Newton steps in the finer elements, if the coarse ones are their unions; where strains are small, the linear body's.
+
+    That one costs what its step would, and its solution is kept.
+    """
+    unions = bench.nested or model["mesh"] == richer["mesh"]
+    by = step if model["strain"] == "finite" and unions else linear
     return by(bench, model, richer, solved)
 
 
@@ -185,8 +189,8 @@ def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate
     """
     strains = any(ask.quantity == "strain" for ask in bench.scene.ask)
     if strains and model.get("space") == "solid" and not _moves(model):
-        return step(bench, model, richer, solved)
-    return in_section(step)(bench, model, richer, solved)
+        return finer(bench, model, richer, solved)
+    return in_section(finer)(bench, model, richer, solved)
 
 
 def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -225,7 +229,7 @@ BY: Mapping[str, Estimator] = {
     "moving": moving,
     "touching": touching,
     "order": order,
-    "mesh": in_section(halved),
+    "mesh": in_section(finer),
     "section": in_section(neighbour),
     "solve": neighbour,
     "forgetful": forgetful,

@@ -94,7 +94,8 @@ class Meshes:
 
     def _block(self, plane: bool) -> meshing.Mesh:
         shape = _section(self.piece, self.piece.cell) if plane else _block(self.piece, self.piece.cell)
-        wanted = meshing.MeshingParameters(maxh=self.piece.cell, grading=FAR, optsteps3d=1)
+        # In one thread: where others work too, those that wait take a hundred times as long as the mesh does.
+        wanted = meshing.MeshingParameters(maxh=self.piece.cell, grading=FAR, optsteps3d=1, parallel_meshing=False)
         return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
 
 

@@ -1,5 +1,6 @@
 """The climb: it stops where it may, goes on where it must, and says what it left out."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 import ngbrain
 from ngbrain.errors import InputError
-from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _floored, _next, climb
+from ngbrain.ladder.bodies import Bench, Model, Solution
+from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _floored, _next, ascend, climb
 from ngbrain.ladder.estimates import SOLVED, Estimate, relative
-from ngbrain.ladder.rungs import axes_of, cheapest, richest
+from ngbrain.ladder.quantities import State
+from ngbrain.ladder.rungs import AXES, Axis, axes_of, between, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
 CUBE = Piece(size=(0.02, 0.02, 0.02), cell=0.02)
@@ -141,14 +143,49 @@ def test_elements_come_after_what_cannot_be_left_out() -> None:
     assert _next(above, rung, np.full(1, 0.1)) == ("mesh",)
 
 
-def test_elements_that_are_far_too_coarse_get_finer_in_both_ways() -> None:
+@pytest.mark.parametrize(
+    ("changes", "taken", "left"),
+    [
+        ({"order": 0.02, "mesh": 0.03}, "mesh", 0.25 * 0.03 * 1.6 + 0.5 * 0.02 * 1.3),
+        ({"order": 0.07, "mesh": 0.04}, "order", 0.25 * 0.07 * 1.3 + 0.04 * 1.6),
+    ],
+)
+def test_elements_get_finer_in_both_ways_where_one_would_leave_too_much(
+    changes: dict[str, float], taken: str, left: float
+) -> None:
+    """A quarter of itself, and what the other way then changes: half of it once elements are halved, all at a higher order."""
     axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
-    above = {name: axes[name] for name in ("order", "mesh")}
-    for mesh, taken in ((0.045, ("mesh", "order")), (0.035, ("mesh",))):
-        changes = {"order": 0.005, "mesh": mesh}
-        estimates = {name: Estimate(np.full(1, change), "") for name, change in changes.items()}
-        rung = Rung(cheapest(axes), np.ones(1), 1, estimates, np.ones(1))
-        assert _next(above, rung, np.full(1, 0.01)) == taken
+    above = {name: axes[name] for name in changes}
+    estimates = {name: Estimate(np.full(1, change), "") for name, change in changes.items()}
+    rung = Rung(cheapest(axes), np.ones(1), 1, estimates, np.ones(1))
+    assert _next(above, rung, np.full(1, 1.01 * left)) == (taken,)
+    both = _next(above, rung, np.full(1, 0.99 * left))
+    assert both[0] == taken and set(both) == set(changes)
+
+
+class Written:
+    """Answers by the elements alone; of the model that flows it keeps which were asked for."""
+
+    def __init__(self, answers: dict[tuple[str, str], float]) -> None:
+        self.answers, self.flowed = answers, list[tuple[str, str]]()
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        elements = model["order"], model["mesh"]
+        if model["time"] == "flowing":
+            self.flowed.append(elements)
+        return Solution(np.array([self.answers[elements]]), {}, 1, 0.0)
+
+
+def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_the_other() -> None:
+    """Where one way is not enough: the step between costs a third of the richest model, and is left again."""
+    axes = {name: between(replace(AXES[name], by=("forgetful",) * 4), 0, 2) for name in ("order", "mesh")}
+    axes["mesh"] = replace(axes["mesh"], levels=("0", "1"))
+    axes["time"] = Axis("time", ("flowing",), (), (), ())
+    for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.09, [("1", "0"), ("2", "0")])):
+        bench = Written({("1", "0"): 1.11, ("2", "0"): 1.04, ("1", "1"): 1.07, ("2", "1"): 1.0})
+        found = ascend(axes, Keeper(bench), np.full(1, tolerance), lambda _: None)
+        assert bench.flowed == way
+        assert abs(found.chosen.answers[0] - 1) <= tolerance
 
 
 def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() -> None:

@@ -35,6 +35,19 @@ def test_a_step_of_the_linear_body_is_foretold_exactly(axis: str) -> None:
     assert estimated == pytest.approx(true, rel=1e-5)
 
 
+@pytest.mark.parametrize("axis", ["order", "mesh"])
+def test_elements_of_small_strains_are_judged_by_solutions_that_are_kept(axis: str) -> None:
+    """They cost what a step of Newton's would; where strains are finite that is less than a solution."""
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,)),), given=SQUEEZED, ask=FORCE)
+    axes, keeper = axes_of(scene), Keeper(Bench(scene))
+    for strain, kept in (("linear", True), ("finite", False)):
+        model = {**cheapest(axes), "strain": strain, "pressure": "unknown"}
+        found = estimate(keeper, model, axes[axis])
+        richer = {**model, axis: found.to}
+        assert (tuple(sorted(richer.items())) in keeper.kept) == kept
+        assert ("weighted by adjoints" in found.how) != kept
+
+
 def test_other_tissues_are_foretold_where_they_differ() -> None:
     piece = Piece(size=(0.02, 0.02, 0.02), lesion=0.006, at=(0, 0, 0.01), cell=0.02)
     scene = Loading(piece=piece, stuff=(Stuff(mu=(1e3,)), Stuff(region="lesion", mu=(5e3,))), given=SQUEEZED, ask=FORCE)
