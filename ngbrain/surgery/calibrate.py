@@ -28,13 +28,15 @@ from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.parameters import Fields, Log, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import ridge
-from ngbrain.inverse.weights import Given
+from ngbrain.inverse.weights import Given, Policy
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.seen import Seen
 
 Array = np.ndarray
+Search = Callable[[Reduced, Array, Policy, Callable[[Iteration], None]], Found]
+"""An optimiser of `inverse`: from an objective and where to begin down, weights as a policy has them."""
 SPREAD = 3.0
 """r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
 
@@ -103,6 +105,7 @@ def calibrate(
     level: float = LEVEL,
     start: Mapping[str, float] | None = None,
     tell: Callable[[Iteration, dict[str, float]], None] = lambda *_: None,
+    search: Search = levenberg_marquardt,
 ) -> Calibrated:
     """Factors of a scene's tissues from what was seen of one of its protocols.
 
@@ -112,6 +115,7 @@ def calibrate(
     level    probability of the intervals
     start    tissue → factor where the search begins (1)
     tell     called after every round with the factors by then, from which another search may go on
+    search   the optimiser, such as `inverse.quasi_newton.l_bfgs`
 
     A tissue that the data say nothing of keeps a factor of 1 and an interval as wide as `spread` has it. Raises `InputError` as
     `Retracted` does, `ConvergenceError` where no step from the start fits better.
@@ -135,7 +139,7 @@ def calibrate(
         tell(iteration, {name: factor.Get() for name, factor in retracted.factors.items()})
 
     first = np.log([(start or {}).get(name, 1.0) for name in retracted.factors])
-    found = levenberg_marquardt(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
+    found = search(Reduced(run, seen.misfit(), fields, held, weights), first, Given(), told)
     missed = math.sqrt(max(1.0, found.level.ratio))
     point = Reduced(run, seen.misfit(missed), fields, held, weights).at(found.x)
     posterior = Posterior(point, least=0.0)
