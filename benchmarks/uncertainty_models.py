@@ -4,8 +4,9 @@
 of 64 points and the plate's force. *relaxing*: a block that a plate presses in 4 s and holds, its force at the end of each step;
 μ, g and τ are numbers. Truths of the field are drawn from what is assumed of it, numbers stay; each repetition has noise of its
 own. Data and inversion share mesh and elements, so that noise is all there is to be uncertain of. Then a level of p has to
-cover p of all nodes and numbers of all repetitions. Rival: values plus or minus so many standard deviations, where intervals are of
-logarithms. `error` is |coverage - .95| at 95 %; CPU time of one thread for a repetition.
+cover p of all nodes and numbers of all repetitions. Rival: values plus or minus so many standard deviations, where intervals
+are of logarithms. `refused`: repetitions whose data leave a number open, which is said. `error` is |coverage - .95| at 95 %; CPU
+time of one thread for a repetition.
 
     python benchmarks/uncertainty_models.py [--quick] [--json]      last line of --json: a list of records
     python benchmarks/uncertainty_models.py --chart FILE.png < records.json
@@ -24,6 +25,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from scipy.special import ndtri
 
 from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.implicit import Case, StaticModel
@@ -97,7 +99,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
     if case == "large strain":
         space = model.parts["mu"].gfu.space
         held = {"mu": matern(space, fields.start[fields.blocks["mu"]], LENGTH)}
-    off, slopes, deviations, settled, begun = [], [], [], True, time.process_time()
+    off, slopes, deviations, refused, settled, begun = [], [], [], 0, True, time.process_time()
     for seed in range(number):
         random = np.random.default_rng((seed, 5))
         truth = fields.start.copy()
@@ -113,8 +115,12 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
             sigma[..., where] = noise * np.sqrt(np.mean(data[..., where] ** 2))
         misfit = LeastSquares(data + sigma * random.normal(size=data.shape), sigma)
         reduced = Reduced(model, misfit, fields, held, dict.fromkeys(held, WEIGHT))
-        found = levenberg_marquardt(reduced, fields.start, Given())
-        posterior = Posterior(reduced.at(found.x), least=0.0)
+        try:
+            found = levenberg_marquardt(reduced, fields.start, Given())
+            posterior = Posterior(reduced.at(found.x), least=0.0)
+        except (InputError, SolverError):  # data of this noise leave a number open, which is said
+            refused += 1
+            continue
         for name, block_ in fields.blocks.items():
             off.append(truth[block_] - found.x[block_])
             deviations.append(posterior.deviation(name))
@@ -134,6 +140,7 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
             "converged": settled,
             "noise": noise,
             "repetitions": number,
+            "refused": refused,
             "numbers": len(score),
             "levels": LEVELS,
             "coverage": covered,

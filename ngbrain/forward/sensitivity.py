@@ -19,7 +19,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import InputError, shaped
+from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.factors import Factorised, sparse
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.points import evaluation
@@ -92,8 +92,10 @@ class WaveModel:
         return Linearised(self, self._factorised(theta), np.asarray(waves, complex))
 
     def _factorised(self, theta: Array) -> Factorised:
-        if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
-            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
+        if np.shape(theta) != (self.size,):
+            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
+        if not np.all(np.isfinite(theta)):
+            raise ConvergenceError("parameters that are not finite have no waves: a step too far")
         for name, field in self.fields.items():
             field.vec.FV().NumPy()[:] = theta[self.blocks[name]]
         return self.body.factorised(self.solves)

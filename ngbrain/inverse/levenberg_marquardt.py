@@ -10,6 +10,7 @@ Sources: Marquardt 1963, 10.1137/0111030; Nielsen 1999, Damping parameter in Mar
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -113,18 +114,28 @@ class Dense(Curvature):
         return scipy.linalg.solve(self.matrix + damping * self.metric.matrix.toarray(), b, assume_a="pos")
 
     def determined(self, random: np.random.Generator) -> float:
-        """n - tr(Σ αR H⁻¹)."""
-        return self._of(slice(0, len(self.point.x)), self.point.regular_matrix)
+        """n - tr(Σ αR H⁻¹), n less what neither data nor regularisers hold."""
+        inverse, free = self._inverse
+        return float(len(inverse) - free - (self.point.regular_matrix @ inverse).trace())
 
     def determined_of(
         self, blocks: Mapping[str, slice], regular: Mapping[str, sp.csr_array], random: np.random.Generator
     ) -> dict[str, float]:
         """So of each block."""
-        return {name: self._of(blocks[name], matrix) for name, matrix in regular.items()}
+        inverse, _ = self._inverse
+        return {
+            name: float(matrix.shape[0] - (matrix @ inverse[blocks[name], blocks[name]]).trace())
+            for name, matrix in regular.items()
+        }
 
-    def _of(self, block: slice, matrix: sp.csr_array) -> float:
-        inverse = np.linalg.inv(self.matrix)[block, block]
-        return float(len(inverse) - (matrix @ inverse).trace())
+    @cached_property
+    def _inverse(self) -> tuple[Array, int]:
+        """H⁻¹ where it is held, and along how many directions it is not."""
+        try:
+            return np.linalg.inv(self.matrix), 0
+        except np.linalg.LinAlgError:  # at some trial data say nothing of a number that nothing else holds
+            held = int(np.linalg.matrix_rank(self.matrix, hermitian=True))
+            return np.linalg.pinv(self.matrix, hermitian=True), len(self.matrix) - held
 
 
 def _tried(reduced: Reduced, x: Array) -> Point | None:

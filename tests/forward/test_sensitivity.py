@@ -9,7 +9,7 @@ from wavemodels import MODELS, SIDE, START, WAVES, directions, field, model, wan
 from waves import square
 
 from ngbrain.adjoint.check import dot, taylor
-from ngbrain.errors import InputError
+from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward import sensitivity
 from ngbrain.forward.factors import Factorised
 from ngbrain.forward.harmonic import Absorbing, Harmonic
@@ -217,7 +217,7 @@ def test_bad_input():
     of = WaveModel(body, {"storage": storage}, np.array([[0.01, 0.01]]))
     with pytest.raises(InputError, match="theta"):
         of.at(np.ones(3))
-    with pytest.raises(InputError, match="theta"):
+    with pytest.raises(ConvergenceError, match="a step too far"):
         of.at(np.full(of.size, np.nan))
     assert sensitivity.BOUNDARY in of.blocks
 

@@ -1,5 +1,7 @@
 """Levenberg and Marquardt: the minimum of Gauss-Newton, by a matrix and without; damping where steps are too long."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -67,6 +69,24 @@ def test_nowhere_to_go_from_where_the_data_fit():
 def test_what_nothing_holds_is_said():
     with pytest.raises(SolverError, match="neither regularisers nor data hold some unknown"):
         Metric(sp.csr_array(np.diag([1.0, 0.0])))
+
+
+def test_what_nothing_holds_at_a_trial_is_not_counted():
+    """H = diag(1 + α, 0) of a held number that data know as well as α does, and one that they know nothing of."""
+    fields = Fields(np.ones(2), {"a": slice(0, 1), "b": slice(1, 2)}, {"a": Unknown(1.0), "b": Unknown(1.0)})
+
+    def known(theta):
+        return SimpleNamespace(
+            data=theta[:1], push=lambda d: d[:1], pull=None, gradient=lambda w: np.array([w[0], 0.0])
+        )
+
+    reduced = Reduced(
+        SimpleNamespace(at=known), LeastSquares(np.zeros(1), 1.0), fields, {"a": ridge(fields.start[:1])}, {"a": 1.0}
+    )
+    dense = Dense(reduced.at(fields.start), Metric(sp.csr_array(np.eye(2))))
+    assert dense.matrix == pytest.approx(np.diag([2.0, 0.0]))
+    assert dense.determined(None) == pytest.approx(0.5)
+    assert dense.determined_of(fields.blocks, {"a": sp.csr_array([[1.0]])}, None) == pytest.approx({"a": 0.5})
 
 
 class Blind:
