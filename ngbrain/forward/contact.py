@@ -107,17 +107,18 @@ class Sliding:
         normal.Set(ngs.specialcf.normal(3), definedon=mesh.Boundaries(wall))
         return cls(wall, stiffness, normal / ngs.Norm(normal))
 
-    def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
+    def energy(self, u: CoefficientFunction) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
         return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energy to a form of a body's."""
-        form += ngs.Variation(self.energy(form.space.TrialFunction()[0]) * self.measure())
+        measure = self.measure(form.space.components[0].globalorder)
+        form += ngs.Variation(self.energy(form.space.TrialFunction()[0]) * measure)
 
-    def measure(self) -> ngs.comp.DifferentialSymbol:
-        """The `ds` of every integral over the wall."""
-        return ngs.ds(self.wall)
+    def measure(self, order: int) -> ngs.comp.DifferentialSymbol:
+        """The `ds` of every integral over the wall, for displacements of an order."""
+        return ngs.ds(self.wall, intrules={ngs.TRIG: ngs.IntegrationRule(ngs.TRIG, 2 * order)})
 
 
 @dataclass(frozen=True)

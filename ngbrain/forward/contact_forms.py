@@ -8,12 +8,13 @@ from numbers import Real
 
 import ngsolve as ngs
 import numpy as np
+import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.implicit_blocks import Block
-from ngbrain.forward.implicit_work import Motion, Term, Terms, by, vector
+from ngbrain.forward.implicit_work import Motion, Term, Terms, by
 
 Array = np.ndarray
 
@@ -30,10 +31,9 @@ class ContactForms:
                 for name in ("penalty", "softness"):
                     if not isinstance(found := getattr(contact, name), Real):
                         raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
-        self._body, self._parts = body, parts
-        self._adjoint, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
-        self._changed = vector(body.fes, [term for part in parts.values() for term in part.along(self.work(test))])
-        of_adjoint = self.work(self._adjoint)
+        self._body, self._adjoint = body, ngs.GridFunction(body.fes)
+        tested, of_adjoint = self.work(body.fes.TestFunction()), self.work(self._adjoint)
+        self._columns = [part.columns(body.fes, tested) for part in parts.values()]
         self._slopes = [part.slope(of_adjoint, body.mesh) for part in parts.values()]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
@@ -43,14 +43,14 @@ class ContactForms:
             numbers.append(ngs.Parameter(0.0))
             moves = motion.components if isinstance(motion, ngs.GridFunction) else motion
             u, a = u + numbers[-1] * moves[0], a + numbers[-1] * moves[2]
-        rigid = [contact for contact in self._body.contacts if isinstance(contact, (Contact, Sliding))]
-        return reduce(by, numbers, [Term(contact.energy(u, a), contact.measure()) for contact in rigid])
+        contacts, order = self._body.contacts, self._body.order
+        rigid = [Term(c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
+        films = [Term(c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
+        return reduce(by, numbers, rigid + films)
 
-    def changed(self, theta: Mapping[str, Array]) -> Array:
-        """C_θ δθ, one number for each unknown of the body."""
-        for name, part in self._parts.items():
-            part.turn(theta[name])
-        return self._changed()
+    def columns(self) -> sp.csr_array:
+        """C_θ (ndof, θ)."""
+        return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
 
     def slopes(self, adjoint: Array) -> Array:
         """C_θᵀ λ, one parameter after the other."""

@@ -63,9 +63,7 @@ class StepForms:
         self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
         for material in body.materials.values():
             self._check(material)
-        rules = history.rules
-        weights = ngs.LinearForm(space.TestFunction() * ngs.dx(intrules=rules)).Assemble()
-        self.quadrature = values(weights).copy()
+        self.measure()
         self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         materials, of = body.materials, body.mesh.MaterialCF
         self._changed = Forces(body.gfu, {p: self._changing(m) for p, m in materials.items()}, space)
@@ -75,6 +73,11 @@ class StepForms:
         self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
         self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
         self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
+
+    def measure(self) -> None:
+        """Take the points' quadrature weights from the mesh as it is."""
+        test, rules = self.body.history.space.TestFunction(), self.body.history.rules
+        self.quadrature = values(ngs.LinearForm(test * ngs.dx(intrules=rules)).Assemble()).copy()
 
     # What is asked of a step.
 

@@ -22,11 +22,12 @@ import scipy.sparse as sp
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact_forms import ContactForms
-from ngbrain.forward.implicit_blocks import block, places
+from ngbrain.forward.implicit_blocks import Nodes, block, places
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
 from ngbrain.forward.step_curvature import StepCurvature
 from ngbrain.forward.step_forms import Parameter, StepForms
+from ngbrain.forward.step_shapes import StepShapes
 from ngbrain.forward.tangent import Solve
 from ngbrain.forward.tangents import EXACT, FINER, Tangents
 from ngbrain.forward.transient import Motion
@@ -43,8 +44,8 @@ class RunModel:
     body        quasi-static, without friction; its materials are made of `parameters`
     motion      of its rigid bodies
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials and rigid bodies are made of, such as a factor of a blade's way;
-                their values one after the other are θ
+    parameters  name → GridFunction or Parameter that materials and rigid bodies are made of, such as a factor of a blade's way, or
+                `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
     readings    what is seen, see `readings`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`
@@ -71,7 +72,7 @@ class RunModel:
         body: Body,
         motion: Motion,
         grid: Sequence[float] | Array,
-        parameters: Mapping[str, Parameter],
+        parameters: Mapping[str, Parameter | Nodes],
         readings: Sequence[Reading],
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
@@ -89,7 +90,10 @@ class RunModel:
             raise InputError("readings", "none", "one or more: what is seen of a run")
         self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
-        self.forms, self.tangents = StepForms(body, self.parameters), Tangents(body)
+        values = {name: of for name, of in self.parameters.items() if not isinstance(of, Nodes)}
+        self.forms, self.tangents = StepForms(body, values), Tangents(body)
+        nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
+        self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
         B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
         self.observed = places([part.shape[0] for part in B])
         """Where each reading is in a row of the data."""
@@ -117,10 +121,14 @@ class RunModel:
 
     def at(self, theta: Array) -> Replayed:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
-        if np.shape(theta) != (self.size,) or not np.all(np.isfinite(theta)):
-            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} finite numbers")
+        if np.shape(theta) != (self.size,):
+            raise InputError("theta", f"of shape {np.shape(theta)}", f"{self.size} numbers")
+        if not np.all(np.isfinite(theta)):
+            raise ConvergenceError("parameters that are not finite have no run: a step too far")
         for name, part in self.parts.items():
             part.put(theta[self.blocks[name]])
+        if self.shapes:
+            self.forms.measure()
         return Replayed(self)
 
     def split(self, theta: Array) -> dict[str, Array]:
@@ -171,20 +179,24 @@ class Replayed:
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
         for step in model.replay.backwards():
             adjoint, motion, _ = self._adjoint(step, w, weights)
+            shifts = {name: shapes.slopes(adjoint + motion, weights) for name, shapes in model.shapes.items()}
             weights, slopes = forms.back(adjoint + motion, weights)
-            total += np.concatenate(list(slopes.values())) + model.contacts.slopes(adjoint)
+            slopes |= shifts
+            total += np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes(adjoint)
         return total
 
     def second(self, w: Array, direction: Array) -> Array:
         """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
 
-        Raises `InputError` for bodies with Maxwell branches or walls that close on each other.
+        Raises `InputError` for bodies with Maxwell branches or walls that close on each other, and for node positions.
         """
+        for name in self.model.shapes:
+            raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
         shaped("w", np.shape(w), self.data.shape)
         model, forms, curved = self.model, self.model.forms, self.model.curvature
         theta, total = model.split(direction), np.zeros(model.size)
         weights = turned = np.zeros((forms.size, len(forms.quadrature)))
-        for step, x, history in self._changes_back(theta):
+        for step, x, history in self._changes_back(direction):
             adjoint, motion, solve = self._adjoint(step, w, weights, FINER)
             curved.aim(x, history, theta)
             curved.weigh(adjoint, adjoint + motion, weights)
@@ -206,15 +218,15 @@ class Replayed:
             b += self._tissue(motion[None])[0]
         return -solve(b), motion, solve
 
-    def _changes_back(self, theta: Mapping[str, Array]) -> Iterator[tuple[Step, Array, Array]]:
+    def _changes_back(self, direction: Array) -> Iterator[tuple[Step, Array, Array]]:
         """δx and δh of all steps, from the last one back, where the body stands; histories' changes are kept as these are."""
-        replay, forms = self.model.replay, self.model.forms
+        replay, forms, theta = self.model.replay, self.model.forms, self.model.split(direction)
         history, kept, changes = np.zeros((forms.size, len(forms.quadrature))), dict[int, Array](), list[Array]()
         for step in replay.forwards():
             if step.n % replay.every == 0:
                 kept[step.n] = history
             solve = self._begin(step, 1, FINER)
-            changes.append(-solve(forms.changed(history, theta) + self.model.contacts.changed(theta)))
+            changes.append(-solve(forms.changed(history, theta) + self.model.contacts.columns() @ direction))
             history = forms.moved(changes[-1])
         for steps in replay.segments():
             histories = [kept[steps[0].n]]
@@ -230,17 +242,20 @@ class Replayed:
         model, forms = self.model, self.model.forms
         data = np.zeros((len(directions), *self.data.shape))
         histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
-        changes = [model.split(direction) for direction in directions]
         for step in model.replay.forwards():
-            solve = self._begin(step, len(directions))
+            solve, contacts = self._begin(step, len(directions)), model.contacts.columns()
+            shifted = {name: shapes.columns() for name, shapes in model.shapes.items()}
             seen = model.row.get(step.n)
             stiff = self._tissue(model.Z.toarray()) if seen is not None else np.empty(0)
-            for i, theta in enumerate(changes):
+            for i, direction in enumerate(directions):
+                theta = model.split(direction)
                 r = forms.changed(histories[i], theta)
-                x = -solve(r + model.contacts.changed(theta))
+                r += sum(columns @ theta[name] for name, columns in shifted.items())
+                x = -solve(r + contacts @ direction)
                 if seen is not None:
                     data[i, seen] = model.B @ x + stiff @ x + model.Z @ r
                 histories[i] = forms.moved(x)
+                histories[i] += sum(shapes.moved(theta[name]) for name, shapes in model.shapes.items())
         return data
 
     def _begin(self, step: Step, sides: int, exact: float = EXACT) -> Solve:

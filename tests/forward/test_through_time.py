@@ -11,6 +11,7 @@ from ngbrain.forward import flow_forms, step_forms, tangents, through_time
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing
 from ngbrain.forward.dynamic import DynamicBody
+from ngbrain.forward.implicit import Nodes
 from ngbrain.forward.inertia import GeneralizedAlpha
 from ngbrain.forward.material import Material
 from ngbrain.forward.readings import Displacements, Force
@@ -20,7 +21,7 @@ from ngbrain.forward.steps import StepControl
 from ngbrain.forward.tangents import FEW, MOST, Tangents
 from ngbrain.forward.through_time import Replayed, RunModel
 from ngbrain.forward.transient import Transient
-from ngbrain.materials import NeoHooke
+from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.flow import Flow
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -117,6 +118,42 @@ def test_old_factors_serve_several_steps(monkeypatch):
     (slope, few), (direct, all_of_them) = found.values()
     assert few <= 8 and all_of_them == 16
     assert slope == pytest.approx(direct, rel=1e-8)
+
+
+# Where nodes are.
+
+
+def graded():
+    """Its stiffness is a function of the place."""
+    mesh, _, p, protocol, contacts = relaxing()
+    law = Prony(NeoHooke(p["mu"] * (1 + 40 * ngs.x + 9e3 * ngs.z**2)), [p["g"]], [p["tau"]])
+    return mesh, {"tissue": Material(law, 1e6)}, p, protocol, contacts
+
+
+SHAPED = {"graded": graded, "layers": KINDS["layers"], "touched": KINDS["touched"], "flowing": PLAIN["flowing"]}
+
+
+@pytest.mark.parametrize("kind", SHAPED)
+def test_where_nodes_are(kind, rng):
+    """J and Jᵀ by shifts of some micrometres, far less than contact is soft over, of inner nodes and those that are held."""
+    mesh, materials, parameters, protocol, contacts = SHAPED[kind]()
+    nodes, drive = Nodes(mesh), Drive(protocol)
+    try:
+        body = Body(mesh, materials, "bottom", contacts(drive))
+        of = RunModel(body, drive, SHORT, parameters | {"nodes": nodes}, SEEN)
+        theta, there = of.theta, of.at(of.theta)
+        w, direction, shifts = weights(there.data, rng), np.zeros(of.size), of.blocks["nodes"]
+        direction[shifts] = 5e-5 * rng.normal(size=shifts.stop - shifts.start)
+        slope = there.gradient(w)
+        rates = taylor(lambda t: float(np.sum(w * of.at(t).data)), slope, theta, direction, steps=2, first=0.1)
+        assert np.all((rates > 1.9) & (rates < 2.1)), rates
+        there, direction = of.at(theta + 4 * direction), direction + 0.1 * theta * rng.normal(size=of.size)
+        slope = there.gradient(w)
+        assert dot(there.push, slope, direction, w) < 1e-8
+        with pytest.raises(InputError, match=r"parameters\.nodes is nodes"):
+            there.second(w, direction)
+    finally:
+        mesh.UnsetDeformation()
 
 
 # Second derivatives.
@@ -267,6 +304,8 @@ def test_bad_input():
     of = RunModel(body, drive, GRID, parameters, [Force("top")])
     with pytest.raises(InputError, match="theta"):
         of.at(np.ones(2))
+    with pytest.raises(ConvergenceError, match="a step too far"):
+        of.at(np.array([1e3, np.inf, 1.0]))
     with pytest.raises(InputError, match="without friction, inertia"):
         Replay(
             DynamicBody(mesh, materials, "bottom", density={".*": 1000.0}, scheme=GeneralizedAlpha(0.8)),
