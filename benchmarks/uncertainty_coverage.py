@@ -18,7 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 from _command import main
-from _front import figure, looks
+from _coverage import chart as coverage_chart
+from _coverage import coverage, told
 from scipy.special import ndtri
 
 from ngbrain.adjoint.reduced import Reduced
@@ -34,7 +35,6 @@ Record = dict
 NODES, WEIGHT, LENGTH = 9, 2.0, 0.03
 """Fields deviate by about .3 in ln, over bumps of 3 cm in a square of 12."""
 NOISES = (0.01, 0.05, 0.2)
-LEVELS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.8, 0.9, 0.95, 0.99]
 FIELDS = ("storage", "loss")
 
 
@@ -97,48 +97,28 @@ def record(method: str, noise: float, number: int) -> Record:
             below.append(deviation * ndtri(0.975) > 1 if score is of_moduli else np.zeros(len(off), bool))
         after += time.process_time() - arrived
         settled &= found.converged
-    covered = [float(np.mean(np.abs(scores) < ndtri(0.5 + level / 2))) for level in LEVELS]
     return {
         "method": method,
         "order": 1,
         "ndof": len(FIELDS) * NODES**2,
-        "error": abs(covered[LEVELS.index(0.95)] - 0.95),
         "cpu_s": (time.process_time() - begun) / number,
         "converged": settled,
         "bars_s": after / number,
         "noise": noise,
         "repetitions": number,
-        "levels": LEVELS,
-        "coverage": covered,
-        "coverage_68": covered[LEVELS.index(0.68)],
-        "coverage_95": covered[LEVELS.index(0.95)],
         "negative": float(np.mean(below)),
-    }
+    } | coverage(np.array(scores))
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Coverage against level, a panel for each noise: right on the diagonal."""
-    noises, styles = sorted({r["noise"] for r in records}), looks(r["method"] for r in records)
-    plt, made, panels = figure(4.2 * len(noises) + 0.4, 4.9, len(noises), squeeze=False)
-    for axes, noise in zip(panels[0], noises, strict=True):
-        axes.plot([0, 1], [0, 1], color="#999999", lw=1)
-        for level, low, high in ((0.68, 0.60, 0.76), (0.95, 0.90, 0.99)):
-            axes.plot([level, level], [low, high], color="#f2d35b", lw=7, alpha=0.6, solid_capstyle="butt")
-        for r in (r for r in records if r["noise"] == noise):
-            axes.plot(r["levels"], r["coverage"], label=r["method"], **styles[r["method"]])
-        axes.set(
-            xlabel="level", ylabel="share of nodes inside", title=f"{100 * noise:g} % noise", xlim=(0, 1), ylim=(0, 1)
-        )
-        axes.grid(alpha=0.25, lw=0.6)
-    made.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    made.savefig(png, dpi=130)
-    plt.close(made)
+    """A panel for each noise."""
+    ordered = sorted(records, key=lambda r: r["noise"])
+    coverage_chart(ordered, png, lambda r: f"{100 * r['noise']:g} % noise", "nodes", 4.0)
 
 
 def line(r: Record) -> str:
     """A record to read."""
-    covered = f"68 % cover {100 * r['coverage_68']:.1f} %, 95 % cover {100 * r['coverage_95']:.1f} %"
-    return f"{r['method']:<34} {100 * r['noise']:>3g} % noise, {r['repetitions']} times: {covered}, {r['cpu_s']:.2f} s"
+    return f"{r['method']:<34} {100 * r['noise']:>3g} % noise, {r['repetitions']} times: {told(r)}, {r['cpu_s']:.2f} s"
 
 
 if __name__ == "__main__":

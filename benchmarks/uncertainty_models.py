@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterator
 import ngsolve as ngs
 import numpy as np
 from _command import main
-from _front import figure, looks
+from _coverage import chart as coverage_chart
+from _coverage import coverage, told
 from ngsolve.meshes import MakeStructured2DMesh
-from scipy.special import ndtri
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
@@ -52,7 +52,6 @@ WEIGHT, LENGTH = 2.0, 0.03
 """ln μ deviates by about .3, over bumps of 3 cm."""
 MU, ALPHA = 1e3, -8.0
 NOISES = (0.01, 0.05, 0.2)
-LEVELS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68, 0.8, 0.9, 0.95, 0.99]
 OURS, NAIVE = "ngbrain:posterior", "naive ± in units"
 
 
@@ -129,51 +128,29 @@ def records(case: str, noise: float, number: int) -> Iterator[Record]:
     spent = (time.process_time() - begun) / number
     z, deviation, log = (np.concatenate(each) for each in (off, deviations, slopes))
     for method, score in ((OURS, z / deviation), (NAIVE, np.where(log, np.expm1(z), z) / deviation)):
-        covered = [float(np.mean(np.abs(score) < ndtri(0.5 + level / 2))) for level in LEVELS]
         yield {
             "method": method,
             "case": case,
             "order": 2,
             "ndof": model.size,
-            "error": abs(covered[LEVELS.index(0.95)] - 0.95),
             "cpu_s": spent,
             "converged": settled,
             "noise": noise,
             "repetitions": number,
             "refused": refused,
             "numbers": len(score),
-            "levels": LEVELS,
-            "coverage": covered,
-            "coverage_68": covered[LEVELS.index(0.68)],
-            "coverage_95": covered[LEVELS.index(0.95)],
-        }
+        } | coverage(score)
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Coverage against level, a panel for each case and noise: right on the diagonal."""
-    cases = list(dict.fromkeys((r["case"], r["noise"]) for r in records))
-    styles = looks(r["method"] for r in records)
-    plt, made, panels = figure(2.7 * len(cases) + 0.4, 4.0, len(cases), squeeze=False)
-    for axes, (case, noise) in zip(panels[0], cases, strict=True):
-        axes.plot([0, 1], [0, 1], color="#999999", lw=1)
-        for level, low, high in ((0.68, 0.60, 0.76), (0.95, 0.90, 0.99)):
-            axes.plot([level, level], [low, high], color="#f2d35b", lw=7, alpha=0.6, solid_capstyle="butt")
-        for r in (r for r in records if (r["case"], r["noise"]) == (case, noise)):
-            axes.plot(r["levels"], r["coverage"], label=r["method"], **styles[r["method"]])
-        axes.set(
-            xlabel="level", ylabel="share inside", title=f"{case}, {100 * noise:g} % noise", xlim=(0, 1), ylim=(0, 1)
-        )
-        axes.grid(alpha=0.25, lw=0.6)
-    made.legend(*panels[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    made.savefig(png, dpi=130)
-    plt.close(made)
+    """A panel for each case and noise."""
+    coverage_chart(records, png, lambda r: f"{r['case']}, {100 * r['noise']:g} % noise", "numbers", 3.0)
 
 
 def line(r: Record) -> str:
     """A record to read."""
-    covered = f"68 % cover {100 * r['coverage_68']:.1f} %, 95 % cover {100 * r['coverage_95']:.1f} %"
-    told = f"{r['case']:<13} {r['method']:<18} {100 * r['noise']:>3g} % noise, {r['repetitions']} times"
-    return f"{told}: {covered}, {r['cpu_s']:.2f} s"
+    which = f"{r['case']:<13} {r['method']:<18} {100 * r['noise']:>3g} % noise, {r['repetitions']} times"
+    return f"{which}: {told(r)}, {r['cpu_s']:.2f} s"
 
 
 if __name__ == "__main__":
