@@ -4,7 +4,7 @@ Two problems, boundaries held at what was measured there, fields of half the ele
 square of 12 cm (51 points across, 1 % noise) in elements of order 4, and a block of 6 cm with a ball of 15 mm, twice as stiff, in
 hexahedra of order 2, at two sizes (one load at 50 Hz, simulated with third order on tetrahedra, 2 % noise). `phases` are seconds:
 assembly (matrices, ∂A/∂θ u, slopes), factor, solves (with copies to a GPU and back) and the rest; CPU time of one thread for
-cpu, time on the clock for cuda, as the processor waits there. `error` is of the complex modulus, rms relative to the truth;
+cpu, time on the clock for the others, as the processor waits there. `error` is of the complex modulus, rms relative to the truth;
 `apart` how far the fields found on a GPU are from those of the processor. A device that is not there is not measured, and says so.
 
     python benchmarks/gpu_inversion.py [--quick] [--json]      last line of --json: a list of records
@@ -27,9 +27,9 @@ from _front import PHASES, figure
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, MissingExtra
-from ngbrain.forward import sensitivity
 from ngbrain.forward.harmonic import Harmonic
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised
+from ngbrain.forward.slopes import Slope
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
@@ -106,7 +106,7 @@ def timed(device: Device, clock: Clock) -> Device:
 def assembly(clock: Clock) -> Iterator[None]:
     """Count what is assembled inside."""
     with ExitStack() as stack:
-        for owner, name in ((Harmonic, "factorised"), (Linearised, "_sensitivity"), (sensitivity, "slope")):
+        for owner, name in ((Harmonic, "factorised"), (Linearised, "_sensitivity"), (Slope, "__call__")):
             stack.enter_context(patch.object(owner, name, clock.counting("assembly", getattr(owner, name))))
         yield
 

@@ -150,7 +150,8 @@ def add_invert(verbs: Any) -> argparse.ArgumentParser:
         "--device",
         choices=tuple(DEVICES),
         default="cpu",
-        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS (cpu)",
+        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS; ngsolve solves on a GPU with "
+        "factors of the processor (cpu)",
     )
     parser.set_defaults(verb=run)
     return parser

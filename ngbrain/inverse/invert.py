@@ -91,7 +91,7 @@ def invert(
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
-    device       one of `solvers.device.DEVICES`: cpu, or cuda for factors and solves on a GPU
+    device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, or ngsolve for solves alone
 
     Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, no rounds, data that cannot be
     inverted, a device that is none or not there; `MissingExtra` for cuda without nvmath-python.

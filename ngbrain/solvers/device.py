@@ -1,8 +1,9 @@
-"""Where symmetric systems are factorised and solved: on the processor by NGSolve, or on a GPU by NVIDIA's cuDSS.
+"""Where symmetric systems are factorised and solved: on the processor by NGSolve, on a GPU by NVIDIA's cuDSS, or, with factors of
+the processor, by NGSolve's own operators on a GPU.
 
     A = L D Lᵀ,   x = A⁻¹ b        (unknowns that are free; A real or complex, symmetric without conjugates)
 
-What calls it is the same for both. NGSolve's own cuDSS inverse takes a matrix for symmetric only if it is so to the last bit,
+What calls it is the same for all. NGSolve's own cuDSS inverse takes a matrix for symmetric only if it is so to the last bit,
 which assembled ones are not, and factorises it as any other, at twice the work; here the callers know.
 
 Source: nvmath-python, nvmath.sparse.advanced.DirectSolver, https://docs.nvidia.com/cuda/nvmath-python.
@@ -50,7 +51,7 @@ class Device:
 
     @staticmethod
     def named(name: str) -> Device:
-        """cpu or cuda, which is tried on two unknowns before it is given.
+        """cpu, or cuda or ngsolve, which are tried on two unknowns before they are given.
 
         Raises `InputError` for another name or where no GPU answers, `MissingExtra` without nvmath-python.
         """
@@ -116,6 +117,44 @@ class OnGpu:
         return x
 
 
+class OnNgsolve:
+    """Factor on the processor, solved with by NGSolve's device operators: on its GPU, or on its host reference device.
+
+    That is as slow as it is exact: it plays a GPU. Of a complex A = R + iS the factor is that of the real
+
+        [R  S] [ Re x]   [Re b]
+        [S -R] [-Im x] = [Im b] ,
+
+    symmetric too, as device operators are real.
+    """
+
+    def __init__(self, matrix: ngs.BaseMatrix, free: ngs.BitArray | None) -> None:
+        import ngsolve.gpu  # noqa: F401  (chooses the device)
+
+        n = matrix.height
+        self._free = np.ones(n, bool) if free is None else np.fromiter(free, bool, n)
+        inner = sparse(matrix)[self._free][:, self._free]
+        self._type = inner.dtype
+        if np.iscomplexobj(inner):
+            inner = sp.block_array([[inner.real, inner.imag], [inner.imag, -inner.real]])
+        entries = sp.coo_array(inner)
+        real = ngs.la.SparseMatrixd.CreateFromCOO(
+            entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), *entries.shape
+        )
+        self._inverse = ngs.la.DeviceSparseCholeskyD(real.Inverse(inverse="sparsecholesky"))
+        self._in, self._out = real.CreateColVector(), real.CreateRowVector()
+
+    def solve(self, b: Array) -> Array:
+        """A⁻¹b."""
+        x, inner = np.zeros(len(self._free), self._type), np.asarray(b[self._free], self._type)
+        parts = [inner.real, inner.imag] if np.iscomplexobj(x) else [inner]
+        self._in.FV().NumPy()[:] = np.concatenate(parts)
+        self._out.data = self._inverse * self._in
+        found = np.split(np.array(self._out.FV().NumPy()), len(parts))
+        x[self._free] = found[0] - 1j * found[1] if len(parts) == 2 else found[0]
+        return x
+
+
 def _try(device: Device) -> None:
     matrix = ngs.la.SparseMatrixd.CreateFromCOO([0, 0, 1, 1], [0, 1, 0, 1], [2.0, 1.0, 1.0, 3.0], 2, 2)
     try:
@@ -126,11 +165,14 @@ def _try(device: Device) -> None:
         found = f"{error}"
     else:
         found = "" if np.allclose(x, [1, 2]) else f"2 x 2 unknowns come out as {x}"
+        if device.name == "ngsolve" and ngs.gpu.backend == "host":
+            found = "it has none, and its reference device only plays one"
     if found:
-        raise InputError("device", repr(device.name), f"a GPU that cuDSS solves on ({found}), or 'cpu'")
+        by = {"cuda": "cuDSS", "ngsolve": "NGSolve"}[device.name]
+        raise InputError("device", repr(device.name), f"a GPU that {by} solves on ({found}), or 'cpu'")
 
 
 CPU = Device("cpu", partial(OnProcessor, kind="sparsecholesky"))
 PIVOTED = Device("cpu, with pivots", partial(OnProcessor, kind="umfpack"))
 """Where a factor that chooses no pivots, or few, leaves too much."""
-DEVICES = {"cpu": CPU, "cuda": Device("cuda", OnGpu)}
+DEVICES = {"cpu": CPU, "cuda": Device("cuda", OnGpu), "ngsolve": Device("ngsolve", OnNgsolve)}

@@ -4,6 +4,7 @@ import gc
 import sys
 
 import ngsolve as ngs
+import ngsolve.gpu
 import numpy as np
 import pytest
 from elastic import MU, elastic
@@ -18,8 +19,10 @@ from ngbrain.inverse.weights import Given
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles
-from ngbrain.solvers.device import CPU, Device, OnGpu
+from ngbrain.solvers.device import CPU, Device, OnGpu, OnNgsolve
 from ngbrain.solvers.linear import prepare
+
+HOST = Device("host", OnNgsolve)
 
 
 def small(device=CPU):
@@ -48,6 +51,39 @@ def test_one_matrix(number, cudss, rng):
     del factors
     gc.collect()
     assert cudss.live == 0  # also the one that the device was tried with
+
+
+@pytest.mark.parametrize("number", [1.0, 1.0 + 0.3j])
+def test_one_matrix_on_the_host_reference_device(number, rng):
+    """What NGSolve's operators do on a GPU, done by what plays one."""
+    line = np.linspace(0, 1, 4)
+    space = ngs.H1(rectangles(line, line), order=2, dirichlet="left", complex=isinstance(number, complex))
+    u, v = space.TnT()
+    form = ngs.BilinearForm(number * (ngs.grad(u) * ngs.grad(v) - 30 * u * v) * ngs.dx).Assemble()
+    b = rng.normal(size=space.ndof) + (1j * rng.normal(size=space.ndof) if space.is_complex else 0)
+    there, here = (make.factor(form.mat, space.FreeDofs()).solve(b) for make in (CPU, HOST))
+    assert near(here, there) and here.dtype == there.dtype
+
+
+def test_waves_and_their_gradient_on_the_host_reference_device(rng):
+    states = [small(device).reduced.at(small().start).state for device in (CPU, HOST)]
+    there, here = states
+    assert near(here.data, there.data) and not here.factors.refactored
+    w = rng.normal(size=there.data.shape)
+    assert near(here.gradient(w), there.gradient(w))
+
+
+@pytest.mark.slow
+def test_a_whole_inversion_on_the_host_reference_device():
+    both = [small(device) for device in (CPU, HOST)]
+    there, here = (levenberg_marquardt(each.reduced, each.start, Given()) for each in both)
+    assert here.converged and np.linalg.norm(here.x - there.x) <= 1e-8 * np.linalg.norm(there.x)
+
+
+def test_the_reference_device_is_no_gpu(monkeypatch):
+    monkeypatch.setattr(ngsolve.gpu, "backend", "host")
+    with pytest.raises(InputError, match=r"a GPU that NGSolve solves on \(it has none, .*\), or 'cpu'"):
+        Device.named("ngsolve")
 
 
 def test_half_of_a_matrix_that_is_not_symmetric_would_be_another(cudss):
