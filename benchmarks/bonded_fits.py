@@ -74,7 +74,7 @@ def fitted(case: str, method: str, fit: Callable[[], Fit], **more: Any) -> Recor
     """A fit as a record."""
     begun = time.process_time()
     found = fit()
-    made = {"case": case, "method": method, "cpu_s": time.process_time() - begun, "converged": True}
+    made = {"case": case, "method": method, "ndof": None, "cpu_s": time.process_time() - begun, "converged": True}
     known = {name: list(ends) for name, ends in found.confidence.items()}
     return made | {"parameters": found.parameters, "confidence": known, "r2": found.r2, **more}
 
@@ -104,11 +104,14 @@ def known(quick: bool) -> list[Record]:
     return records
 
 
+SEARCHES = ("Levenberg-Marquardt", "Newton-CG", "L-BFGS-B")
+
+
 def searches(quick: bool) -> list[Record]:
     """Three optimisers on one problem."""
     curves, records = exact(quick), []
     scale = np.array(list(GUESS.values()))
-    for method in ("Levenberg-Marquardt", "Newton-CG", "L-BFGS-B"):
+    for method in SEARCHES:
         problem = Blocks(cube("P2/P1", 0.0025), Ogden, curves, GUESS, {}, {})
         solves = problem.model.solves
 
@@ -133,8 +136,9 @@ def searches(quick: bool) -> list[Record]:
         records.append(
             {
                 "case": "search",
-                "method": method,
+                "method": f"ngbrain:{method}",
                 "order": 2,
+                "ndof": problem.model.equilibria[0].body.fes.ndof,
                 "cpu_s": time.process_time() - begun,
                 "sets": solves.forward / bodies,
                 "solves": solves.incremental / bodies,

@@ -87,8 +87,8 @@ def blurred(width: float) -> Answer:
 ROWS: dict[str, Answer] = {
     "algebraic": algebraic,
     "local frequency": frequency,
-    "inversion": fields,
-    "inversion, labels": labels,
+    "ngbrain:inversion": fields,
+    "ngbrain:inversion, labels": labels,
     **{f"truth, {1e3 * width:g} mm": blurred(width) for width in (4e-3, 6e-3, 8e-3)},
 }
 
@@ -103,6 +103,7 @@ def _inverted(data: WaveData, labelled: bool, quick: bool) -> tuple[np.ndarray, 
     elements = in_elements(data, order=2) if quick else None
     found = invert_in_space(data, elements, noise=NOISE, labelled=labelled, rounds=1 if quick else ROUNDS, tell=tell)
     more = {
+        "order": 2 if quick else 3,
         "ndof": found.model["n_unknowns"],
         "elements": found.model["n_elements"],
         "misfit": found.checks["misfit_over_expected"],
@@ -132,7 +133,8 @@ def row(method: str, quick: bool) -> Record:
         modulus, more = ROWS[method](data, quick)
         spent = {"wall_s": time.time() - begun, "cpu_s": time.process_time() - cpu}
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    return {"method": method, **judged(data, modulus), **more, **spent, "peak_gib": peak}
+    common = {"method": method, "order": None, "ndof": None, "converged": True}
+    return {**common, **judged(data, modulus), **more, **spent, "peak_gib": peak}
 
 
 def judged(data: WaveData, modulus: np.ndarray) -> Record:
@@ -153,7 +155,8 @@ def judged(data: WaveData, modulus: np.ndarray) -> Record:
         {kind: float(np.median(part(g[core])) / np.median(part(g[around]))) for kind, part in parts.items()}
         for g in (modulus, truth)
     )
-    return {"median_off": off, "contrast": contrast, "true_contrast": true, "points": int(known.sum())}
+    error = max(abs(each) for kinds in off.values() for each in kinds.values())
+    return {"error": error, "median_off": off, "contrast": contrast, "true_contrast": true, "points": int(known.sum())}
 
 
 def chart(records: list[Record], png: str) -> None:
@@ -170,7 +173,11 @@ def chart(records: list[Record], png: str) -> None:
         right_of, above = (8, -12) if "labels" in r["method"] else (8, 6)
         for axes, y in ((left, middle), (right, r["contrast"][kind])):
             axes.annotate(
-                r["method"], (r["wall_s"], y), textcoords="offset points", xytext=(right_of, above), fontsize=8
+                r["method"].removeprefix("ngbrain:"),
+                (r["wall_s"], y),
+                textcoords="offset points",
+                xytext=(right_of, above),
+                fontsize=8,
             )
     for name in TISSUES[:2]:
         left.plot([], [], "o", color=COLOURS[name], label=f"{name} matter")

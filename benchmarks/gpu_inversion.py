@@ -47,6 +47,7 @@ Array = np.ndarray
 Record = dict
 BLOCK = BallInBlock(0.06, (0.032, 0.028, 0.030), 7.5e-3, (2400 + 1000j, 4800 + 2000j), 50.0, 0.011)
 PLANE, SPACE = "CV-G, order 4", "block, order 2"
+ORDERS = {PLANE: 4, SPACE: 2}
 SIZES = ((PLANE, 12), (SPACE, 10), (SPACE, 15))
 """Elements along a side."""
 QUICK = ((PLANE, 6), (SPACE, 4))
@@ -142,7 +143,8 @@ def problem(case: str, data: WaveData, n: int, device: Device) -> tuple[Experime
 
 def absent(case: str, n: int, name: str, why: str) -> Record:
     """Of what is not measured."""
-    about = {"method": f"ngbrain:lm:{name}", "case": case, "n": n, "ndof": None, "error": None, "phases": None}
+    about = {"method": f"ngbrain:lm:{name}", "case": case, "n": n, "order": ORDERS[case], "ndof": None}
+    about |= {"error": None, "phases": None, "cpu_s": None}
     return about | {"converged": False, "reason": f"not measured: {why}"}
 
 
@@ -159,10 +161,10 @@ def measured(case: str, n: int, quick: bool = False) -> Iterator[Record]:
         clock = Clock(device)
         experiment, reduced = problem(case, data, n, timed(device, clock))
         clock.seconds.clear()
-        begun = clock.now()
+        begun, cpu = clock.now(), time.process_time()
         with assembly(clock):
             end = levenberg_marquardt(reduced, reduced.unknowns.start, Given(), dense=0)
-        seconds, spent = clock.now() - begun, dict(clock.seconds)
+        seconds, cpu_s, spent = clock.now() - begun, time.process_time() - cpu, dict(clock.seconds)
         maps = experiment.maps(reduced.unknowns, end.x)
         modulus, truth = maps["storage"] + 1j * maps["loss"], data.truth["shear"]
         found[name] = end.x
@@ -177,6 +179,7 @@ def measured(case: str, n: int, quick: bool = False) -> Iterator[Record]:
             "factorisations": experiment.model.solves.factorisations,
             "solves": experiment.model.solves.back_substitutions,
             "seconds": seconds,
+            "cpu_s": cpu_s,
             "phases": spent | {"rest": seconds - sum(spent.values())},
             "converged": end.converged,
             "reason": "" if end.converged else "it had not settled when its rounds were over",

@@ -21,12 +21,13 @@ from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.mesh.elements import Elements, Surface
-from ngbrain.mesh.from_labels import REGIONS, head
+from ngbrain.mesh.from_labels import BRAIN, VENTRICLES, head
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned
 
-OURS, PEER = "ngbrain", "marching cubes and Netgen"
+OURS, PEER = "ngbrain:hull", "marching cubes and Netgen"
+REGIONS = (BRAIN, VENTRICLES)
 
 
 def ours(scanned: Scanned, site: float, near: float, far: float) -> Elements:
@@ -64,7 +65,7 @@ def deviation(elements: Elements, boundaries: tuple[str, ...], outline: LevelSet
 def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]) -> dict:
     """One measurement; a failure is a record too."""
     start = time.process_time()
-    out = {"method": method, "size": size}
+    out = {"method": method, "size": size, "order": 1, "ndof": None, "error": None}
     try:
         made = run()
         spent = time.process_time() - start
@@ -76,6 +77,8 @@ def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]
         cut = slot.opening * slot.width * slot.slot(scanned).depth if method == OURS else 0.0
         out |= {
             "n_tets": len(made.tets),
+            "ndof": 3 * len(made.points),
+            "error": abs((sum(volumes) + cut) / wanted[0] - 1),
             "error_mm": deviation(made, ("skull",), scanned.brain),
             "brain_volume_error": (sum(volumes) + cut) / wanted[0] - 1,
             "ventricle_volume_error": volumes[1] / wanted[1] - 1,

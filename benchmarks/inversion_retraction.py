@@ -93,6 +93,7 @@ def record(name: str, model: Model, seen: Seen, noise: float, method: str = OURS
         "head": name,
         "noise": noise,
         "order": model.scene.body.order,
+        "ndof": retracted.run.body.fes.ndof,
         "tetrahedra": model.mesh.ne,
         "cpu_s": time.process_time() - begun,
         "in_runs": (time.process_time() - begun) / run,

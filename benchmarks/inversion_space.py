@@ -30,7 +30,12 @@ BLOCK = BallInBlock(0.06, (0.032, 0.028, 0.030), 7.5e-3, (2400 + 1000j, 4800 + 2
 NOISE, TRUE, FAILED = 0.02, 2.0, 0.4
 CELLS = ((2, 4), (2, 6), (3, 4), (3, 5), (3, 6))
 """Order and hexahedra along a side."""
-COLOURS = {"algebraic": "#D55E00", "local frequency": "#CC79A7", "order 2": "#56B4E9", "order 3": "#0072B2"}
+COLOURS = {
+    "algebraic": "#D55E00",
+    "local frequency": "#CC79A7",
+    "ngbrain:order 2": "#56B4E9",
+    "ngbrain:order 3": "#0072B2",
+}
 
 
 def measure(quick: bool) -> list[Record]:
@@ -49,7 +54,8 @@ def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]
     """Without a model of the body."""
     begun = time.process_time()
     modulus = answer(replace(data))  # a smooth field is kept with its data
-    return {"method": method, "order": None, "ndof": 0, **judged(data, modulus), "cpu_s": time.process_time() - begun}
+    made = {"method": method, "order": None, "ndof": 0, "converged": True, **judged(data, modulus)}
+    return made | {"cpu_s": time.process_time() - begun}
 
 
 def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
@@ -59,7 +65,7 @@ def inverted(data: WaveData, order: int, cells: int, rounds: int) -> Record:
     found = invert_in_space(replace(data), elements, noise=NOISE, rounds=rounds)
     cpu_s = time.process_time() - begun
     return {
-        "method": f"order {order}",
+        "method": f"ngbrain:order {order}",
         "order": order,
         "cells": cells,
         "ndof": found.model["n_unknowns"],
@@ -97,11 +103,11 @@ def chart(records: list[Record], png: str) -> None:
         for axes, value in ((left, 100 * r["error"]), (right, r["contrast"])):
             axes.plot(r["cpu_s"], value, mark, color=colour, ms=9, mew=2.5)
             text = f"{r['cells']}³ cells" if r["order"] else r["method"]
-            above = r["method"] in ("algebraic", "order 3")
+            above = r["method"] in ("algebraic", "ngbrain:order 3")
             offset = (8, 5 if above else -13)
             axes.annotate(text, (r["cpu_s"], value), textcoords="offset points", xytext=offset, fontsize=8)
     for method in dict.fromkeys(r["method"] for r in records):
-        right.plot([], [], "o", color=COLOURS[method], label=method)
+        right.plot([], [], "o", color=COLOURS[method], label=method.removeprefix("ngbrain:"))
     right.axhline(TRUE, color="0.4", ls="--", lw=1)
     right.text(right.get_xlim()[0], TRUE, " truth", va="bottom", fontsize=8)
     left.set(xscale="log", yscale="log", xlabel="CPU time, s", ylabel="rms of ln |G*| off the truth, %")

@@ -1,0 +1,32 @@
+"""Every benchmark runs in its quick form, and its last line is a list of records with what all of them have."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+SCRIPTS = sorted(path.name for path in BENCHMARKS.glob("[!_]*.py"))
+KEYS = {"method", "order", "ndof", "error", "cpu_s", "converged"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_quick_form(script):
+    done = subprocess.run(
+        [sys.executable, script, "--quick", "--json"],
+        cwd=BENCHMARKS,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    records = json.loads(done.stdout.strip().splitlines()[-1])
+    assert records
+    for record in records:
+        assert set(record) >= KEYS | {"run"}, set(KEYS) - set(record)
