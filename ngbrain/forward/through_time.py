@@ -50,6 +50,7 @@ class RunModel:
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`
 
+    >>> import ngsolve as ngs
     >>> from ngbrain.forward.body import Material
     >>> from ngbrain.forward.contact import Contact
     >>> from ngbrain.forward.readings import Force
