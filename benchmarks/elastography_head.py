@@ -208,7 +208,7 @@ def line(r: Record) -> str:
         f"{name} {' and '.join(f'{100 * v:+.1f}' for v in r['median_off'][name].values())} %" for name in TISSUES
     )
     contrast = " and ".join(f"{v:.2f}" for v in r["contrast"].values())
-    size = f" {r['ndof']} unknowns, misfit {r['misfit']:.2f}, {r['rounds']} rounds," if "ndof" in r else ""
+    size = f" {r['ndof']} unknowns, misfit {r['misfit']:.2f}, {r['rounds']} rounds," if r["ndof"] else ""
     return f"{r['method']}:{size} {off}; contrast {contrast}; {r['wall_s']:.0f} s, {r['peak_gib']:.1f} GiB"
 
 
