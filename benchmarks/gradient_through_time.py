@@ -5,7 +5,7 @@ displacements by all parameters (fields of first order and numbers); `ratio` is 
 tightly converged; laws: one Neo-Hooke branch, two of Ogden's law, a Maxwell branch of it. `error`: the gradient along a random
 direction against a central difference. Histories are kept at every √N-th step and states at all; at every step; or both at every
 √N-th, with the steps between solved again. A product with second derivatives, along that direction, against a central difference
-of gradients; with a Maxwell branch there are none. *memory*: the same over the number of steps. Peer: one-sided differences, a
+of gradients. *memory*: the same over the number of steps. Peer: one-sided differences, a
 run for each unknown (their number times the run's time, not run). What is recovered with it: `inversion_relaxing.py`.
 
     python benchmarks/gradient_through_time.py [--quick] [--json]      last line of --json: a list of records
@@ -129,7 +129,7 @@ def cost(
             "ratio": spent / run,
             "memory_mb": max(largest),
         }
-        if case == "cost" and method == methods[0] and "Maxwell" not in law:
+        if case == "cost" and method == methods[0]:
             spent, error = twice(of, w)
             yield made | {"method": SECOND, "error": error, "cpu_s": spent, "ratio": spent / run, "memory_mb": None}
     nothing = {"error": None, "memory_mb": None, "converged": False}

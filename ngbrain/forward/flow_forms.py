@@ -80,7 +80,7 @@ def _still(made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFu
 
 
 class Begun:
-    """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`.
+    """G after half of a step's flow with the stress at its start, and κ: ten entries, `value`; the `strain` at its start.
 
     Parameters are in the variable `made` alone; `law` is what it is equal to, by parameters alone.
 
@@ -108,7 +108,7 @@ class Begun:
         theta, factor = half_step_factors(dt / eta * ngs.IfPos(size - SMALL**2, squared / (2 * along), rest))
         flowed = [-settled[4] * theta * dt / (4 * eta) * s for s in slope]
         self.value = ngs.CF((G * start.stretched(flowed), eta / dt * factor))
-        self.made, self.law = made, law
+        self.strain, self.made, self.law = start.x, made, law
 
 
 def _start(branch: Maxwell, strain: CoefficientFunction) -> CoefficientFunction:

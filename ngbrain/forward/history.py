@@ -112,14 +112,14 @@ class History:
 
     def relax(self) -> None:
         """Let the Maxwell branches flow to where they are at rest with the current state."""
-        self.flows.relax(self.points(self._shape_cf))
+        self.flows.relax(self.shapes())
 
     def finish(self) -> None:
         """Move the history to the end of the step begun, at the state that now stands.
 
         What the energy sees stays as it was in the step until the next one begins, so that its forces can still be read.
         """
-        self.strain = self.points(self._shape_cf)
+        self.strain = self.shapes()
         self.flows.finish(self.strain)
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
@@ -127,9 +127,13 @@ class History:
             self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
             self.stress[k] = new
 
+    def shapes(self) -> np.ndarray:
+        """C̄ of the state that now stands (6, points)."""
+        return self.points(self._shape_cf)
+
     def here(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """C̄ and each S̄_k at the state that now stands."""
-        return self.points(self._shape_cf), [self.points(stress) for stress in self._stress_cf]
+        return self.shapes(), [self.points(stress) for stress in self._stress_cf]
 
     def halving(self, middle: tuple[np.ndarray, list[np.ndarray]]) -> tuple[float, float]:
         """Rms over quadrature points (Pa) of the overstress of two half steps by way of `middle` (see `here`) less that of the

@@ -6,7 +6,8 @@ Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
     Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
     (w·d)'' δθ:                two solves more, `Equilibria.second`
 
-R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `implicit_work`.
+R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `implicit_work`; second ones by
+node positions from differences of first ones, see `differences`.
 Source: Plessix 2006, 10.1111/j.1365-246X.2006.02978.x.
 """
 
@@ -198,8 +199,8 @@ class Equilibria:
             each = self.model.equilibria[k]
             _put(each.change, self._along(k, direction))
             self._set(k, w, adjoints[k])
-            b = each.turned_by_state()
-            total += each.turned_by_theta()
+            b, slopes = each.turned()
+            total += slopes
             adjoint = self._inverse(k).transposed(b)
             self._set(k, None, adjoint)
             total += each.by_theta()

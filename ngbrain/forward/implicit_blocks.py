@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError, InvertedElementError
+from ngbrain.forward.differences import change
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_work import Terms, by, terms, vector
 from ngbrain.forward.patterns import boundaries
@@ -170,8 +171,9 @@ class Held:
 class Nodes:
     """Shifts (m) of a mesh's nodes, a vector for each vertex by components, with which whatever is in its elements goes along.
 
-    So do points where displacements are seen, and fields; what supports prescribe stays as it is. First derivatives only. A shift
-    that turns an element inside out raises `InvertedElementError`. To be made before the bodies that it is for.
+    So do points where displacements are seen, and fields; what supports prescribe stays as it is. Second derivatives are of
+    bodies in equilibrium only. A shift that turns an element inside out raises `InvertedElementError`. To be made before the
+    bodies that it is for.
     """
 
     def __init__(self, mesh: ngs.Mesh) -> None:
@@ -180,8 +182,9 @@ class Nodes:
         self.mesh, self.shift = mesh, ngs.GridFunction(ngs.VectorH1(mesh, order=1))
         self.size = self.shift.space.ndof
         self._stretch = ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+        self._direction = ngs.GridFunction(self.shift.space)
         mesh.SetDeformation(self.shift)
-        self._signs = np.sign(self._determinants())
+        self._signs = np.sign(self._integrals(self._stretch))
 
     @property
     def value(self) -> Array:
@@ -191,15 +194,30 @@ class Nodes:
     def put(self, value: Array) -> None:
         """Shift the nodes."""
         self.shift.vec.FV().NumPy()[:] = value
-        if np.any(np.sign(self._determinants()) != self._signs):
+        if np.any(np.sign(self._integrals(self._stretch)) != self._signs):
             raise InvertedElementError("shifted nodes turn an element of the mesh inside out")
 
     def turn(self, direction: Array) -> None:
-        """See `along`."""
+        """Set the direction of `change`."""
+        self._direction.vec.FV().NumPy()[:] = direction
 
     def along(self, parts: Terms) -> Terms:
-        """NGSolve differentiates a shape once."""
+        """NGSolve differentiates a shape once: `change` takes differences."""
         raise InputError("parameters", "nodes", "others, for second derivatives")
+
+    def change(self, function: Callable[[], Array]) -> Array:
+        """How what integrals give changes along the direction."""
+        here, way = self.value, np.array(self._direction.vec.FV().NumPy())
+
+        def at(s: float) -> Array:
+            self.put(here + s * way)
+            return function()
+
+        gradient = ngs.Grad(self._direction)
+        strain, size = (self._integrals(of) for of in (ngs.InnerProduct(gradient, gradient), ngs.CF(1.0)))
+        found = change(at, float(np.sqrt(np.max(strain / size))))
+        self.put(here)
+        return found
 
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
@@ -212,8 +230,9 @@ class Nodes:
     def _moved(self, parts: Terms, direction: ngs.CoefficientFunction) -> Terms:
         return [term for part in parts for term in terms((part.coef * part.over).DiffShape(direction))]
 
-    def _determinants(self) -> Array:
-        return np.array(ngs.Integrate(self._stretch, self.mesh, element_wise=True).NumPy())
+    def _integrals(self, function: ngs.CoefficientFunction) -> Array:
+        """Over each element."""
+        return np.array(ngs.Integrate(function, self.mesh, element_wise=True).NumPy())
 
 
 def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:

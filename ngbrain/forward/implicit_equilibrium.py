@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InvertedElementError
-from ngbrain.forward.implicit_blocks import Block, places
+from ngbrain.forward.implicit_blocks import Block, Nodes, places
 from ngbrain.forward.implicit_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.observations import Observation
 from ngbrain.forward.static import Static
@@ -144,15 +144,18 @@ class Equilibrium:
         # Forces do follow the state: where that is not seen, nothing that is not seen is believed.
         return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
 
-    @cached_property
-    def turned_by_state(self) -> Callable[[], Array]:
-        """How ∂L/∂u changes with u along `change` and θ along the blocks' directions."""
-        return slope(self.body, self._turned(self._trial))
+    def turned(self) -> tuple[Array, Array]:
+        """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
+        by_state, by_theta = (of() for of in self._turned_slopes)
+        for block in self.blocks.values():
+            if isinstance(block, Nodes):
+                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]))
+                by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
+        return by_state, by_theta
 
     @cached_property
-    def turned_by_theta(self) -> Callable[[], Array]:
-        """So ∂L/∂θ."""
-        return self._slopes(self._turned(self._now))
+    def _turned_slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        return slope(self.body, self._turned(self._trial)), self._slopes(self._turned(self._now))
 
     def _turned(self, state: Motion) -> Terms:
         return self.functional(state, self.change) + self._along_blocks(self.functional(state))
@@ -167,7 +170,7 @@ class Equilibrium:
         return [block.columns(self.body.fes, parts) for block in self.blocks.values()]
 
     def _along_blocks(self, parts: Terms) -> Terms:
-        return [term for block in self.blocks.values() for term in block.along(parts)]
+        return [term for b in self.blocks.values() if not isinstance(b, Nodes) for term in b.along(parts)]
 
     def _slopes(self, parts: Terms) -> Callable[[], Array]:
         slopes = [block.slope(parts, self.body.mesh) for block in self.blocks.values()]

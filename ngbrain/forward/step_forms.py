@@ -60,6 +60,8 @@ class StepForms:
         self._G, self._half, self._settled = ([Block(space, size, self._s) for _ in flows] for size in (9, 10, 5))
         self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
         self.size = sum(block.size for block in self.blocks)
+        self.strains = slice(12 * len(self._pairs), self.size)
+        """Where C̄ and the G are in a history."""
         self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
         for material in body.materials.values():
             self._check(material)
@@ -87,7 +89,12 @@ class StepForms:
         history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
         if self._strain:
             history += [memory["strain"], *(G.reshape(-1, 9).T for G in memory["inner"])]
-        put(self.blocks, "value", np.vstack(history) if history else np.zeros((0, 0)))
+        self.history = np.vstack([np.zeros((0, len(self.quadrature))), *history])
+        put(self.blocks, "value", self.history)
+        self.flowed()
+
+    def flowed(self) -> None:
+        """Take from the Maxwell branches what they began the step with, and where they settled."""
         for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
             put([half], "value", flow.begun)
             put([settled], "value", flow.settled)
@@ -206,14 +213,18 @@ class StepForms:
             found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
         return found
 
-    def _inner(self, material: Material, seen: Seen) -> list[Part]:
-        """P, block by block."""
-        found = list[Part]()
+    def begun(self, material: Material, seen: Seen) -> list[Begun]:
+        """How the Maxwell branches begin."""
+        found = list[Begun]()
         for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
             nine, strain = seen(G), of_six(seen(self._strain[0]))
             three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
-            begun = Begun(branch, self.dt, strain, three, settled.variable, *self._ways(seen))
-            found.append(self._of(begun.value, begun, seen))
+            found.append(Begun(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
+        return found
+
+    def _inner(self, material: Material, seen: Seen) -> list[Part]:
+        """P, block by block."""
+        found = [self._of(begun.value, begun, seen) for begun in self.begun(material, seen)]
         return found + [self._nothing(10)] * (len(self._half) - len(found))
 
     # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.

@@ -189,7 +189,7 @@ class Replayed:
     def second(self, w: Array, direction: Array) -> Array:
         """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
 
-        Raises `InputError` for bodies with Maxwell branches or walls that close on each other, and for node positions.
+        Raises `InputError` for walls that close on each other and for node positions.
         """
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
@@ -200,8 +200,7 @@ class Replayed:
         for step, x, history in self._changes_back(direction):
             adjoint, motion, solve = self._adjoint(step, w, weights, FINER)
             curved.aim(x, history, theta)
-            curved.weigh(adjoint, adjoint + motion, weights)
-            (bent, slopes), forces = curved.back(), curved.by_state()
+            forces, bent, slopes = curved(adjoint, adjoint + motion, weights)
             change = -solve(forces + forms.remembered(turned))
             turned, more = forms.back(change, turned)
             turned = turned + bent

@@ -46,8 +46,8 @@ SHORT = 1e-7
 """Step of elastic strains that is the last in a step's minimum: Newton's method then misses by its square."""
 ITERATIONS = 60
 HALVINGS = 10
-SMALL = 1e-6
-"""Elastic strain below which a branch has its modulus at rest."""
+SMALL = 1e-5
+"""Elastic strain below which a branch has its modulus at rest: at rest the formula of eigenvalues gives 1e-6."""
 SUDDEN = 1e-12
 """Duration of a sudden change, in relaxation times."""
 
@@ -127,6 +127,7 @@ class Flow:
         logs = [ngs.log(value) / 2 for value in principal_values(of_six(a))]
         x = ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
         by_a = x.Diff(a)
+        self._logs = x.Compile()
         self._first = ngs.CF((x, by_a.Reshape((12,)))).Compile()
         self._second = by_a.Diff(a).Reshape((72,)).Compile()
 
@@ -144,8 +145,7 @@ class Flow:
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
-        vectors, logs = _spectrum(np.swapaxes(self.G, 1, 2) @ tensors(shapes) @ self.G)
-        self._begin(dt, vectors, PLANE @ logs)
+        self._begin(dt, *self._spectrum(self.G, _congruence(self.G), shapes))
 
     def _begin(self, dt: float, vectors: np.ndarray, e: np.ndarray) -> None:
         """The same where GᵀC̄G has these eigenvectors and the elastic strains are e."""
@@ -164,8 +164,16 @@ class Flow:
                 break
             flowed, self._share = np.where(uphill, flowed / 2, flowed), np.where(uphill, self._share / 2, self._share)
         self._elastic = e + flowed
-        self._step = self.G @ _compose(vectors, PLANE.T @ flowed)
-        self._pull = _congruence(self._step)
+        self._set(self.G @ _compose(vectors, PLANE.T @ flowed))
+
+    def go_on(self, begun: np.ndarray, start: np.ndarray) -> None:
+        """The rest of a step that has `begun` so, from elastic strains `start` (2, n)."""
+        self.kappa, self._start = begun[9], start
+        self._set(begun[:9].T.reshape(-1, 3, 3))
+
+    def _set(self, step: np.ndarray) -> None:
+        """G after the first half."""
+        self._step, self._pull = step, _congruence(step)
 
     def relax(self, shapes: np.ndarray) -> None:
         """Find the minimum at these shapes; NaN where there is none."""
@@ -194,8 +202,7 @@ class Flow:
 
     def _finish(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same; eigenvectors of the new GᵀC̄G, which flow does not turn, and its elastic strains."""
-        vectors, logs = _spectrum(np.swapaxes(self._step, 1, 2) @ tensors(shapes) @ self._step)
-        x = PLANE @ logs
+        vectors, x = self._spectrum(self._step, self._pull, shapes)
         e, _ = self._minimum(x)
         self.G = self._step @ _compose(vectors, PLANE.T @ (e - x))
         return vectors, e
@@ -219,6 +226,12 @@ class Flow:
         twin.relax(end)
         self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, end))  # a field is shared
         return twin.stress
+
+    def _spectrum(self, G: np.ndarray, pull: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvectors (n, 3, 3) of GᵀC̄G, the largest first, and its strains, by the formula that the energy uses."""
+        _, vectors = np.linalg.eigh(np.swapaxes(G, 1, 2) @ tensors(shapes) @ G)
+        self.points.put(self._pulled, np.einsum("ijn,jn->in", pull, shapes))
+        return vectors[:, :, ::-1], self.points(self._logs)
 
     def _at(self, e: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
         self.points.put(self._strain, e)
@@ -365,12 +378,6 @@ def half_step_factors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     shrunk = y_ * np.exp(-y_) / -np.expm1(-y_)  # y/(exp y - 1)
     beta = -np.expm1(-y_) / y_
     return np.where(small, 1 - y / 6, 2 / y_ * (1 - shrunk)), np.where(small, 2 - y / 3, y_ * beta / (1 - beta))
-
-
-def _spectrum(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors (n, 3, 3) and half the logarithms of the eigenvalues (3, n), the largest first."""
-    values, vectors = np.linalg.eigh(A)
-    return vectors[:, :, ::-1], np.log(values[:, ::-1].T) / 2
 
 
 def _compose(vectors: np.ndarray, logs: np.ndarray) -> np.ndarray:

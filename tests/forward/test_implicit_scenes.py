@@ -179,15 +179,26 @@ def test_nodes(dim, form, rng):
     verify(shaped(dim, form), rng)
 
 
-def test_nodes_that_turn_an_element_are_refused_and_seconds_are_not_there():
+@pytest.mark.parametrize(("dim", "form"), [(2, "P2"), (2, "P2/P1"), (3, "P2")])
+def test_second_derivatives_by_nodes(dim, form, rng):
+    of = shaped(dim, form)
+    theta, there = of.theta, of.at(of.theta)
+    w = weights(there, rng)
+    size = np.concatenate([np.full(b.stop - b.start, 0.03 * np.abs(theta[b]).max()) for b in of.blocks.values()])
+    a, b = 5 * size * rng.uniform(-1, 1, (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    assert dot(along_a, along_b, a, b) < 1e-10
+    rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2)
+    assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_nodes_that_turn_an_element_are_refused():
     of = shaped(2, "P2")
     theta = of.theta
     there = of.at(theta)
     with pytest.raises(InvertedElementError, match="inside out"):
         of.at(theta * np.where(np.arange(of.size) < 18, 100.0, 1.0))
     assert of.at(theta).data == pytest.approx(there.data, rel=1e-9)
-    with pytest.raises(InputError, match="parameters is nodes; wanted: others, for second derivatives"):
-        there.second(there.data, theta)
     with pytest.raises(InputError, match="mesh is deformed already"):
         Nodes(of.parts["nodes"].mesh)
 

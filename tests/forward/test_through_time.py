@@ -7,7 +7,7 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward import flow_forms, step_forms, tangents, through_time
+from ngbrain.forward import flow_forms, step_curvature, step_forms, tangents, through_time
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing
 from ngbrain.forward.dynamic import DynamicBody
@@ -17,6 +17,7 @@ from ngbrain.forward.material import Material
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.replay import Replay, times_of
 from ngbrain.forward.step_forms import StepForms
+from ngbrain.forward.step_turned import Shifted
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.tangents import FEW, MOST, Tangents
 from ngbrain.forward.through_time import Replayed, RunModel
@@ -159,10 +160,12 @@ def test_where_nodes_are(kind, rng):
 # Second derivatives.
 
 
-@pytest.mark.parametrize("kind", [*(kind for kind in KINDS if kind != "Maxwell"), "relaxing"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind == "Maxwell" else ()) for kind in KINDS | PLAIN]
+)
 def test_second_derivatives(kind, rng):
     """They are symmetric, and those of the gradient."""
-    of = model(kind)
+    of = model(kind, SHORT if kind in ("Maxwell", "flowing") else GRID)
     theta, there = of.theta, of.at(of.theta)
     w = weights(there.data, rng)
     size = np.concatenate([np.full(b.stop - b.start, theta[b].max()) for b in of.blocks.values()])
@@ -183,10 +186,18 @@ def test_second_derivatives_where_few_histories_are_held():
         assert each == pytest.approx(found[0], rel=1e-9, abs=1e-12 * np.abs(found[0]).max())
 
 
+def test_second_derivatives_by_differences_are_those_by_symbols(monkeypatch, rng):
+    of = model("Prony")
+    there = of.at(of.theta)
+    w, way = weights(there.data, rng), 0.05 * of.theta
+    by_symbols = there.second(w, way)
+    other = model("Prony")
+    monkeypatch.setattr(step_curvature, "Symbols", lambda forms: Shifted(forms, other.parts))
+    by_differences = other.at(of.theta).second(w, way)
+    assert by_differences == pytest.approx(by_symbols, rel=1e-9, abs=1e-10 * np.abs(by_symbols).max())
+
+
 def test_second_derivatives_that_are_not_there_are_refused():
-    of = model("flowing", SHORT)
-    with pytest.raises(InputError, match="Maxwell branches"):
-        of.at(of.theta).second(np.ones((3, 8)), of.theta)
     mesh, materials, parameters, protocol, _ = relaxing()
     drive = Drive(protocol)
     walls = [plate(drive), Closing("left", "right", 1e8, 1e-5, reach=1e-3)]
