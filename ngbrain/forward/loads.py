@@ -6,12 +6,14 @@ All loads but springs grow with the load factor t from 0 to 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
+from ngbrain.forward.contact import soft_penalty
 from ngbrain.forward.kinematics import Solid
 from ngbrain.forward.walls import check_closed, outward
 from ngbrain.materials.base import Value
@@ -111,6 +113,31 @@ class RigidFace:
 
 
 @dataclass(frozen=True)
+class RigidBody:
+    """A rigid body of any shape that a boundary meets without friction, such as an indenter; ∫ ψ(-φ(X + u; t)) dA.
+
+    ψ is that of `forward.contact`: the pressure on the reference area is k d²/(2s) up to a depth d = s, k (d - s/2) beyond, and
+    none where there is a gap.
+
+    distance   x, t ↦ φ(x; t), signed distance (m) from the body to a point, negative inside, when the load factor is t
+    stiffness  k (Pa/m): the boundary is as deep in the body as its pressure over k
+    softness   s (m)
+
+    >>> ball = RigidBody("top", lambda x, t: ngs.Norm(x - ngs.CF((0, 0, 0.11 - 0.001 * t))) - 0.01, 1e8, 1e-5)
+    """
+
+    boundary: str
+    distance: Callable[[CoefficientFunction, ngs.Parameter], CoefficientFunction]
+    stiffness: Value
+    softness: float
+
+    def energy(self, at: Place) -> Terms:
+        """What overlaps (J)."""
+        depth = -self.distance(at.kinematics.position(at.u), at.factor)
+        return at.kinematics.weight() * soft_penalty(depth, self.stiffness, self.softness) * at.on(self.boundary)
+
+
+@dataclass(frozen=True)
 class Spring:
     """Springs (Pa/m) that hold a boundary where it was; ∫ k/2 u·u dA."""
 
@@ -176,7 +203,7 @@ class Own(Protocol):
         """Its part of the energy (J)."""
 
 
-Load: TypeAlias = Traction | Weight | RigidFace | Spring | Pressure | CavityPressure | CavityVolume | Own
+Load: TypeAlias = Traction | Weight | RigidFace | RigidBody | Spring | Pressure | CavityPressure | CavityVolume | Own
 
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:

@@ -13,7 +13,7 @@ from ngbrain.forward.elements import Form
 from ngbrain.forward.implicit import Case, Equilibria, Held, Nodes, StaticModel
 from ngbrain.forward.implicit_equilibrium import Equilibrium
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, Spring, Traction, Weight
+from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
 from ngbrain.forward.static import Static
@@ -82,6 +82,16 @@ def touched():
     return scene([Plate(height, hard), Traction("top", (30.0, 60.0))], {"height": height, "hard": hard})
 
 
+def indented():
+    """A ball: its place and how hard it is."""
+    height, hard = number(0.147), number(1e6)
+
+    def distance(x, t):
+        return ngs.Norm(x - ngs.CF((0.05, height - 0.008 * t))) - 0.05
+
+    return scene([RigidBody("top", distance, hard, 2e-4)], {"height": height, "hard": hard})
+
+
 def driven():
     return scene([], {"top": None, "bottom": None}, PRESSED)
 
@@ -103,6 +113,7 @@ SCENES = {
     "cavity": cavity,
     "filled": filled,
     "contact": touched,
+    "ball": indented,
     "prescribed": driven,
     "prescribed and pressed": driven_and_pressed,
 }

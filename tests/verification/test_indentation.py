@@ -4,10 +4,14 @@ import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
 import pytest
+from netgen.geom2d import SplineGeometry
 from pressing import force
 
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.loads import RigidBody
+from ngbrain.forward.static import Static
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.materials import NeoHooke, Prony
@@ -84,3 +88,26 @@ def test_a_sphere_on_a_half_space():
     assert np.allclose(forces, wanted, rtol=0.045) and np.log2(forces[1] / forces[0]) == pytest.approx(1.5, abs=0.03)
     top = body.contacts[0].pressure(body.u)(mesh(0.0, 0.0, 0.0, ngs.BND))
     assert top == pytest.approx(8 * mu / np.pi * np.sqrt(8e-5 / R), rel=0.05)
+
+
+def test_a_ball_on_a_body_of_revolution():
+    """Hertz, in equilibrium: F = 16/3 μ √R d^1.5, incompressible."""
+    size, R, mu, forces = 0.06, 0.01, 1000.0, []
+    corners, shape = ((0, 0), (size, 0), (size, size), (2e-3, size), (0, size)), SplineGeometry()
+    numbers = [shape.AppendPoint(*corner) for corner in corners]
+    for i, (name, maxh) in enumerate((("foot", 6e-3), ("side", 6e-3), ("top", 6e-3), ("top", 1e-4), ("axis", 6e-3))):
+        shape.Append(["line", numbers[i], numbers[(i + 1) % 5]], bc=name, maxh=maxh)
+    mesh, deep = ngs.Mesh(shape.GenerateMesh(maxh=6e-3, grading=0.2)), (4e-5, 8e-5)
+    for d in deep:
+        height = size + R
+
+        def distance(x, t, d=d, height=height):
+            return ngs.sqrt(x[0] ** 2 + (x[1] - height + t * d) ** 2) - R
+
+        held = {"axis": (0, None), "foot": 0}
+        ball, turned = RigidBody("top", distance, 1e9, 1e-6), Axisymmetric()
+        body = Static(mesh, {".*": Material(NeoHooke(mu), 1e6)}, held, [ball], "P2/P1", turned)
+        body.solve()
+        forces.append(body.force("foot")[1])
+    wanted = [16 / 3 * mu * np.sqrt(R) * d**1.5 for d in deep]
+    assert np.allclose(forces, wanted, rtol=0.02) and np.log2(forces[1] / forces[0]) == pytest.approx(1.5, abs=0.02)
