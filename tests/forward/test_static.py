@@ -10,7 +10,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain import adjoint
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
 from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import CavityPressure, CavityVolume, RigidFace, Spring, Traction, Weight
+from ngbrain.forward.loads import CavityPressure, CavityVolume, RigidBody, RigidFace, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
@@ -117,6 +117,17 @@ def test_a_rigid_face_pushes_and_does_not_pull(foot, pushed):
         )
     else:
         assert down == pytest.approx(foot, rel=1e-6) and np.abs(body.force("top")).max() < 1e-6
+
+
+@pytest.mark.parametrize("kinematics", [None, Axisymmetric()])
+def test_a_rigid_plate_is_a_rigid_face_that_is_half_its_softness_deeper(kinematics):
+    """Soft enough to count: the face is 1 % of its way deep in the body."""
+    plate, forces = RigidBody("top", lambda x, t: 0.1 - 5e-3 * t - x[1], 1e6, 1e-5), []
+    for load in (plate, RigidFace("top", (0, -5e-3 + 5e-6), 1e6)):
+        body = Static(square(), SOFT, {"left": (0, None), "bottom": 0}, [load], "P2/P1", kinematics)
+        body.solve(newton=Newton(rtol=1e-11, xtol=1e-10))
+        forces.append(body.force("bottom")[1])
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9) and forces[0] > 1
 
 
 def test_springs_exert_their_force():
