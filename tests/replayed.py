@@ -8,6 +8,7 @@ from netgen.occ import Box, Glue, OCCGeometry, Z
 
 from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.loads import Spring, Traction, Weight
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.through_time import RunModel
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
@@ -103,20 +104,43 @@ def touched():
     return mesh, materials, p, protocol, contacts
 
 
+def loaded():
+    """Pulled aside by a force that grows with a plate's way, the plate stuck on; heavy."""
+    mesh, materials, p, protocol, _ = relaxing()
+    p |= {"heavy": field(mesh, 9e3), **numbers(way=1.1, pull=5e5, stuck=1e6)}
+
+    def acts(drive):
+        at = drive.parameter
+        plate = Spring("top", p["stuck"], (0.2 * at, 0.0, -p["way"] * at))
+        return [Traction("right", (p["pull"] * at, 0.0, 0.0)), Weight((0.0, -p["heavy"], 0.0)), plate]
+
+    return mesh, materials, p, protocol, acts
+
+
 def flowing():
     p = numbers(rest=400.0, spring=600.0, eta=1800.0)
     law = Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))
     return block((SIDE,) * 3, SIDE), {"tissue": Material(law, 1e6)}, p, HOLD, pressed()
 
 
-KINDS = {"Prony": prony, "layers": layers, "Maxwell": maxwell, "lifted": lifted, "elastic": elastic, "touched": touched}
+KINDS = {
+    "Prony": prony,
+    "layers": layers,
+    "Maxwell": maxwell,
+    "lifted": lifted,
+    "elastic": elastic,
+    "touched": touched,
+    "loaded": loaded,
+}
 PLAIN = {"relaxing": relaxing, "flowing": flowing}
 
 
 def model(kind="relaxing", grid=GRID, **options):
     mesh, materials, parameters, protocol, contacts = (KINDS | PLAIN)[kind]()
     drive = Drive(protocol)
-    body = Body(mesh, materials, "bottom", contacts(drive))
+    acts = contacts(drive)
+    on_walls = [each for each in acts if isinstance(each, (Contact, Sliding))]
+    body = Body(mesh, materials, "bottom", on_walls, loads=[each for each in acts if each not in on_walls])
     return RunModel(body, drive, grid, parameters, SEEN, **options)
 
 

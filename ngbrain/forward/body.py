@@ -9,12 +9,15 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.forward.contact import Contact, Sliding, Touch, offsets, surface_rule
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.friction import Friction, Grip
 from ngbrain.forward.history import History
+from ngbrain.forward.kinematics import Solid
+from ngbrain.forward.loads import CavityVolume, Place, Pressure, Stored
 from ngbrain.forward.material import Material
-from ngbrain.forward.patterns import check_apart, check_regions
+from ngbrain.forward.patterns import boundaries, check_apart, check_regions
 from ngbrain.forward.tangent import Solve, Tangent
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
@@ -37,6 +40,8 @@ class Body:
     contacts   rigid bodies that walls see, their friction, walls that slide, and walls that close on each other
     order      k ≥ 2
     modulus    what pressures are judged against in the size of a Newton correction (Pa), of the order of a shear modulus
+    loads      of `ngbrain.forward.loads`, which have an energy; they change in time with what they are made of, such as the
+               parameter that a motion sets
 
     Unknowns are u, p and the offset of the contacts, of order k on their walls.
 
@@ -52,15 +57,21 @@ class Body:
         contacts: Sequence[Touch | Friction] = (),
         order: int = 2,
         modulus: float = 1e3,
+        loads: Sequence[Stored] = (),
     ) -> None:
         check_regions(mesh, materials)
+        for load in loads:
+            if isinstance(load, (Pressure, CavityVolume)):
+                raise InputError("loads", type(load).__name__, "loads with an energy of the displacement")
+            if hasattr(load, "boundary"):
+                boundaries(mesh, load.boundary)
         check_apart(mesh, fixed, [contact.wall for contact in contacts])
         rigid = [contact for contact in contacts if isinstance(contact, Contact)]
         for film in (contact for contact in contacts if isinstance(contact, Sliding)):
             check_apart(mesh, film.wall, [contact.wall for contact in rigid])
         self.mesh, self.materials = mesh, materials
         self.contacts = tuple(contact for contact in contacts if not isinstance(contact, Friction))
-        self.order, self.modulus = order, modulus
+        self.order, self.modulus, self.loads = order, modulus, tuple(loads)
         spaces = (ngs.VectorH1(mesh, order=order, dirichlet=fixed), ngs.H1(mesh, order=order - 1))
         self.fes = ngs.FESpace([*spaces, offsets(mesh, rigid, order)])
         self.gfu = ngs.GridFunction(self.fes)
@@ -110,12 +121,18 @@ class Body:
         return density
 
     def _form(self, tissue: list[ngs.comp.BFI]) -> ngs.BilinearForm:
-        """Energies of tissues and of all contacts."""
+        """Energies of tissues, of all contacts and of loads."""
         form = ngs.BilinearForm(self.fes, symmetric=True)
         for term in tissue:
             form += term
+        for load in self.loads:
+            form += ngs.Variation(load.energy(self.place(self.fes.TrialFunction()[0])))
         self._joined += [contact.join(form) for contact in self.contacts]  # some have to live as long as the form
         return form
+
+    def place(self, u: CoefficientFunction) -> Place:
+        """Where its loads act, all of them, for a displacement."""
+        return Place(self.mesh, Solid(), ngs.Parameter(1.0), u, None, self.order)
 
     def hold(self, elements: np.ndarray) -> None:
         """Hold all unknowns of some elements (a mask) where they are from now on; nothing is integrated over them."""
@@ -269,12 +286,12 @@ class Body:
         return self._tissue_forces.stress
 
     def contact_forces(self) -> np.ndarray:
-        """Nodal forces (N) of contacts, their friction and sliding walls at the current state."""
+        """Nodal forces (N) of contacts, their friction, sliding walls and loads at the current state."""
         self.friction.hold(self.gfu.vec)
         return self._contact_forces()[self.is_u]
 
     def contact_energy(self) -> float:
-        """Energy (J) stored in the penalties of contacts and sliding walls at the current state."""
+        """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
         return float(self.contact_form.Energy(self.gfu.vec))
 
     def friction_work(self) -> float:

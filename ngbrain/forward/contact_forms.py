@@ -1,4 +1,4 @@
-"""Virtual work of a body's contacts by symbols: how it changes with what they are made of, and with the state."""
+"""Virtual work of a body's contacts and loads by symbols: how it changes with what they are made of, and with the state."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ngbrain.errors import InputError
 from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.implicit_blocks import Block
-from ngbrain.forward.implicit_work import Motion, Term, Terms, by
+from ngbrain.forward.implicit_work import Motion, Term, Terms, by, terms
 
 Array = np.ndarray
 
 
 class ContactForms:
-    """C(x; θ)[λ] of the contacts of `body` that a rigid body makes, at the body's state, with θ in `parts`.
+    """C(x; θ)[λ] of the loads of `body` and the contacts that a rigid body makes, at the body's state, with θ in `parts`.
 
     Walls that close on each other have no part in it; `InputError` where their penalty or softness is no number.
     """
@@ -46,7 +46,8 @@ class ContactForms:
         contacts, order = self._body.contacts, self._body.order
         rigid = [Term(c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
         films = [Term(c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
-        return reduce(by, numbers, rigid + films)
+        loads = [term for load in self._body.loads for term in terms(load.energy(self._body.place(u)))]
+        return reduce(by, numbers, rigid + films + loads)
 
     def columns(self) -> sp.csr_array:
         """C_θ (ndof, θ)."""

@@ -38,7 +38,7 @@ class Place:
     kinematics: Solid
     factor: ngs.Parameter
     u: CoefficientFunction
-    v: CoefficientFunction
+    v: CoefficientFunction | None
     order: int = 2
 
     def on(self, boundary: str) -> ngs.comp.DifferentialSymbol:
@@ -139,14 +139,19 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class Spring:
-    """Springs (Pa/m) that hold a boundary where it was; ∫ k/2 u·u dA."""
+    """Springs (Pa/m) that hold a boundary where it was, or at `to` (m) from there, as a plate does that it sticks to.
+
+    ∫ k/2 |u - to|² dA
+    """
 
     boundary: str
     stiffness: Value
+    to: Vector | None = None
 
     def energy(self, at: Place) -> Terms:
         """What they store (J)."""
-        stored = self.stiffness / 2 * ngs.InnerProduct(at.u, at.u)
+        stretch = at.u if self.to is None else at.u - _vector(self.to)
+        stored = self.stiffness / 2 * ngs.InnerProduct(stretch, stretch)
         return at.kinematics.weight() * stored * at.on(self.boundary)
 
 
@@ -203,7 +208,9 @@ class Own(Protocol):
         """Its part of the energy (J)."""
 
 
-Load: TypeAlias = Traction | Weight | RigidFace | RigidBody | Spring | Pressure | CavityPressure | CavityVolume | Own
+Stored: TypeAlias = Traction | Weight | RigidFace | RigidBody | Spring | CavityPressure | Own
+"""Loads with an energy of the displacement."""
+Load: TypeAlias = Stored | Pressure | CavityVolume
 
 
 def enclosed(at: Place, u: CoefficientFunction, boundary: str) -> CoefficientFunction:

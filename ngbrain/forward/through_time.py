@@ -42,10 +42,10 @@ class RunModel:
     """From a vector θ to what a run shows at some times.
 
     body        quasi-static, without friction; its materials are made of `parameters`
-    motion      of its rigid bodies
+    motion      of its rigid bodies and of what its loads are made of
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials and rigid bodies are made of, such as a factor of a blade's way, or
-                `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
+    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
+                way, or `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
     readings    what is seen, see `readings`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`

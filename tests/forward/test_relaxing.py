@@ -1,14 +1,19 @@
 """Relaxing bodies under loads over time against closed forms."""
 
+import ngsolve as ngs
 import numpy as np
 import pytest
 
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.loads import Traction
+from ngbrain.forward.body import Body
+from ngbrain.forward.loads import Pressure, Spring, Traction, Weight
 from ngbrain.forward.material import Material
+from ngbrain.forward.readings import Displacements
 from ngbrain.forward.relaxing import Relaxing
+from ngbrain.forward.through_time import RunModel
 from ngbrain.materials import Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
 
 SIDE, MU, G, TAU = 0.02, 1e3, 0.6, 2.0
 STIFF = 1e3
@@ -75,3 +80,29 @@ def test_times_have_to_increase():
     for times, factors in (([0, 1, 1], [0, 1, 1]), ([0, 1], [0, 1, 1]), ([0], [0])):
         with pytest.raises(InputError, match="times"):
             body.run(times, factors, lambda t: t)
+
+
+def test_a_body_of_contacts_bears_loads_as_this_one_does():
+    """A block that sticks to a plate, is pulled aside and heavy."""
+    mesh, tissue, grid = block((0.02,) * 3, 0.02), Material(Prony(NeoHooke(1e3), [0.5], [3.0]), 1e6), [0, 1, 2.5, 4, 40]
+    weight = Weight((0.0, -9e3, 0.0))
+    supports, loads = {"bottom": 0, "top": (4e-4, 0, -2e-3)}, [Traction("right", (900.0, 0, 0)), weight]
+    one = Relaxing(mesh, {".*": tissue}, supports, loads, form="P2/P1")
+    point, share = mesh(0.013, 0.01, 0.012), lambda t: min(t / 4, 1.0)
+    tight = one.newton(rtol=1e-11, xtol=1e-11)
+    wanted = one.run(grid, [share(t) for t in grid], lambda t: one.u(point), tight)
+    drive = Drive(Protocol("hold", (0.0, 4.0, 40.0), (0.0, 1.0, 1.0)))
+    a = drive.parameter
+    plate = Spring("top", 1e10, (4e-4 * a, 0.0, -2e-3 * a))
+    loads = [Traction("right", (900.0 * a, 0.0, 0.0)), Weight((0.0, -9e3 * a, 0.0)), plate]
+    other = Body(mesh, {"tissue": tissue}, "bottom", loads=loads)
+    of = RunModel(other, drive, grid, {"none": ngs.Parameter(0.0)}, [Displacements([[0.013, 0.01, 0.012]])])
+    assert of.at(of.theta).data == pytest.approx(np.array(wanted), abs=1e-5 * np.abs(wanted).max())
+
+
+def test_loads_without_an_energy_are_refused_by_a_body_of_contacts():
+    mesh, tissue = block((0.02,) * 3, 0.02), {"tissue": Material(NeoHooke(1e3), 1e6)}
+    with pytest.raises(InputError, match="loads is Pressure; wanted: loads with an energy of the displacement"):
+        Body(mesh, tissue, "bottom", loads=[Pressure("top", 10.0)])
+    with pytest.raises(InputError, match="boundary"):
+        Body(mesh, tissue, "bottom", loads=[Spring("nowhere", 1e3)])
