@@ -148,7 +148,7 @@ class Shifted:
         return way / (np.max(np.abs(self._parts[name].value)) or 1.0)
 
     def _beginning(self, material: Material) -> CoefficientFunction:
-        """What branches begin with, as `forms` have it: the branches' own eigenvalues differ by what these are guarded with."""
+        """What branches begin with, as `forms` have it: the branches' own axes differ by what guards those of equal stretches."""
         found = [(*begun.strain, begun.value) for begun in self._forms.begun(material, STILL)]
         nothing = ngs.CF((0.0,) * 12)
         missing = len(self._forms.body.history.flows.flows) - len(found)
