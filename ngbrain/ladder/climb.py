@@ -26,6 +26,8 @@ HALF = 0.5
 """Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
+CHEAP = 8.0
+"""How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -231,7 +233,7 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
     """The axis to climb: elements after all else that cannot be left out, whose estimates are cheap on coarse ones.
 
     Where the next elements would leave more than the tolerance, they are made smaller and of higher order at once: what comes
-    between would be dear, and not the last.
+    between would not be the last, and is dear unless it is `CHEAP`.
     """
 
     def gains(name: str) -> float:
@@ -239,8 +241,11 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 
     must = [name for name in above if gains(name) > 1 and name not in ELEMENTS]
     taken = max(must or above, key=lambda name: _worth(above[name], rung, tolerances))
-    both = taken in ELEMENTS and set(ELEMENTS) <= set(above) and np.any(_left(above, rung, taken) > tolerances)
-    return (taken, *(name for name in ELEMENTS if name != taken)) if both else (taken,)
+    if taken not in ELEMENTS or not set(ELEMENTS) <= set(above):
+        return (taken,)
+    (other,) = (name for name in ELEMENTS if name != taken)
+    short = np.any(_left(above, rung, taken) > tolerances) and _growth(above[other], rung) < CHEAP
+    return (taken, other) if short else (taken,)
 
 
 def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
@@ -266,7 +271,12 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
     """Of the axis' next step: what it gains, in tolerances, over what it costs."""
     gain = np.abs(rung.estimates[axis.name].change) * axis.tail / tolerances
-    return float(np.max(np.minimum(gain, MOST))) / axis.growth[axis.levels.index(rung.model[axis.name])]
+    return float(np.max(np.minimum(gain, MOST))) / _growth(axis, rung)
+
+
+def _growth(axis: Axis, rung: Rung) -> float:
+    """By how much its next step is dearer."""
+    return axis.growth[axis.levels.index(rung.model[axis.name])]
 
 
 def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> list[str]:

@@ -12,7 +12,7 @@ from ngbrain.ladder.bodies import Bench, Model, Solution
 from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _floored, _next, ascend, climb
 from ngbrain.ladder.estimates import SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
-from ngbrain.ladder.rungs import AXES, Axis, axes_of, between, cheapest, richest
+from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
 CUBE = Piece(size=(0.02, 0.02, 0.02), cell=0.02)
@@ -161,6 +161,15 @@ def test_elements_get_finer_in_both_ways_where_one_would_leave_too_much(
     assert _next(above, rung, np.full(1, 1.01 * left)) == (taken,)
     both = _next(above, rung, np.full(1, 0.99 * left))
     assert both[0] == taken and set(both) == set(changes)
+
+
+def test_waves_take_one_step_to_finer_elements_at_a_time() -> None:
+    """Of higher order they cost a tenth of those that are smaller too."""
+    changes = {"order": 0.08, "mesh": 0.05}
+    for axes, taken in ((OF_WAVES, ("order",)), (AXES, ("order", "mesh"))):
+        estimates = {name: Estimate(np.full(1, change), "") for name, change in changes.items()}
+        rung = Rung({"order": "1", "mesh": "0"}, np.ones(1), 1, estimates, np.ones(1))
+        assert _next({name: axes[name] for name in changes}, rung, np.full(1, 0.05)) == taken
 
 
 class Written:
