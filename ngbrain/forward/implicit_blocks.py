@@ -171,8 +171,8 @@ class Held:
 class Nodes:
     """Shifts (m) of a mesh's nodes, a vector for each vertex by components, with which whatever is in its elements goes along.
 
-    So do points where displacements are seen, and fields; what supports prescribe stays as it is. Second derivatives are of
-    bodies in equilibrium only. A shift that turns an element inside out raises `InvertedElementError`. To be made before the
+    So do points where displacements are seen, and fields; what supports prescribe stays as it is. There are no
+    second derivatives of runs. A shift that turns an element inside out raises `InvertedElementError`. To be made before the
     bodies that it is for.
     """
 

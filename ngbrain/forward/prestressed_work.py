@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.factors import sparse
-from ngbrain.forward.implicit_blocks import Block
+from ngbrain.forward.implicit_blocks import Block, Nodes
 from ngbrain.forward.implicit_work import Motion, Seen, Terms, Work, slope, vector
 from ngbrain.forward.slopes import complexified
 from ngbrain.forward.static import Static
@@ -77,15 +77,23 @@ class WaveWork:
 
     def turned(self, omega: float, v: Array) -> Array:
         """A' v (ndof,)."""
-        return self._complex(self._turned_product, omega, v)
+        found = self._complex(self._turned_product, omega, v)
+        return self._and_nodes(found, lambda: self._complex(self._product, omega, v))
 
     def turned_back(self, omega: float, adjoint: Array) -> Array:
         """A'ᵀ λ (ndof,)."""
-        return self._complex(self._turned_transposed, omega, adjoint)
+        found = self._complex(self._turned_transposed, omega, adjoint)
+        return self._and_nodes(found, lambda: self._complex(self._transposed, omega, adjoint))
 
     def turned_slopes(self, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """∂ Re(λᵀ A' v)/∂u₀ (ndof,) and ∂ Re(λᵀ A' v)/∂θ (size,)."""
-        return self._summed(self._turned_slopes, omega, v, adjoint)
+        found = np.concatenate(self._summed(self._turned_slopes, omega, v, adjoint))
+        found = self._and_nodes(found, lambda: np.concatenate(self.slopes(omega, v, adjoint)))
+        return found[: self._body.fes.ndof], found[self._body.fes.ndof :]
+
+    def _and_nodes(self, found: Array, of: Callable[[], Array]) -> Array:
+        """A change along all other ways, and that of what it is the change of along node positions'."""
+        return sum((block.change(of) for block in self._blocks if isinstance(block, Nodes)), found)
 
     def _summed(self, slopes: Slopes, omega: float, v: Array, adjoint: Array) -> tuple[Array, Array]:
         """Of Re λ · Re(A v) and -Im λ · Im(A v)."""
@@ -127,6 +135,14 @@ class WaveWork:
         return self._slopes_of(lambda state: self._turn(state, _tested(self._adjoint)))
 
     @cached_property
+    def _product(self) -> Callable[[], Array]:
+        return vector(self._body.fes, self._real(self._body.gfu, _tested(self._test)))
+
+    @cached_property
+    def _transposed(self) -> Callable[[], Array]:
+        return vector(self._body.fes, self._real(self._body.gfu, lambda part: (part, self._test)))
+
+    @cached_property
     def _turned_product(self) -> Callable[[], Array]:
         return vector(self._body.fes, self._turn(self._body.gfu, _tested(self._test)))
 
@@ -142,8 +158,8 @@ class WaveWork:
 
     def _turn(self, state: Motion, pair: Pair) -> Terms:
         """The change of `_real` along the ways of the state and of θ."""
-        parts = self._real(state, pair)
-        return self._real(state, pair, self._change) + [term for block in self._blocks for term in block.along(parts)]
+        parts, others = self._real(state, pair), (block for block in self._blocks if not isinstance(block, Nodes))
+        return self._real(state, pair, self._change) + [term for block in others for term in block.along(parts)]
 
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
         """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""
