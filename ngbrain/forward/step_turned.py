@@ -116,7 +116,6 @@ class Shifted:
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         values(self._motion)[:] = motion
         state, history, flows = body.state, forms.history, body.history.flows.flows
-        begun, began = [(flow.begun, flow.settled[2:4]) for flow in flows], forms.points(self._begun)[1:]
         way, back, by = self._ways
 
         def stand(s: float) -> None:
@@ -124,10 +123,9 @@ class Shifted:
                 part.put(theta[name] + s * by[name])
             body.state = state + s * way
             put(forms.blocks, "value", history + s * back)
-            later = (forms.points(self._begun)[1:] - began).reshape(len(flows), 12, len(forms.quadrature))
-            shapes = body.history.shapes()
-            for flow, (half, start), moved in zip(flows, begun, later, strict=True):
-                flow.go_on(half + moved[2:], start + moved[:2])
+            begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
+            for flow, part in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
+                flow.go_on(part[2:], part[:2])
                 flow.relax(shapes)
             forms.flowed()
 
@@ -148,11 +146,11 @@ class Shifted:
         return way / (np.max(np.abs(self._parts[name].value)) or 1.0)
 
     def _beginning(self, material: Material) -> CoefficientFunction:
-        """What branches begin with, as `forms` have it: the branches' own axes differ by what guards those of equal stretches."""
-        found = [(*begun.strain, begun.value) for begun in self._forms.begun(material, STILL)]
-        nothing = ngs.CF((0.0,) * 12)
+        """What branches begin with, strains, G and κ; the last of them rest where a region has fewer."""
+        found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.begun(material, STILL)]
+        at_rest = ngs.CF((0.0, 0.0, ngs.Id(3).Reshape((9,)), 0.0))
         missing = len(self._forms.body.history.flows.flows) - len(found)
-        return ngs.CF((0.0, *(ngs.CF(parts) for parts in found), *[nothing] * missing)).Compile()
+        return ngs.CF((0.0, *found, *[at_rest] * missing)).Compile()
 
     def _density(self, material: Material) -> Density:
         """W' along μ."""

@@ -124,10 +124,11 @@ class Flow:
         self.rest(eta)
         self._pulled = points.field(np.outer(REST, np.ones(n)))
         a = ngs.CF(tuple(self._pulled[i] for i in range(6))).MakeVariable()
-        logs = [ngs.log(value) / 2 for value in principal_values(of_six(a))]
+        stretches = principal_values(of_six(a))
+        logs = [ngs.log(value) / 2 for value in stretches]
         x = ngs.CF(tuple(sum(float(row[i]) * logs[i] for i in range(3)) for row in PLANE))
         by_a = x.Diff(a)
-        self._logs = x.Compile()
+        self._spectrum = ngs.CF((x, *(value.Diff(a) for value in stretches))).Compile()
         self._first = ngs.CF((x, by_a.Reshape((12,)))).Compile()
         self._second = by_a.Diff(a).Reshape((72,)).Compile()
 
@@ -139,17 +140,17 @@ class Flow:
         self.G = self._step = np.tile(np.eye(3), (n, 1, 1))
         self._pull = _congruence(self._step)
         self.energy, self.stress = np.zeros(n), np.zeros((6, n))
-        self._vectors = self.G
+        self._axes = np.zeros((3, n, 3, 3))
         self._elastic, self._start, self._share = np.zeros((2, n)), np.zeros((2, n)), np.ones(n)
         self._modulus = self._at(self._elastic)[3] / 2
 
     def begin(self, dt: float, shapes: np.ndarray) -> None:
         """Start a step of `dt` seconds at these shapes: half of it with the stress there."""
-        self._begin(dt, *self._spectrum(self.G, _congruence(self.G), shapes))
+        self._begin(dt, *self._strained(_congruence(self.G), shapes))
 
-    def _begin(self, dt: float, vectors: np.ndarray, e: np.ndarray) -> None:
-        """The same where GᵀC̄G has these eigenvectors and the elastic strains are e."""
-        self._vectors, self._start = vectors, e
+    def _begin(self, dt: float, axes: np.ndarray, e: np.ndarray) -> None:
+        """The same where GᵀC̄G has these axes and the elastic strains are e."""
+        self._axes, self._start = axes, e
         slope = self._at(e)[1:3]
         squared, along = np.sum(slope * slope, axis=0), np.sum(e * slope, axis=0)
         strained = (np.sum(e * e, axis=0) > SMALL**2) & (along > 0)  # at rest both are round-off
@@ -164,7 +165,7 @@ class Flow:
                 break
             flowed, self._share = np.where(uphill, flowed / 2, flowed), np.where(uphill, self._share / 2, self._share)
         self._elastic = e + flowed
-        self._set(self.G @ _compose(vectors, PLANE.T @ flowed))
+        self._set(self.G @ _stretched(axes, flowed))
 
     def go_on(self, begun: np.ndarray, start: np.ndarray) -> None:
         """The rest of a step that has `begun` so, from elastic strains `start` (2, n)."""
@@ -201,11 +202,11 @@ class Flow:
         self._finish(shapes)
 
     def _finish(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same; eigenvectors of the new GᵀC̄G, which flow does not turn, and its elastic strains."""
-        vectors, x = self._spectrum(self._step, self._pull, shapes)
+        """The same; axes of the new GᵀC̄G, which flow does not turn, and its elastic strains."""
+        axes, x = self._strained(self._pull, shapes)
         e, _ = self._minimum(x)
-        self.G = self._step @ _compose(vectors, PLANE.T @ (e - x))
-        return vectors, e
+        self.G = self._step @ _stretched(axes, e - x)
+        return axes, e
 
     @property
     def settled(self) -> np.ndarray:
@@ -220,18 +221,18 @@ class Flow:
     def halved(self, half: float, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
         """`stress` at the end of two steps of `half` seconds by way of these shapes; the step that was begun stays as it is."""
         twin = copy(self)  # its arrays are replaced, never written into
-        twin._begin(half, self._vectors, self._start)
+        twin._begin(half, self._axes, self._start)
         twin.relax(middle)
         twin._begin(half, *twin._finish(middle))
         twin.relax(end)
         self.points.put(self._pulled, np.einsum("ijn,jn->in", self._pull, end))  # a field is shared
         return twin.stress
 
-    def _spectrum(self, G: np.ndarray, pull: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Eigenvectors (n, 3, 3) of GᵀC̄G, the largest first, and its strains, by the formula that the energy uses."""
-        _, vectors = np.linalg.eigh(np.swapaxes(G, 1, 2) @ tensors(shapes) @ G)
+    def _strained(self, pull: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes n_i ⊗ n_i (3, n, 3, 3) of GᵀC̄G and its strains, with G as `pull` has it, by the formula that the energy uses."""
         self.points.put(self._pulled, np.einsum("ijn,jn->in", pull, shapes))
-        return vectors[:, :, ::-1], self.points(self._logs)
+        found = self.points(self._spectrum)
+        return np.array([tensors(HALF * axis) for axis in found[2:].reshape(3, 6, -1)]), found[:2]
 
     def _at(self, e: np.ndarray, where: np.ndarray | slice = EVERYWHERE) -> np.ndarray:
         self.points.put(self._strain, e)
@@ -380,6 +381,6 @@ def half_step_factors(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(small, 1 - y / 6, 2 / y_ * (1 - shrunk)), np.where(small, 2 - y / 3, y_ * beta / (1 - beta))
 
 
-def _compose(vectors: np.ndarray, logs: np.ndarray) -> np.ndarray:
-    """Σ exp(logs_i) n_i ⊗ n_i (n, 3, 3)."""
-    return (vectors * np.exp(logs.T)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+def _stretched(axes: np.ndarray, strain: np.ndarray) -> np.ndarray:
+    """Σ exp(strain_i) n_i ⊗ n_i (n, 3, 3), of coordinates of traceless strains (2, n)."""
+    return np.einsum("in,injk->njk", np.exp(PLANE.T @ strain), axes)
