@@ -124,8 +124,8 @@ class Shifted:
             body.state = state + s * way
             put(forms.blocks, "value", history + s * back)
             begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
-            for flow, part in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
-                flow.go_on(part[2:], part[:2])
+            for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
+                flow.go_on(found[2:], found[:2])
                 flow.relax(shapes)
             forms.flowed()
 
