@@ -22,6 +22,7 @@ from ngbrain.forward.relaxing import Relaxing
 from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Support
 from ngbrain.image.volume import Volume
+from ngbrain.ladder.edges import torn
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
@@ -85,6 +86,11 @@ class Bench:
     def nested(self) -> bool:
         """Whether elements are unions of those of the next finer mesh."""
         return self.scene.piece.shape != "head"
+
+    @cached_property
+    def torn(self) -> list[str]:
+        """What to doubt of forces where held faces meet."""
+        return torn(self.scene, self._meshes["whole"].at(0, plane=False))
 
     @cached_property
     def longest(self) -> float:
@@ -270,7 +276,7 @@ class Solution:
     states    question's time → state, of a body without memory
     ndof      unknowns
     cost_s    computing time (s)
-    doubts    what the solvers warned of
+    doubts    what the solvers warned of, and what is asked that has no limit
     """
 
     answers: Array
@@ -300,7 +306,7 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
             states = _at_rest(bench, model, near or {})
             answers = answers_of(bench.scene, states)
             ndof = next(iter(states.values())).body.fes.ndof
-    doubts = tuple(dict.fromkeys(str(warning.message) for warning in caught))
+    doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
     return Solution(answers, states, ndof, time.process_time() - begun, doubts)
 
 
