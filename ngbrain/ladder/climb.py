@@ -24,6 +24,8 @@ LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
 HALF = 0.5
 """Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
+TELLING, TURNED = 0.25, "finer elements changed the answer the other way than foretold"
+"""Part of the tolerance from which on that a change has another sign than was foretold says something; and what it says."""
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
 CHEAP = 8.0
@@ -118,7 +120,7 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
     refused: dict[str, str] = {}
     while True:
         open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
-        rung = _floored(_rung(keeper, model, open_axes), rungs, axes)
+        rung = _learnt(_rung(keeper, model, open_axes), rungs, axes, tolerances)
         if np.all(rung.missing <= tolerances):
             rung = _confirmed(keeper, rung, axes)
         rung.cost_s = time.process_time() - begun
@@ -198,8 +200,9 @@ def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions:
     return sum((np.abs(each.change) * axes[name].tail for name, each in estimates.items()), np.zeros(questions))
 
 
-def _floored(rung: Rung, before: list[Rung], axes: Mapping[str, Axis]) -> Rung:
-    """The rung, with an estimate of finer elements that is no less than a part of what the last step to such changed.
+def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances: Array) -> Rung:
+    """The rung, with estimates of finer elements after what the last step to such changed: they are no less than a part of it, and
+    doubted where it went the other way than foretold.
 
     Sections do not know the corners that bodies have in space.
     """
@@ -208,12 +211,18 @@ def _floored(rung: Rung, before: list[Rung], axes: Mapping[str, Axis]) -> Rung:
     if not above or last is None or last.model.get("space") != rung.model.get("space"):
         return rung
     after = before[before.index(last) + 1] if last is not before[-1] else rung
-    floor = LEFT ** len(last.taken) * np.abs(relative(last.answers, after.answers))
+    changed = relative(last.answers, after.answers)
+    told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
+    if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
+        rung.estimates |= {
+            name: replace(rung.estimates[name], doubt=rung.estimates[name].doubt or TURNED) for name in above
+        }
+    floor = LEFT ** len(last.taken) * changed
     name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
     found = rung.estimates[name]
-    if found.how == SOLVED or np.all(np.abs(found.change) >= floor):
+    if found.how == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
         return rung
-    raised = replace(found, change=np.maximum(np.abs(found.change), floor), how="a part of what the last step changed")
+    raised = replace(found, change=_larger(found.change, floor), how="a part of what the last step changed")
     rung.estimates[name] = raised
     return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
 
@@ -223,10 +232,15 @@ def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
 
     Sections of bodies that are pressed far may tell less, where errors of either sign meet.
     """
-    least = HALF * np.nan_to_num(np.abs(order.change), posinf=0.0)
-    if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= least):
+    least = HALF * np.nan_to_num(order.change, posinf=0.0, neginf=0.0)
+    if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
         return mesh
-    return replace(mesh, change=np.maximum(np.abs(mesh.change), least), how="half of what a higher order would change")
+    return replace(mesh, change=_larger(mesh.change, least), how="half of what a higher order would change")
+
+
+def _larger(one: Array, other: Array) -> Array:
+    """Of two changes of each answer the one that is more."""
+    return np.where(np.abs(other) > np.abs(one), other, one)  # what is not known stays so
 
 
 def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str, ...]:
@@ -261,7 +275,7 @@ def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
 def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
     """The level to climb to: a part of the step that was judged, if it has one and what all further ones then change is tolerable.
 
-    As `_floored` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
+    As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
     """
     whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
     left = LEFT ** len(rung.taken) * sum(np.abs(rung.estimates[name].change) for name in rung.taken) * axis.tail

@@ -9,7 +9,7 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _floored, _next, ascend, climb
+from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _learnt, _next, ascend, climb
 from ngbrain.ladder.estimates import SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
@@ -197,25 +197,49 @@ def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_
         assert abs(found.chosen.answers[0] - 1) <= tolerance
 
 
+TOLERANCE = np.full(1, 0.05)
+
+
+def guessed(*change: float) -> Estimate:
+    return Estimate(np.array(change), "guessed")
+
+
+def solid(answers: list[float], taken: tuple[str, ...] = (), **estimates: Estimate) -> Rung:
+    """A rung in space."""
+    model = {**cheapest(axes_of(squeezed(1, Stuff(mu=(1e3,))))), "space": "solid"}
+    missing = np.sum([np.abs(each.change) for each in estimates.values()], axis=0)
+    return Rung(model, np.array(answers), 1, estimates, missing, taken)
+
+
 def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() -> None:
     """Where the section says next to nothing; not of a body of the plane, nor less than what is estimated."""
     axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
-    model = {**cheapest(axes), "space": "solid"}
-    for taken, floor in ((("mesh",), 0.02), (("order", "mesh"), 0.005), (("strain",), 0.001)):
-        before = Rung(model, np.array([1.0]), 1, {}, np.ones(1), taken)
-        for guess in (0.001, 0.5):
-            rung = Rung(
-                model, np.array([0.92]), 1, {"order": Estimate(np.full(1, guess), "guessed")}, np.full(1, guess)
-            )
-            found = _floored(rung, [before], axes)
-            assert found.estimates["order"].change[0] == pytest.approx(max(floor, guess))
-            assert found.missing[0] == pytest.approx(max(floor, guess) * (1 if floor <= guess else axes["order"].tail))
-    two = Rung(model, np.array([0.92, 1.0]), 1, {"order": Estimate(np.array([0.001, 0.3]), "guessed")}, np.ones(2))
-    found = _floored(two, [Rung(model, np.ones(2), 1, {}, np.ones(2), ("mesh",))], axes)
-    assert found.estimates["order"].change == pytest.approx([0.02, 0.3])
-    flat = Rung({**model, "space": "plane"}, np.array([1.0]), 1, {}, np.ones(1), ("mesh",))
-    rung = Rung(model, np.array([0.92]), 1, {"order": Estimate(np.full(1, 0.001), "guessed")}, np.full(1, 0.001))
-    assert _floored(rung, [flat], axes) is rung
+    for taken, floor in ((("mesh",), -0.02), (("order", "mesh"), -0.005), (("strain",), -0.001)):
+        before = solid([1.0], taken, **dict.fromkeys(taken, guessed(-0.1)))
+        for guess in (-0.001, -0.5):
+            found = _learnt(solid([0.92], order=guessed(guess)), [before], axes, TOLERANCE)
+            change = min(floor, guess)
+            assert found.estimates["order"].change[0] == pytest.approx(change) and not found.estimates["order"].doubt
+            assert found.missing[0] == pytest.approx(-change * (1 if floor >= guess else axes["order"].tail))
+    before = solid([1.0, 1.0], ("mesh",), mesh=guessed(-0.1, 0.0))
+    found = _learnt(solid([0.92, 1.0], order=guessed(0.001, 0.3)), [before], axes, np.full(2, 0.05))
+    assert found.estimates["order"].change == pytest.approx([-0.02, 0.3])
+    before.model["space"] = "plane"
+    rung = solid([0.92], order=guessed(0.001))
+    assert _learnt(rung, [before], axes, TOLERANCE) is rung
+
+
+@pytest.mark.parametrize(
+    ("told", "after", "doubted"), [(-0.1, 1.04, True), (-0.1, 0.92, False), (-0.1, 1.01, False), (-0.01, 1.04, False)]
+)
+def test_elements_that_changed_the_answer_the_other_way_than_foretold_are_doubted(
+    told: float, after: float, doubted: bool
+) -> None:
+    """By more than a quarter of the tolerance, both."""
+    axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
+    before = solid([1.0], ("mesh",), mesh=guessed(told))
+    found = _learnt(solid([after], order=guessed(0.3), mesh=guessed(0.3)), [before], axes, TOLERANCE)
+    assert [bool(found.estimates[name].doubt) for name in ("order", "mesh")] == [doubted] * 2
 
 
 def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> None:
