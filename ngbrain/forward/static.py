@@ -301,6 +301,11 @@ class Static:
         self.factored = True
         return self._timed(self._kept)
 
+    @property
+    def kept(self) -> linear.Solve | None:
+        """The last factor that `factorise` made, which is that of a tangent of then."""
+        return self._kept
+
     def min_det(self, x: np.ndarray) -> float:
         """Smallest det F over all quadrature points."""
         with self.clock("check"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import SolverError
+from ngbrain.forward.static import Static
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Keeper, estimate
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
@@ -63,6 +64,23 @@ def test_finite_strains_are_foretold_by_their_residual(alpha: float) -> None:
     estimated, true = both(scene, {"space": "solid", "order": "2"}, "strain")
     assert abs(true) > 0.03
     assert estimated == pytest.approx(true, rel=0.15)
+
+
+@pytest.mark.parametrize(("mm", "factors"), [(0.4, 0), (4.0, 1)])
+def test_small_strains_lend_their_factor_where_finite_ones_are_near(
+    mm: float, factors: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = (SQUEEZED[0], replace(SQUEEZED[1], by=(0, 0, -mm / 1000)))
+    scene = Loading(piece=CUBE, stuff=(Stuff(mu=(1e3,), alpha=(-19.0,)),), given=given, ask=FORCE)
+    axes, keeper, made = axes_of(scene), Keeper(Bench(scene)), list[float]()
+    model = {**cheapest(axes), "space": "solid", "order": "2", "pressure": "unknown"}
+    keeper(model)
+    factorise = Static.factorise
+    monkeypatch.setattr(Static, "factorise", lambda self, x, r: (made.append(0.0), factorise(self, x, r))[1])
+    found = estimate(keeper, model, axes["strain"]).change[0]
+    assert len(made) == factors
+    true = relative(keeper(model).answers, keeper({**model, "strain": "finite"}).answers)[0]
+    assert abs(true) > 0.03 and 0.3 < found / true < 1.5
 
 
 def test_finite_strains_are_foretold_with_pressures() -> None:
