@@ -26,6 +26,7 @@ HALF = 0.5
 """Part of what a higher order changes that halved elements change at least: an error that falls with their size is halved."""
 TELLING, TURNED = 0.25, "finer elements changed the answer the other way than foretold"
 """Part of the tolerance from which on that a change has another sign than was foretold says something; and what it says."""
+LOCKED = "elements lock without pressures of their own, in space more than in the section"
 PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
 CHEAP = 8.0
@@ -150,6 +151,9 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     estimates = {name: estimate(keeper, model, axis) for name, axis in above.items()}
     if set(ELEMENTS) <= set(estimates) and not model["mesh"].endswith(PART):
         estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
+    for name in ELEMENTS if "pressure" in estimates else ():
+        if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
+            estimates[name] = _doubted(estimates[name], LOCKED)
     return Rung(dict(model), found.answers, found.ndof, estimates, _sum(estimates, above, len(found.answers)))
 
 
@@ -214,10 +218,8 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
     changed = relative(last.answers, after.answers)
     told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
     if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
-        rung.estimates |= {
-            name: replace(rung.estimates[name], doubt=rung.estimates[name].doubt or TURNED) for name in above
-        }
-    floor = LEFT ** len(last.taken) * changed
+        rung.estimates |= {name: _doubted(rung.estimates[name], TURNED) for name in above}
+    floor = _remains(last.taken, after.model["mesh"]) * changed
     name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
     found = rung.estimates[name]
     if found.how == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
@@ -236,6 +238,10 @@ def _as_order(mesh: Estimate, order: Estimate) -> Estimate:
     if mesh.how == SOLVED or np.all(np.abs(mesh.change) >= np.abs(least)):
         return mesh
     return replace(mesh, change=_larger(mesh.change, least), how="half of what a higher order would change")
+
+
+def _doubted(found: Estimate, why: str) -> Estimate:
+    return found if found.how == SOLVED or found.doubt else replace(found, doubt=why)
 
 
 def _larger(one: Array, other: Array) -> Array:
@@ -278,8 +284,15 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
     As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
     """
     whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
-    left = LEFT ** len(rung.taken) * sum(np.abs(rung.estimates[name].change) for name in rung.taken) * axis.tail
-    return part if part and part.endswith(PART) and np.all(left <= tolerances) else whole
+    if not part or not part.endswith(PART):
+        return whole
+    told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
+    return part if np.all(_remains(rung.taken, part) * told * axis.tail <= tolerances) else whole
+
+
+def _remains(taken: Sequence[str], mesh: str) -> float:
+    """Part of a step to finer elements that the next ones change, the more where only some were made smaller."""
+    return LEFT * (HALF if mesh.endswith(PART) else LEFT) ** (len(taken) - 1)
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:

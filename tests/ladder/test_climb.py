@@ -9,8 +9,8 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _learnt, _next, ascend, climb
-from ngbrain.ladder.estimates import SOLVED, Estimate, relative
+from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _learnt, _next, _rung, ascend, climb
+from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
@@ -221,6 +221,10 @@ def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() ->
             change = min(floor, guess)
             assert found.estimates["order"].change[0] == pytest.approx(change) and not found.estimates["order"].doubt
             assert found.missing[0] == pytest.approx(-change * (1 if floor >= guess else axes["order"].tail))
+    some = solid([0.92], order=guessed(-0.001))
+    some.model["mesh"] = "0+"  # more is left of both ways where only some elements were made smaller
+    found = _learnt(some, [solid([1.0], ("order", "mesh"), order=guessed(-0.1), mesh=guessed(-0.1))], axes, TOLERANCE)
+    assert found.estimates["order"].change[0] == pytest.approx(-0.01)
     before = solid([1.0, 1.0], ("mesh",), mesh=guessed(-0.1, 0.0))
     found = _learnt(solid([0.92, 1.0], order=guessed(0.001, 0.3)), [before], axes, np.full(2, 0.05))
     assert found.estimates["order"].change == pytest.approx([-0.02, 0.3])
@@ -240,6 +244,32 @@ def test_elements_that_changed_the_answer_the_other_way_than_foretold_are_doubte
     before = solid([1.0], ("mesh",), mesh=guessed(told))
     found = _learnt(solid([after], order=guessed(0.3), mesh=guessed(0.3)), [before], axes, TOLERANCE)
     assert [bool(found.estimates[name].doubt) for name in ("order", "mesh")] == [doubted] * 2
+
+
+class Stiff:
+    """Pressures change more than what elements are said to."""
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        finer = 0.01 * (model["mesh"] == "1") + 0.02 * (model["order"] == "2")
+        return Solution(np.array([1.0 + finer - 0.04 * (model["pressure"] == "unknown")]), {}, 1, 0.0)
+
+
+def test_elements_that_may_lock_are_doubted_and_solved_for_before_a_climb_ends() -> None:
+    """Not once pressures are unknowns."""
+    axes = {name: between(replace(OF_WAVES[name], by=("solve",) * 4), 0, 2) for name in ("pressure", "order", "mesh")}
+    axes |= {name: replace(axes[name], by=("roundly",)) for name in ("order", "mesh")}
+    model = {"pressure": "none", "order": "1", "mesh": "0"}
+    keeper = Keeper(Stiff())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(BY, "roundly", lambda bench, one, other, solved: guessed(0.005))
+        found = _rung(keeper, model, axes).estimates
+        assert [bool(found[name].doubt) for name in axes] == [False, True, True]
+        elements = {name: axes[name] for name in ("order", "mesh")}
+        assert not any(
+            each.doubt for each in _rung(keeper, {**model, "pressure": "unknown"}, elements).estimates.values()
+        )
+        climbed = ascend(axes, keeper, np.full(1, 0.1), lambda _: None).chosen
+    assert climbed.model == model and {each.how for each in climbed.estimates.values()} == {SOLVED}
 
 
 def test_halved_elements_change_at_least_half_of_what_a_higher_order_does() -> None:
