@@ -44,8 +44,8 @@ def named() -> dict[str, Case]:
             piece=plate, stuff=(cortex,), given=given, course=Course(ramp=ramp, elapsed=elapsed), ask=(on_plate,)
         )
 
-    def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot, hold: str = "tied") -> Loading:
-        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0), hold=hold))
+    def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot) -> Loading:
+        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0)))
         asks = (
             Ask(boundary="wall_plus", direction=(1, 0, 0)),
             Ask(quantity="strain", point=(0, 0, 0.03), within=0.02, percentile=90),
@@ -77,6 +77,12 @@ def named() -> dict[str, Case]:
         piece=Piece(size=(0.12, 0.12, 0.04), plate=(0.02, 0.02), cell=0.02),
         stuff=(soft,),
         given=(FOOT, Given(boundary="plate", by=(0, 0, -0.001))),
+        ask=(on_plate,),
+    )
+    slid = Loading(
+        piece=Piece(plate=(0.03, 0.024), cell=0.02),
+        stuff=(Stuff(mu=(350.0,), alpha=(-10.0,)),),
+        given=(FOOT, Given(boundary="plate", by=(0, 0, -0.003), hold="touching")),
         ask=(on_plate,),
     )
     dull = tuple(Stuff(region=region, mu=(mu,), loss=0.5) for region, mu in ((".*", 3000.0), ("lesion", 9000.0)))
@@ -135,7 +141,7 @@ def named() -> dict[str, Case]:
         "plate 1 mm, wide block": Case(wide, RICH),
         "plate 2 mm, 1 s": Case(pressed(2, 1, 1), RICH),
         "plate 2 mm, 1 s, sliding": Case(pressed(2, 1, 1, "touching"), RICH),
-        "retraction 3 mm, 10 s, sliding": Case(spread(3, 10, 10, hold="touching"), RICH),
+        "plate 3 mm, sliding, alpha -10": Case(slid, RICH),
         "plate 6 mm, an hour": Case(pressed(6, 10, 3600), RICH),
         "plate of 400 Pa, 10 min": Case(pulled, RICH),
         "retraction 2 mm, 10 s": Case(spread(2, 10, 10), RICH),
