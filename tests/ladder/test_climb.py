@@ -246,6 +246,28 @@ def test_elements_that_changed_the_answer_the_other_way_than_foretold_are_doubte
     assert [bool(found.estimates[name].doubt) for name in ("order", "mesh")] == [doubted] * 2
 
 
+class Asked:
+    """Keeps what its solutions were to start from."""
+
+    def __init__(self) -> None:
+        self.near = list[object]()
+
+    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
+        self.near.append(near)
+        return Solution(np.ones(1), {"end": object()}, 1, 0.0)  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize(("contact", "starts"), [("none", [False, True, True]), ("all", [False, False, True])])
+def test_finite_strains_start_from_the_model_that_is_most_like_them(contact: str, starts: list[bool]) -> None:
+    """What slides, in the same elements only."""
+    bench = Asked()
+    keeper = Keeper(bench)
+    model = {"strain": "finite", "contact": contact, "space": "solid", "order": "1", "mesh": "0", "tissue": "one"}
+    for change in ({}, {"mesh": "1"}, {"mesh": "1", "tissue": "each"}):
+        keeper({**model, **change})
+    assert [near is not None for near in bench.near] == starts
+
+
 class Stiff:
     """Pressures change more than what elements are said to."""
 
