@@ -223,7 +223,7 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
     told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
     if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
         rung.estimates |= {name: _doubted(rung.estimates[name], TURNED) for name in above}
-    floor = _remains(last.taken, after.model["mesh"]) * changed
+    floor = LEFT ** len(last.taken) * changed
     name = max(above, key=lambda each: float(np.max(np.abs(rung.estimates[each].change))))
     found = rung.estimates[name]
     if found.how == SOLVED or np.all(np.abs(found.change) >= np.abs(floor)):
@@ -291,12 +291,7 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
     if not part or not part.endswith(PART):
         return whole
     told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
-    return part if np.all(_remains(rung.taken, part) * told * axis.tail <= tolerances) else whole
-
-
-def _remains(taken: Sequence[str], mesh: str) -> float:
-    """Part of a step to finer elements that the next ones change, the more where only some were made smaller."""
-    return LEFT * (HALF if mesh.endswith(PART) else LEFT) ** (len(taken) - 1)
+    return part if np.all(LEFT ** len(rung.taken) * told * axis.tail <= tolerances) else whole
 
 
 def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:

@@ -221,10 +221,6 @@ def test_what_finer_elements_change_is_no_less_than_a_part_of_the_last_step() ->
             change = min(floor, guess)
             assert found.estimates["order"].change[0] == pytest.approx(change) and not found.estimates["order"].doubt
             assert found.missing[0] == pytest.approx(-change * (1 if floor >= guess else axes["order"].tail))
-    some = solid([0.92], order=guessed(-0.001))
-    some.model["mesh"] = "0+"  # more is left of both ways where only some elements were made smaller
-    found = _learnt(some, [solid([1.0], ("order", "mesh"), order=guessed(-0.1), mesh=guessed(-0.1))], axes, TOLERANCE)
-    assert found.estimates["order"].change[0] == pytest.approx(-0.01)
     before = solid([1.0, 1.0], ("mesh",), mesh=guessed(-0.1, 0.0))
     found = _learnt(solid([0.92, 1.0], order=guessed(0.001, 0.3)), [before], axes, np.full(2, 0.05))
     assert found.estimates["order"].change == pytest.approx([-0.02, 0.3])

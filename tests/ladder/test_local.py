@@ -81,8 +81,8 @@ def test_a_step_is_judged_whole_and_climbed_in_part_where_that_will_do() -> None
     for change, order, taken, to in (
         (0.02, "1", ("mesh",), "0+"),
         (0.03, "1", ("mesh",), "1"),
-        (0.024, "1", ("mesh", "order"), "0+"),
-        (0.026, "1", ("mesh", "order"), "1"),
+        (0.04, "1", ("mesh", "order"), "0+"),
+        (0.06, "1", ("mesh", "order"), "1"),
         (0.02, "2", ("mesh",), "0+"),
     ):
         model = linear(asked, order=order)
