@@ -15,7 +15,7 @@ RICH, RICHER = {"order": "2", "mesh": "1"}, {"order": "2", "mesh": "2"}
 """With pressures, displacements of third order; elements a half or, in bars, a quarter of the coarsest."""
 CELL = 0.0165
 DRAWN = (0, 1, 2, 6)
-"""Seeds of scenes; with 3 to 5 the richest models take longer still."""
+"""Seeds of scenes; the richest model of 3 takes more than 25 minutes."""
 
 
 @dataclass(frozen=True)

@@ -215,9 +215,10 @@ class Nodes:
 
         gradient = ngs.Grad(self._direction)
         strain, size = (self._integrals(of) for of in (ngs.InnerProduct(gradient, gradient), ngs.CF(1.0)))
-        found = change(at, float(np.sqrt(np.max(strain / size))))
-        self.put(here)
-        return found
+        try:
+            return change(at, float(np.sqrt(np.max(strain / size))))
+        finally:
+            self.put(here)
 
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One linear form."""
