@@ -6,27 +6,49 @@
 0.005
 """
 
+from importlib import import_module
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ngbrain import ladder
-from ngbrain.scene import Scene
-from ngbrain.scene.loading import Loading
-from ngbrain.surgery import adequate, retraction
-from ngbrain.threads import set_threads
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+    from ngbrain.scene.loading import Loading
+    from ngbrain.threads import set_threads
 
 __version__ = version("ngbrain")
 
 __all__ = ["Loading", "Scene", "__version__", "set_threads", "solve"]
 
+_HOME = {"Loading": "scene.loading", "Scene": "scene", "set_threads": "threads"}
 
-def solve(scene: Scene | Loading, *args: Any, **kwargs: Any) -> dict[str, Any]:
+if not TYPE_CHECKING:  # who checks types sees the names above and the package's modules, and no others
+
+    def __getattr__(name: str) -> Any:
+        """Names and modules of the package, imported when they are first used: all at once they take more than a second."""
+        if name in _HOME:
+            return getattr(import_module(f"ngbrain.{_HOME[name]}"), name)
+        try:
+            return import_module(f"ngbrain.{name}")
+        except ModuleNotFoundError as error:
+            if error.name != f"ngbrain.{name}":
+                raise
+            raise AttributeError(f"module 'ngbrain' has no attribute {name!r}") from None
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})
+
+
+def solve(scene: "Scene | Loading", *args: Any, **kwargs: Any) -> dict[str, Any]:
     """What a scene asks for: see `ngbrain.ladder.solve` for bodies under loads, `ngbrain.surgery.adequate.solve` for operations
     that ask questions, and `ngbrain.surgery.retraction.solve` for those that ask none.
 
     Questions say how accurate their answers have to be, and get the cheapest model that is; `model=` fixes it by hand. An operation
     without a question is computed as it is described.
     """
+    from ngbrain import ladder
+    from ngbrain.scene.loading import Loading
+    from ngbrain.surgery import adequate, retraction
+
     if isinstance(scene, Loading):
         return ladder.solve(scene, *args, **kwargs)
     if scene.ask:

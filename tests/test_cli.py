@@ -96,7 +96,7 @@ def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatc
     def refuse(*_):
         raise InputError(field, "bad", "good")
 
-    monkeypatch.setattr("ngbrain.cli.solve", refuse)
+    monkeypatch.setattr("ngbrain.cli.retract.solve", refuse)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)
     status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")

@@ -18,44 +18,12 @@ from ngbrain.io.whole import whole
 from ngbrain.progress import ProgressLine
 from ngbrain.report import calibrated as page
 from ngbrain.scene import Scene
-from ngbrain.surgery.calibrate import SPREAD, Calibrated, calibrate
+from ngbrain.surgery.calibrate import Calibrated, calibrate
 from ngbrain.surgery.seen import Seen
 from ngbrain.threads import threads
 
 ROUND = "factors.json"
 """Factors after the last round, which `--resume` begins with."""
-
-
-def add_calibrate(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb to a parser's verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "calibrate", help="how stiff a patient's tissues are, from what a retraction was seen to do"
-    )
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `retract`")
-    parser.add_argument(
-        "--landmarks",
-        type=Path,
-        metavar="FILE.csv",
-        help="columns t_s, x_mm, y_mm, z_mm (where it was before), ux_mm, uy_mm, uz_mm (how far it has moved)",
-    )
-    parser.add_argument("--landmark-sd", type=float, metavar="MM", help="standard deviation of a displacement")
-    parser.add_argument(
-        "--force", type=Path, metavar="FILE.csv", help="columns t_s, force_N: of the blade, across the cleft"
-    )
-    parser.add_argument("--force-sd", type=float, metavar="N", help="standard deviation of a force")
-    parser.add_argument(
-        "--tissues", metavar="NAMES", help="which are looked for: regions of the scene, with commas (all)"
-    )
-    parser.add_argument("--protocol", metavar="NAME", help="which of the scene's was seen (the first)")
-    parser.add_argument(
-        "--spread",
-        type=float,
-        default=SPREAD,
-        metavar="FACTOR",
-        help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
-    )
-    parser.set_defaults(verb=run)
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> None:

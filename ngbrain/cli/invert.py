@@ -19,15 +19,11 @@ from ngbrain.inverse.files import finite, write_inversion
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
-from ngbrain.inverse.misfit import MISFITS
 from ngbrain.inverse.outliers import without_outliers
-from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quality import where_strained
-from ngbrain.inverse.quantities import UNKNOWNS
 from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.inverse.uncertainty import uncertainty
-from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
@@ -35,7 +31,7 @@ from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
 from ngbrain.progress import ProgressLine
 from ngbrain.report import parameters
-from ngbrain.solvers.device import DEVICES, Device
+from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
 
 DISCRETISATIONS: dict[str, Callable[[WaveData], Discretisation]] = {"data": as_made, "fe": in_elements}
@@ -61,100 +57,6 @@ IN_ZONES = {
 """What zones take of the other options."""
 SEED = 0
 """Of the probes that estimate how much the data determine."""
-
-
-def add_invert(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb to a parser's verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser("invert", help="property maps from wave data")
-    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
-    parser.add_argument(
-        "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
-    )
-    parser.add_argument(
-        "--model-error", type=float, default=0.0, metavar="SIGMA", help="what the model cannot fit, likewise (0)"
-    )
-    parser.add_argument(
-        "--discretisation",
-        choices=tuple(DISCRETISATIONS),
-        help="the data's own elements, or ours (the data's, if it has some)",
-    )
-    parser.add_argument(
-        "--regulariser", choices=("auto", *PRIORS), default="auto", help="auto: smooth or edges, by cross-validation"
-    )
-    parser.add_argument(
-        "--weight",
-        choices=tuple(WEIGHTINGS),
-        default="evidence",
-        help="how the regulariser's weight is found (evidence)",
-    )
-    parser.add_argument(
-        "--starts",
-        choices=tuple(STARTS),
-        default="auto",
-        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many); auto: all in the plane, "
-        "waves in space",
-    )
-    parser.add_argument(
-        "--start",
-        choices=("surrogate",),
-        help="with measured waves, start from the maps of the trained operator (see `predict`) and nowhere else; in the plane",
-    )
-    parser.add_argument(
-        "--rounds",
-        type=int,
-        metavar="N",
-        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (48 in the "
-        "plane, 16 in space)",
-    )
-    parser.add_argument(
-        "--unknowns",
-        choices=tuple(UNKNOWNS),
-        default="moduli",
-        help="what is smooth: storage and loss (moduli), or magnitude and phase (polar)",
-    )
-    parser.add_argument(
-        "--misfit",
-        choices=tuple(MISFITS),
-        default="squares",
-        help="squares, or huber for what --drop-outliers misses (squares)",
-    )
-    parser.add_argument(
-        "--drop-outliers",
-        action="store_true",
-        help="leave out displacements that are far off a smooth field",
-    )
-    parser.add_argument(
-        "--oss-snr",
-        type=float,
-        metavar="LEAST",
-        help="leave out what is around the part whose octahedral shear strain is at least so many times (3, say) its noise in "
-        "some load",
-    )
-    parser.add_argument(
-        "--by-label",
-        action="store_true",
-        help="fields of their own for each label of DATA, which jump where labels meet",
-    )
-    parser.add_argument(
-        "--bars",
-        action="store_true",
-        help="error bars too: credible intervals at every point, of the mean and of labels' means; in the plane it then takes "
-        "two to four times as long",
-    )
-    parser.add_argument(
-        "--subzones",
-        action="store_true",
-        help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
-    )
-    parser.add_argument(
-        "--device",
-        choices=tuple(DEVICES),
-        default="cpu",
-        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS; ngsolve solves on a GPU with "
-        "factors of the processor (cpu)",
-    )
-    parser.set_defaults(verb=run)
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -17,18 +17,6 @@ from ngbrain.scene.loading import Loading
 from ngbrain.surgery import adequate
 
 
-def add_solve(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb to a parser's verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "solve", help="a loaded body or an operation, by the cheapest model that will do"
-    )
-    parser.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="body, tissues, loads, and what is asked how accurately"
-    )
-    parser.set_defaults(verb=run)
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> None:
     """Read, climb, write, report, print."""
     for package in ("matplotlib", "jinja2"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
@@ -13,52 +12,8 @@ from ngbrain.mesh.opening import Opening
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.subject import Subject, write_subject
 
-PLACE = "X,Y,Z"
 CUT = ("opening", "width", "craniotomy", "approach", "across")
 """Options of the cleft."""
-
-
-def add_mesh(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb to a parser's verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "mesh",
-        help="a volume mesh of a scan or of a map of labels",
-        epilog="A place is X,Y,Z in mm as the file places it, voxel:I,J,K of the file counted from 0, or a landmark's name.",
-    )
-    parser.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
-    parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
-    parser.add_argument(
-        "--names",
-        type=_names,
-        default=(None, {}),
-        metavar="N=NAME,…",
-        help="what labels are called, or freesurfer, spm, ngbrain, with N=NAME,… of one's own behind it",
-    )
-    parser.add_argument(
-        "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
-    )
-    parser.add_argument("--atlas", metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
-    parser.add_argument("--template", metavar="T1", help="what it was drawn on, with its skull or without")
-    parser.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
-    parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
-    parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
-    parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")
-    parser.add_argument(
-        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 10.5, conforming 20)"
-    )
-    parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
-    parser.add_argument(
-        "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; as often as needed"
-    )
-    cut = parser.add_argument_group("a cut", "a cleft with plane walls under a craniotomy")
-    cut.add_argument("--cut", metavar=PLACE, help="the centre of its floor, a place in tissue")
-    cut.add_argument("--opening", type=_length, metavar="MM", help="between its walls (4)")
-    cut.add_argument("--width", type=_length, metavar="MM", help="along its walls (12)")
-    cut.add_argument("--craniotomy", type=_length, metavar="MM", help="diameter of the hole in the skull (40)")
-    cut.add_argument("--approach", type=_direction, metavar=PLACE, help="direction outwards (the shortest way)")
-    cut.add_argument("--across", type=_direction, metavar=PLACE, help="direction from wall to wall (left to right)")
-    parser.set_defaults(verb=run)
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -122,28 +77,3 @@ def run(arguments: argparse.Namespace) -> None:
             )
         if off := result.get("curved"):
             print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
-
-
-def _length(text: str) -> float:
-    return 1e-3 * float(text)
-
-
-def _direction(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
-    return x, y, z
-
-
-def _names(text: str) -> tuple[str | dict[int, str] | None, dict[int, str]]:
-    """A scheme or names, and names besides."""
-    first, *rest = text.split(",")
-    given = rest if "=" not in first else [first, *rest]
-    try:
-        named = {int(number): name.strip() for number, name in (part.split("=") for part in given)}
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
-    if "" in named.values():
-        raise argparse.ArgumentTypeError(f"{text!r} has an empty name")
-    return (named, {}) if "=" in first else (first, named)

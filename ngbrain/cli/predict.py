@@ -29,17 +29,6 @@ TOLD = (0.5, 0.68, 0.9, 0.95)
 """Shares of errors of which a result tells how many deviations hold them."""
 
 
-def add_predict(verbs: Any) -> argparse.ArgumentParser:
-    """Add the verb to a parser's verbs."""
-    parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
-    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
-    parser.add_argument(
-        "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
-    )
-    parser.set_defaults(verb=run)
-    return parser
-
-
 def run(arguments: argparse.Namespace) -> None:
     """Read, predict, write, report, print."""
     started = time.monotonic()

@@ -1,0 +1,297 @@
+"""What every verb of the command line can be given. Nothing is imported here that a `--help` would wait for."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from ngbrain import __version__
+
+PLACE = "X,Y,Z"
+# Names that the library has in tables, which take a second to import; a test holds these to them.
+ROUTES = ("hull", "lattice", "conforming")
+DISCRETISATIONS = ("data", "fe")
+STARTS = ("auto", "waves", "all", "many")
+PRIORS = ("smooth", "edges", "matern")
+WEIGHTINGS = ("evidence", "discrepancy", "l-curve")
+UNKNOWNS = ("moduli", "polar")
+MISFITS = ("squares", "huber")
+DEVICES = ("cpu", "cuda", "ngsolve")
+SPREAD = 3.0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Of the whole command; `verb` is what is asked for, or None."""
+    command = argparse.ArgumentParser(prog="ngbrain", description="In silico brain surgery.")
+    command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
+    verbs = command.add_subparsers(dest="verb", metavar="VERB")
+    demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
+    invert, predict, loaded, stiff = _invert(verbs), _predict(verbs), _solve(verbs), _calibrate(verbs)
+    folders = (
+        (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
+        (loaded, "solved"), (stiff, "calibrated"),
+    )  # fmt: skip
+    assembling = invert, predict, loaded, stiff
+    for verb, folder in folders:
+        kind = "FILE" if verb is mesh else "DIR"
+        verb.add_argument(
+            "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
+        )
+        if verb in (demo, retract, stiff):
+            verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
+        if verb is not mesh:
+            verb.add_argument(
+                "--threads",
+                type=_positive,
+                default=1 if verb in assembling else os.cpu_count() or 1,
+                metavar="N",
+                help="for assembly (1)" if verb in assembling else "processes side by side",
+            )
+        verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary; warnings stay")
+    return command
+
+
+def _demo(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "demo", help="a retraction on the demonstration head, three ways"
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--head", choices=["mni152", "idealised"], default="mni152", help="which head (mni152)")
+    which.add_argument(
+        "--image", metavar="FILE", help="a T1 scan (NIfTI), with skull or without, to operate on instead"
+    )
+    parser.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
+    return parser
+
+
+def _retract(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser("retract", help="one scene")
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
+    parser.add_argument("--template", action=_Template, nargs=0, help="print a commented scene to start from, and stop")
+    return parser
+
+
+class _Template(argparse.Action):
+    """Print a scene that says what can be in one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from ngbrain.scene import Scene
+
+        print(Scene.template(), end="")
+        parser.exit()
+
+
+def _mesh(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "mesh",
+        help="a volume mesh of a scan or of a map of labels",
+        epilog="A place is X,Y,Z in mm as the file places it, voxel:I,J,K of the file counted from 0, or a landmark's name.",
+    )
+    parser.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
+    parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
+    parser.add_argument(
+        "--names",
+        type=_names,
+        default=(None, {}),
+        metavar="N=NAME,…",
+        help="what labels are called, or freesurfer, spm, ngbrain, with N=NAME,… of one's own behind it",
+    )
+    parser.add_argument(
+        "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
+    )
+    parser.add_argument("--atlas", metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
+    parser.add_argument("--template", metavar="T1", help="what it was drawn on, with its skull or without")
+    parser.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
+    parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
+    parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
+    parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")
+    parser.add_argument(
+        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 10.5, conforming 20)"
+    )
+    parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
+    parser.add_argument(
+        "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; as often as needed"
+    )
+    cut = parser.add_argument_group("a cut", "a cleft with plane walls under a craniotomy")
+    cut.add_argument("--cut", metavar=PLACE, help="the centre of its floor, a place in tissue")
+    cut.add_argument("--opening", type=_length, metavar="MM", help="between its walls (4)")
+    cut.add_argument("--width", type=_length, metavar="MM", help="along its walls (12)")
+    cut.add_argument("--craniotomy", type=_length, metavar="MM", help="diameter of the hole in the skull (40)")
+    cut.add_argument("--approach", type=_direction, metavar=PLACE, help="direction outwards (the shortest way)")
+    cut.add_argument("--across", type=_direction, metavar=PLACE, help="direction from wall to wall (left to right)")
+    return parser
+
+
+def _invert(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser("invert", help="property maps from wave data")
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    parser.add_argument(
+        "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
+    )
+    parser.add_argument(
+        "--model-error", type=float, default=0.0, metavar="SIGMA", help="what the model cannot fit, likewise (0)"
+    )
+    parser.add_argument(
+        "--discretisation",
+        choices=DISCRETISATIONS,
+        help="the data's own elements, or ours (the data's, if it has some)",
+    )
+    parser.add_argument(
+        "--regulariser", choices=("auto", *PRIORS), default="auto", help="auto: smooth or edges, by cross-validation"
+    )
+    parser.add_argument(
+        "--weight",
+        choices=WEIGHTINGS,
+        default="evidence",
+        help="how the regulariser's weight is found (evidence)",
+    )
+    parser.add_argument(
+        "--starts",
+        choices=STARTS,
+        default="auto",
+        help="measured waves alone, uniform fields too (all), or uniform fields of several levels (many); auto: all in the plane, "
+        "waves in space",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("surrogate",),
+        help="with measured waves, start from the maps of the trained operator (see `predict`) and nowhere else; in the plane",
+    )
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        metavar="N",
+        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (48 in the "
+        "plane, 16 in space)",
+    )
+    parser.add_argument(
+        "--unknowns",
+        choices=UNKNOWNS,
+        default="moduli",
+        help="what is smooth: storage and loss (moduli), or magnitude and phase (polar)",
+    )
+    parser.add_argument(
+        "--misfit",
+        choices=MISFITS,
+        default="squares",
+        help="squares, or huber for what --drop-outliers misses (squares)",
+    )
+    parser.add_argument(
+        "--drop-outliers",
+        action="store_true",
+        help="leave out displacements that are far off a smooth field",
+    )
+    parser.add_argument(
+        "--oss-snr",
+        type=float,
+        metavar="LEAST",
+        help="leave out what is around the part whose octahedral shear strain is at least so many times (3, say) its noise in "
+        "some load",
+    )
+    parser.add_argument(
+        "--by-label",
+        action="store_true",
+        help="fields of their own for each label of DATA, which jump where labels meet",
+    )
+    parser.add_argument(
+        "--bars",
+        action="store_true",
+        help="error bars too: credible intervals at every point, of the mean and of labels' means; in the plane it then takes "
+        "two to four times as long",
+    )
+    parser.add_argument(
+        "--subzones",
+        action="store_true",
+        help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
+    )
+    parser.add_argument(
+        "--device",
+        choices=DEVICES,
+        default="cpu",
+        help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS; ngsolve solves on a GPU with "
+        "factors of the processor (cpu)",
+    )
+    return parser
+
+
+def _predict(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    parser.add_argument(
+        "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
+    )
+    return parser
+
+
+def _solve(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "solve", help="a loaded body or an operation, by the cheapest model that will do"
+    )
+    parser.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="body, tissues, loads, and what is asked how accurately"
+    )
+    return parser
+
+
+def _calibrate(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "calibrate", help="how stiff a patient's tissues are, from what a retraction was seen to do"
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `retract`")
+    parser.add_argument(
+        "--landmarks",
+        type=Path,
+        metavar="FILE.csv",
+        help="columns t_s, x_mm, y_mm, z_mm (where it was before), ux_mm, uy_mm, uz_mm (how far it has moved)",
+    )
+    parser.add_argument("--landmark-sd", type=float, metavar="MM", help="standard deviation of a displacement")
+    parser.add_argument(
+        "--force", type=Path, metavar="FILE.csv", help="columns t_s, force_N: of the blade, across the cleft"
+    )
+    parser.add_argument("--force-sd", type=float, metavar="N", help="standard deviation of a force")
+    parser.add_argument(
+        "--tissues", metavar="NAMES", help="which are looked for: regions of the scene, with commas (all)"
+    )
+    parser.add_argument("--protocol", metavar="NAME", help="which of the scene's was seen (the first)")
+    parser.add_argument(
+        "--spread",
+        type=float,
+        default=SPREAD,
+        metavar="FACTOR",
+        help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
+    )
+    return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of threads")
+    return number
+
+
+def _length(text: str) -> float:
+    return 1e-3 * float(text)
+
+
+def _direction(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
+    return x, y, z
+
+
+def _names(text: str) -> tuple[str | dict[int, str] | None, dict[int, str]]:
+    """A scheme or names, and names besides."""
+    first, *rest = text.split(",")
+    given = rest if "=" not in first else [first, *rest]
+    try:
+        named = {int(number): name.strip() for number, name in (part.split("=") for part in given)}
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
+    if "" in named.values():
+        raise argparse.ArgumentTypeError(f"{text!r} has an empty name")
+    return (named, {}) if "=" in first else (first, named)

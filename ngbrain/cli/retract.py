@@ -1,0 +1,81 @@
+"""The verbs `demo` and `retract`: an operation to its answers, a report and a summary."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, require
+from ngbrain.io import write_json
+from ngbrain.progress import ProgressBar
+from ngbrain.scene import Scene
+from ngbrain.surgery.heads import likewise
+from ngbrain.surgery.retraction import CHECKS, solve
+
+NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
+"""How a field begins that an option or another file gave."""
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Read, compute, write, report, print."""
+    (_demo if arguments.verb == "demo" else _retract)(arguments)
+
+
+def _demo(arguments: argparse.Namespace) -> None:
+    name = "idealised" if arguments.head == "idealised" else "demo"
+    scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
+    if arguments.image:
+        scene = likewise(scene, arguments.image)
+    _operate(scene, arguments)
+
+
+def _retract(arguments: argparse.Namespace) -> None:
+    try:
+        _operate(Scene.from_toml(arguments.scene), arguments)
+    except InputError as error:
+        if error.file or error.field.startswith(NOT_OF_THE_SCENE):
+            raise
+        raise InputError(error.field, error.value, error.wanted, arguments.scene) from error
+
+
+def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
+    for package in ("matplotlib", "jinja2"):  # before the work, not after it
+        require(package, "report")
+    folder: Path = arguments.output
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    with ProgressBar(len(scene.protocols) + CHECKS, arguments.quiet) as bar:
+        result = solve(scene, folder, arguments.threads, arguments.resume, bar.tell)
+    result["verb"] = arguments.verb
+    write_json(folder / "result.json", result)
+    from ngbrain.report import build
+
+    report = build(folder)
+    if not arguments.quiet:
+        print(_summary(result), f"report: {report}", sep="\n")
+
+
+def _summary(result: dict[str, Any]) -> str:
+    lines = [
+        f"{'protocol':<14}{'peak mmHg':>10}{'tip mmHg':>10}{'force N':>9}{'s > 20':>8}{'dose mmHg min':>15}{'MPS p95':>9}"
+    ]
+    for name, a in result["answers"].items():
+        lines.append(
+            f"{name:<14}{a['peak_pressure_mmHg']:>10.1f}{a['peak_tip_pressure_mmHg']:>10.1f}{a['peak_force_N']:>9.2f}"
+            f"{a['s_above_20_mmHg']:>8.0f}{a['dose_mmHg_min']:>15.0f}{a['mps_p95']:>9.3f}"
+        )
+    return "\n".join([*lines, *_worth(result["worth"])])
+
+
+def _worth(errors: dict[str, Any]) -> list[str]:
+    """Of the peak and of strain, in a line each, where they are known."""
+    lines = []
+    for key, name, unit in (("peak_pressure_mmHg", "peak", " mmHg"), ("mps_p95", "MPS p95", "")):
+        of = errors.get(key, {})
+        parts = [f"{kind} {of[kind]:.2g}" for kind in ("mesh", "order", "step") if of.get(kind) is not None]
+        if parts:
+            low, high = of["material"]
+            between = f"with other published tissue {low:.3g} to {high:.3g}{unit}"
+            lines.append(f"of a hold: {name} {of['value']:.3g}{unit}, moved by {', '.join(parts)}{unit}; {between}")
+    return lines

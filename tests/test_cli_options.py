@@ -1,0 +1,66 @@
+"""The face of the command line: help and version at once, and the names that it offers are those that the library knows."""
+
+import subprocess
+import sys
+
+import pytest
+
+import ngbrain
+from ngbrain.cli import main, options
+from ngbrain.cli.invert import DISCRETISATIONS, STARTS
+from ngbrain.inverse.misfit import MISFITS
+from ngbrain.inverse.priors import PRIORS
+from ngbrain.inverse.quantities import UNKNOWNS
+from ngbrain.inverse.weighting import WEIGHTINGS
+from ngbrain.mesh.routes import ROUTES
+from ngbrain.solvers.device import DEVICES
+from ngbrain.surgery.calibrate import SPREAD
+
+VERBS = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
+
+
+def test_names_are_those_of_the_library():
+    assert tuple(DISCRETISATIONS) == options.DISCRETISATIONS and tuple(STARTS) == options.STARTS
+    assert tuple(MISFITS) == options.MISFITS and tuple(PRIORS) == options.PRIORS
+    assert tuple(UNKNOWNS) == options.UNKNOWNS and tuple(WEIGHTINGS) == options.WEIGHTINGS
+    assert tuple(ROUTES) == options.ROUTES and tuple(DEVICES) == options.DEVICES and SPREAD == options.SPREAD
+
+
+def test_nothing_heavy_is_imported_for_help():
+    code = "\n".join(
+        (
+            "import contextlib, io, sys",
+            "from ngbrain.cli import main",
+            "for verb in sys.argv[1:]:",
+            "    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):",
+            "        main([verb, '--help'])",
+            "print(*{'numpy', 'scipy', 'ngsolve', 'matplotlib'} & set(sys.modules))",
+        )
+    )
+    done = subprocess.run([sys.executable, "-c", code, *VERBS], capture_output=True, text=True, check=True)
+    assert done.stdout == "\n" and not done.stderr
+
+
+def test_without_a_verb_there_is_help(capsys):
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    assert all(verb in shown for verb in VERBS)
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0 and capsys.readouterr().out == f"ngbrain {ngbrain.__version__}\n"
+
+
+def test_a_mesh_is_made_on_one_thread(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["mesh", "t1.nii.gz", "--threads", "2"])
+    assert ended.value.code == 2 and "--threads" in capsys.readouterr().err
+
+
+def test_modules_of_the_package_are_found_by_name():
+    code = "import ngbrain; print(ngbrain.materials.NeoHooke.__name__, ngbrain.Scene.__name__); ngbrain.no_such_module"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "NeoHooke Scene\n"
+    assert done.stderr.splitlines()[-1] == "AttributeError: module 'ngbrain' has no attribute 'no_such_module'"
