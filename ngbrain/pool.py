@@ -1,142 +1,227 @@
 """Independent computations side by side: one process a thread, each single-threaded, so that results do not depend on how many.
 
-Where that may depend on them by round-off, a task can use the threads that are left over: `helped`.
+The processes (`ngbrain.worker`) never import the caller's `__main__`: a script needs no main guard, and may come from stdin, from
+`python -c`, from a notebook or run in a thread. They end when their parent does, however that ends.
 """
 
 from __future__ import annotations
 
-import multiprocessing
+import logging
 import os
+import pickle
 import queue
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
-from multiprocessing.process import BaseProcess
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from typing import Any
 
 from ngbrain.errors import SolverError
-from ngbrain.threads import set_threads, threads
+from ngbrain.threads import threads
+from ngbrain.worker import START
 
 Task = tuple[str, Callable[..., Any], tuple[Any, ...]]
-"""Name, function (importable by name) and its arguments; it is also passed `tell`."""
-Tell = Callable[..., None]
-"""Called with what a task tells: a run's name, its time (s) and the share of it that is done; or what has been agreed on."""
+"""Name, function and its arguments; it is also passed `tell`."""
+Tell = Callable[..., Any]
+"""Called with what a task tells: a run's name, its time (s) and the share of it that is done; or what has been agreed on.
 
-_queue: Any = None
-_begun: Any = None
-_running: Any = None
-_workers: int = 1
-_parent: int = 0
-_tasks: dict[str, Task] = {}
+The one that a task is passed returns how many threads it may use from now on.
+"""
+
+POLL, PATIENCE = 0.5, 5.0
+"""Seconds between looks whether the program has been interrupted; and until a process that has closed its pipe is gone."""
 
 
-def run(tasks: Sequence[Task], workers: int, tell: Tell | None = None) -> dict[str, Any]:
-    """Results by task name; `tell` hears of progress. The first exception ends the others and is raised.
+class _NotSent(Exception):
+    """Tasks cannot be computed in other processes."""
 
-    Raises `SolverError`, naming the task, when its process dies: for want of memory, or because it was killed.
+
+def run(
+    tasks: Sequence[Task], workers: int, tell: Tell | None = None, finished: Callable[[str, Any], None] | None = None
+) -> dict[str, Any]:
+    """Compute tasks, so many at a time.
+
+    Where they cannot be sent to other processes (a function of the user's `__main__`, an object that no pickle holds), they are
+    computed in this one, one after the other, which a warning of the logger `ngbrain` says.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        With different names.
+    workers : int
+        How many at a time; with 1 no process is started.
+    tell : callable, optional
+        Called in this thread with what a task tells.
+    finished : callable, optional
+        Called in this thread with a task's name and result as soon as it has ended.
+
+    Returns
+    -------
+    dict
+        Results by task name, in the order of the tasks.
+
+    Raises
+    ------
+    SolverError
+        A task's process died, for want of memory, or because it was killed; the message names the task.
+    Exception
+        The first that a task raises. It ends the others.
     """
-    tell = tell or (lambda *_: None)
-    if workers <= 1:
-        set_threads(1)
-        return {name: function(*args, tell=tell) for name, function, args in tasks}
-    context = multiprocessing.get_context("spawn")  # NGSolve's threads do not survive a fork
-    messages, begun, running = context.Queue(), context.SimpleQueue(), context.Value("i", 0)
-    done = threading.Event()
-    listener = threading.Thread(target=_listen, args=(messages, done, tell), daemon=True)
-    listener.start()
-    results, doing = dict[str, Any](), dict[int, str]()
-    # Tasks go with the start of a process: in the executor's own pipe megabytes would block it for ever once nobody reads.
-    shared = (messages, begun, running, workers, os.getpid(), list(tasks))
-    with ProcessPoolExecutor(min(workers, len(tasks)), context, _start, shared) as executor:
+    tell, finished = tell or (lambda *_: None), finished or (lambda *_: None)
+    if workers > 1:
         try:
-            with _undisturbed():
-                futures = {executor.submit(_call, name): name for name, _, _ in tasks}
-            processes = dict(executor._processes)
-            for future in as_completed(futures):
-                _heard(begun, doing)
-                results[futures[future]] = future.result()
-        except BrokenProcessPool as error:
-            executor.shutdown(cancel_futures=True)
-            _heard(begun, doing)
-            raise SolverError(_dead(processes, doing)) from error
-        except BaseException:
-            for process in list(executor._processes.values()):
-                process.terminate()
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
-        finally:
-            done.set()
-    return {name: results[name] for name, _, _ in tasks}
+            return _side_by_side(tasks, workers, tell, finished)
+        except _NotSent as reason:
+            words = "%s; what was to be computed side by side is computed in this process, one after the other"
+            logging.getLogger("ngbrain").warning(words, reason)
+    return _here(tasks, max(workers, 1), tell, finished)
 
 
-def _heard(begun: Any, doing: dict[int, str]) -> None:
-    """Process → the task that it last began; taken up at once, as a pipe holds some hundred."""
-    while not begun.empty():
-        pid, name = begun.get()
-        doing[pid] = name
+def _here(tasks: Sequence[Task], share: int, tell: Tell, finished: Callable[[str, Any], None]) -> dict[str, Any]:
+    def told(*what: Any) -> int:
+        _heed()
+        tell(*what)
+        return share
+
+    results = dict[str, Any]()
+    with threads(1):
+        for name, function, args in tasks:
+            results[name] = function(*args, tell=told)
+            finished(name, results[name])
+    return results
 
 
-def _dead(processes: Mapping[int, BaseProcess], doing: Mapping[int, str]) -> str:
-    """Which task's process died; those that only went down with it were terminated."""
-    codes = {
-        pid: process.exitcode for pid, process in processes.items() if process.exitcode not in (0, -signal.SIGTERM)
-    }
-    names = sorted({doing[pid] for pid in codes if pid in doing})
-    if not names:
-        return "a process died before its work began: a script that starts several has to do so under if __name__ == '__main__'"
-    ended = ", ".join(f"signal {-code}" if code and code < 0 else f"status {code}" for code in codes.values())
-    return f"{', '.join(names)}: its process died ({ended}); was there memory enough? Fewer at once take less"
+def _side_by_side(
+    tasks: Sequence[Task], workers: int, tell: Tell, finished: Callable[[str, Any], None]
+) -> dict[str, Any]:
+    try:
+        sent = pickle.dumps(list(tasks))
+    except Exception as error:  # whatever an object raises that does not want to be pickled
+        raise _NotSent(f"tasks cannot be sent to another process ({type(error).__name__}: {error})") from error
+    waiting, results = deque(name for name, *_ in tasks), dict[str, Any]()
+    inbox = queue.SimpleQueue[tuple[_Worker, str, Any]]()
+    with ExitStack() as crew:
+        for _ in range(min(workers, len(tasks))):
+            worker = _Worker(inbox)
+            crew.callback(worker.end)
+            worker.begin(sent)
+        while len(results) < len(tasks):
+            worker, kind, what = _next(inbox)
+            if kind == "told":
+                tell(*what)
+                worker.send(max(1, workers // (len(tasks) - len(results))))
+                continue
+            if kind == "unreadable":
+                raise _NotSent(f"another process cannot read the tasks ({what})")
+            if kind == "raised":
+                raise what
+            if kind == "computed":
+                results[worker.task] = what
+                finished(worker.task, what)
+            if waiting:
+                worker.task = waiting.popleft()
+                worker.send(worker.task)
+            else:
+                worker.end()
+    return {name: results[name] for name, *_ in tasks}
+
+
+def _next(inbox: queue.SimpleQueue[Any]) -> Any:
+    while True:
+        try:
+            return inbox.get(timeout=POLL)
+        except queue.Empty:
+            _heed()
+
+
+def _heed() -> None:
+    """Ctrl-C is heard in the main thread only: in another, stop when it has ended the program."""
+    if isinstance(getattr(sys, "last_value", None), KeyboardInterrupt) and not hasattr(sys, "ps1"):
+        raise KeyboardInterrupt
+
+
+class _Worker:
+    """A process that computes tasks, seen from here: what it says comes into `inbox`, with it, as (worker, kind, what)."""
+
+    def __init__(self, inbox: queue.SimpleQueue[tuple[_Worker, str, Any]]) -> None:
+        command = [sys.executable, "-c", START, *map(str, sys.path)]
+        try:
+            with _ctrl_c_blocked():
+                self._process = Popen(command, stdin=PIPE, stdout=PIPE, stderr=_stderr())
+        except OSError as error:
+            raise _NotSent(f"no other process can be started ({error.strerror})") from error
+        self._requests: Any = self._process.stdin
+        self._answers: Any = self._process.stdout
+        self._inbox, self._ended, self.task = inbox, False, ""
+
+    def begin(self, sent: bytes) -> None:
+        """Send it the tasks and listen; both in a thread, as it is seconds until it reads."""
+        threading.Thread(target=self._listen, args=(sent,), daemon=True).start()
+
+    def send(self, what: Any) -> None:
+        """A reply."""
+        self._write(pickle.dumps(what))
+
+    def end(self) -> None:
+        """At once, whatever it is doing."""
+        self._ended = True
+        self._process.kill()
+        with suppress(OSError), self._process:  # waits for it and closes the pipes
+            pass
+
+    def _listen(self, sent: bytes) -> None:
+        self._write(sent)
+        try:
+            while True:
+                self._inbox.put((self, *pickle.load(self._answers)))
+        except Exception:  # nothing more, or the half of something
+            if not self._ended:
+                self._inbox.put((self, "raised", self._dead()))
+
+    def _write(self, what: bytes) -> None:
+        with suppress(OSError):  # it is dead, which `_listen` notices
+            self._requests.write(what)
+            self._requests.flush()
+
+    def _dead(self) -> BaseException:
+        try:
+            code = self._process.wait(PATIENCE)
+        except TimeoutExpired:
+            return SolverError(f"{self.task}: its process answered nonsense")
+        if code == -signal.SIGINT:
+            return KeyboardInterrupt()
+        ended = f"signal {-code}" if code < 0 else f"status {code}"
+        if self.task:
+            return SolverError(
+                f"{self.task}: its process died ({ended}); was there memory enough? Fewer at once take less"
+            )
+        words = "was there memory enough? With threads=1 none is started"
+        return SolverError(f"a process died before its work began ({ended}); {words}")
+
+
+def _stderr() -> int | None:
+    """That of this process, or nothing where it has none: the first pipe would take its place."""
+    try:
+        os.fstat(2)
+    except OSError:
+        return DEVNULL
+    return None
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Ctrl-C goes to every process of a terminal: those started here never hear of it, and this one once all are started."""
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Ctrl-C goes to every process of a terminal: those started here hear of it when they are ready to, this thread afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    heard: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # is what a process started here begins with
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-    if heard:
-        raise KeyboardInterrupt
-
-
-def _listen(messages: Any, done: threading.Event, tell: Tell) -> None:
-    while not done.is_set():
-        try:
-            tell(*messages.get(timeout=0.2))
-        except queue.Empty:
-            continue
-
-
-def _start(messages: Any, begun: Any, running: Any, workers: int, parent: int, tasks: Sequence[Task]) -> None:
-    global _queue, _begun, _running, _workers, _parent
-    _queue, _begun, _running, _workers, _parent = messages, begun, running, workers, parent
-    _tasks.update({task[0]: task for task in tasks})
-    set_threads(1)
-
-
-def _call(name: str) -> Any:
-    _, function, args = _tasks[name]
-    _begun.put((os.getpid(), name))
-    _count(1)
-    try:
-        return function(*args, tell=_report)
-    finally:
-        _count(-1)
-
-
-def _count(change: int) -> None:
-    with _running.get_lock():
-        _running.value += change
 
 
 @contextmanager
@@ -150,17 +235,10 @@ def helped(tell: Tell) -> Iterator[Tell]:
 
         def told(*what: Any) -> None:
             nonlocal used
-            tell(*what)
-            share = max(1, _workers // _running.value) if _running else 1
+            share = tell(*what)
             if share != used:
                 stack.close()
                 stack.enter_context(threads(share))
                 used = share
 
         yield told
-
-
-def _report(*told: Any) -> None:
-    if os.getppid() != _parent:  # the run was killed: do not go on writing beside its successor
-        os._exit(1)
-    _queue.put(told)

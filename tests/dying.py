@@ -1,6 +1,7 @@
 """Tasks for `ngbrain.pool`, importable by the processes that it starts."""
 
 import os
+import resource
 import signal
 import time
 
@@ -27,3 +28,39 @@ def outlives(seconds, *, tell):
             told("still here")
             seen.append(ngs.ngsglobals.numthreads)
     return seen
+
+
+def waits(seconds, *, tell):
+    """Where a process stands still for long."""
+    tell(os.getpid())
+    time.sleep(seconds)
+
+
+def exits(*, tell):
+    os._exit(7)
+
+
+def exhausts(*, tell):
+    """Memory, of which there is little."""
+    resource.setrlimit(resource.RLIMIT_AS, (2**31, 2**31))
+    bytearray(2**32)
+
+
+class Particular(Exception):
+    """One that no pickle brings back."""
+
+    def __init__(self, what, why):
+        super().__init__(f"{what} {why}")
+
+
+def raises(error, *, tell):
+    raise error
+
+
+def raises_particularly(*, tell):
+    raise Particular("out", "of order")
+
+
+def prints(*, tell):
+    print("from a task")
+    os.write(1, b"and from below\n")

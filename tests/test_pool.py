@@ -1,10 +1,10 @@
 """Tasks in processes: answers by name; one whose process dies is named."""
 
 import pytest
-from dying import dies, lives, outlives
+from dying import dies, exhausts, exits, lives, outlives, prints, raises, raises_particularly
 
 from ngbrain import pool
-from ngbrain.errors import SolverError
+from ngbrain.errors import InputError, SolverError
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -24,3 +24,44 @@ def test_the_last_task_gets_the_threads_that_are_left():
 
 def test_one_process_has_one_thread():
     assert pool.run([("short", lives, (1,)), ("long", outlives, (0.0,))], 1)["long"] == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        (exits, r"^the second: its process died \(status 7\)"),
+        (exhausts, "^the second: out of memory; fewer at once take less$"),
+        (raises_particularly, "^the second: Particular: out of order$"),
+    ],
+)
+def test_other_ways_to_fail_are_one_line_too(task, words):
+    with pytest.raises(SolverError, match=words):
+        pool.run([("the first", lives, (1,)), ("the second", task, ())], 2)
+
+
+def test_an_exception_comes_back_as_it_was_and_says_where_from():
+    with pytest.raises(InputError, match="nose is 3; wanted: one"):
+        pool.run([("the first", lives, (1,)), ("the second", raises, (InputError("nose", 3, "one"),))], 2)
+    with pytest.raises(ZeroDivisionError) as caught:
+        pool.run([("the first", raises, (ZeroDivisionError("by nothing"),))], 2)
+    assert "raise error" in caught.value.__notes__[0]
+
+
+def test_what_a_task_prints_is_no_answer(capfd):
+    assert pool.run([("the first", prints, ()), ("the second", lives, (2,))], 2)["the second"] == 2
+    assert capfd.readouterr().err == "from a task\nand from below\n"
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_it_is_said_when_a_task_has_ended_and_what_it_told(workers):
+    said, ended = [], {}
+    pool.run([("a", lives, (1,)), ("b", lives, (2,))], workers, said.append, ended.__setitem__)
+    assert said == ["alive", "alive"] and ended == {"a": 1, "b": 2}
+
+
+def test_who_listens_may_end_it():
+    def listen(_):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        pool.run([("a", outlives, (60.0,)), ("b", lives, (2,))], 2, listen)
