@@ -1,75 +1,161 @@
-"""Progress on a terminal: one line, redrawn."""
+"""How far long work has come: a line on a terminal or in a notebook, and a record of the logger `ngbrain` every half minute."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import logging
 import sys
+import threading
 import time
+from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Self
+from typing import Any, ParamSpec, Self, TypeVar
 
-PATIENCE = 2.0
-"""Nothing is shown before this many seconds."""
+P = ParamSpec("P")
+R = TypeVar("R")
+Show = Callable[[str], Any]
+"""Puts a text in place of the last one; an empty one wipes it."""
+Words = Callable[..., str]
+"""Makes a text of what `tell` is told."""
+
+LOG = logging.getLogger("ngbrain")
+PATIENCE, APART, EVERY = 2.0, 0.2, 30.0
+"""Seconds before a line is shown, between two changes of it, and between records."""
 WIDTH = 24
 
 
-class _Line:
-    """One line of a terminal; a context manager that wipes it in the end. Nothing shows elsewhere, or when `quiet`."""
+def terminal(quiet: bool = False) -> Show | None:
+    """A line of the terminal that stderr is; None where it is none, or when `quiet`."""
+    if quiet or not sys.stderr.isatty():
+        return None
+    return lambda text: print("\r\x1b[K" + text[:118], end="", file=sys.stderr, flush=True)
 
-    def __init__(self, quiet: bool = False) -> None:
-        self.shown = not quiet and sys.stderr.isatty()
+
+def notebook() -> Show | None:
+    """A line under the cell that is computed; None outside a notebook's kernel."""
+    ipython = sys.modules.get("IPython")
+    if not hasattr(ipython and ipython.get_ipython(), "kernel"):
+        return None
+    from IPython.display import DisplayHandle
+
+    handle = DisplayHandle()
+    put = handle.display
+
+    def show(text: str) -> None:
+        nonlocal put
+        put({"text/plain": text}, raw=True)
+        put = handle.update
+
+    return show
+
+
+def first(*what: Any) -> str:
+    """The first thing that is told, in its own words."""
+    return str(what[0])
+
+
+class Progress:
+    """What is under way, and since when. Use it as a context manager and pass `tell` on.
+
+    Parameters
+    ----------
+    show : callable, optional
+        `terminal()` or `notebook()`. It is logged in any case.
+    words : callable
+        Makes a text of what is told.
+    text : str
+        What is under way before anything is told.
+    """
+
+    def __init__(self, show: Show | None = None, words: Words = first, text: str = "at work") -> None:
+        self.text = text
+        self._show, self._words, self._over = show, words, threading.Event()
         self._started = time.monotonic()
+        self._shown = 0.0
 
-    def draw(self, text: str, now: float) -> None:
-        """Put a text in place of the line, at a (monotonic) time."""
-        if self.shown and now - self._started > PATIENCE:
-            print("\r\x1b[K" + text, end="", file=sys.stderr, flush=True)
+    def tell(self, *what: Any) -> None:
+        """Say what is under way, in place of what was before."""
+        self.text = self._words(*what)
+        now = time.monotonic()
+        if self._show and now > max(self._started + PATIENCE, self._shown + APART):
+            self._show(self._line(now))
+            self._shown = now
+
+    def say(self, text: str) -> None:
+        """Print a text that stays."""
+        self._wipe()
+        print(text, flush=True)
+
+    def _wipe(self) -> None:
+        if self._show and self._shown:
+            self._show("")
+
+    def _line(self, now: float) -> str:
+        return f"{now - self._started:4.0f} s  {self.text}"
+
+    def _log(self) -> None:
+        while not self._over.wait(EVERY):
+            LOG.info(self._line(time.monotonic()))
 
     def __enter__(self) -> Self:
+        threading.Thread(target=self._log, daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.shown:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        self._over.set()
+        self._wipe()
 
 
-class ProgressLine(_Line):
-    """What is under way and since when, for work of which nobody knows how much is left.
+class Runs:
+    """Words of so many runs side by side that tell their name, time (s) and the share of it that is done: a bar, and the time left.
 
-    Shows only on a terminal and not when `quiet`. Use it as a context manager and `tell` it what is done.
+    >>> Runs(2)("continuous", 30.0, 0.5)
+    '[######..................]  25 %  estimating  continuous t = 30.0 s'
     """
 
-    def tell(self, text: str) -> None:
-        """Say what is under way."""
-        now = time.monotonic()
-        self.draw(f"{now - self._started:4.0f} s  {text}"[:118], now)
-
-
-class ProgressBar(_Line):
-    """Runs under way with their time and share, and an estimate of the time left.
-
-    Shows only on a terminal and not when `quiet`. Use it as a context manager and pass `tell` on.
-    """
-
-    def __init__(self, total: int, quiet: bool = False) -> None:
-        super().__init__(quiet)
-        self.total = total
-        self._first: dict[str, tuple[float, float]] = {}
+    def __init__(self, total: int) -> None:
+        self.total, self._started = max(total, 1), time.monotonic()
+        self._first: dict[str, float] = {}
         self._now: dict[str, tuple[float, float]] = {}
 
-    def tell(self, name: str, t: float, share: float) -> None:
-        """Note where a run stands and redraw."""
-        now = time.monotonic()
-        self._first.setdefault(name, (now, share))
-        self._now[name] = (t, share)
-        self.draw(self.line(now), now)
+    def __call__(self, name: str, t: float, share: float) -> str:
+        """A run, how far it is in its own time, and the share of it that this is."""
+        self._first.setdefault(name, share)
+        self._now[name] = t, share
+        done = sum(share for _, share in self._now.values())
+        own = done - sum(self._first.values())  # the rest was done before this was begun
+        bar = ("#" * round(WIDTH * done / self.total)).ljust(WIDTH, ".")
+        under_way = ", ".join(f"{name} t = {t:.1f} s" for name, (t, share) in self._now.items() if share < 1)
+        to_go = (time.monotonic() - self._started) * (self.total - done) / own if own > 0.02 * self.total else None
+        left = "estimating" if to_go is None else f"about {to_go:.0f} s left"
+        return f"[{bar}] {100 * done / self.total:3.0f} %  {left}  {under_way}"
 
-    def line(self, now: float) -> str:
-        """The text of the bar at a (monotonic) time."""
-        share = sum(done for _, done in self._now.values()) / max(self.total, 1)
-        bar = ("#" * round(WIDTH * share)).ljust(WIDTH, ".")
-        under_way = ", ".join(f"{name} t = {t:.1f} s" for name, (t, done) in self._now.items() if done < 1)
-        spent = now - self._started
-        left = f"about {spent / share - spent:.0f} s left" if share > 0.02 else "estimating"
-        return f"[{bar}] {100 * share:3.0f} %  {left}  {under_way}"[:118]
+
+def logged(*_: Any) -> None:
+    """What `tell` is by default in functions that are `reporting`: what they tell is logged, and shown in a notebook."""
+
+
+def reporting(
+    words: Callable[[Mapping[str, Any]], Words] = lambda _: first,
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Of a function whose argument `tell` is `logged` by default; `words` makes the words for its arguments, by name."""
+
+    def of(function: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def report(*args: P.args, **kwargs: P.kwargs) -> R:
+            given = signature.bind(*args, **kwargs)
+            given.apply_defaults()
+            if given.arguments["tell"] is not logged:
+                return function(*args, **kwargs)
+            with Progress(notebook(), words(given.arguments), f"{function.__name__}: at work") as progress:
+                given.arguments["tell"] = progress.tell
+                return function(*given.args, **given.kwargs)
+
+        return report
+
+    return of

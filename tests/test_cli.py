@@ -17,7 +17,6 @@ from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.io import load
 from ngbrain.mesh.routes import min_jacobian
-from ngbrain.progress import ProgressBar
 from ngbrain.scene import Scene
 
 
@@ -109,14 +108,6 @@ def test_output_must_be_a_folder(tmp_path, capsys):
     taken.write_text("")
     status, lines = run(capsys, "demo", "--fast", "-o", taken, "-q")
     assert status == 2 and len(lines) == 1 and "taken" in lines[0]
-
-
-def test_progress_bar_says_what_is_left():
-    bar = ProgressBar(2, quiet=True)
-    bar._started = 0.0
-    bar.tell("continuous", 30.0, 0.5)
-    line = bar.line(10.0)
-    assert "25 %" in line and "about 30 s left" in line and "continuous t = 30.0 s" in line
 
 
 SMALL = """
@@ -274,6 +265,27 @@ def test_a_stopped_run_goes_on_to_the_same_on_two_threads(finished, tmp_path, st
         assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
     retract(scene, tmp_path, "--resume", "--threads", "2")
     assert alike(numbers(tmp_path), numbers(out))
+
+
+def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path, capsys, monkeypatch):
+    peaks = dict.fromkeys(("peak_pressure_mmHg", "peak_tip_pressure_mmHg", "peak_force_N", "s_above_20_mmHg"), 1.0)
+    peak = {"value": 1.0, "mesh": 0.2, "order": 0.1, "step": None, "material": (0.5, 2.0)}
+    result = {
+        "answers": {"continuous": {**peaks, "dose_mmHg_min": 3.0, "mps_p95": 0.1}},
+        "worth": {"peak_pressure_mmHg": peak},
+    }
+    monkeypatch.setattr("ngbrain.cli.retract.solve", lambda *_: result)
+    monkeypatch.setattr("ngbrain.report.build", lambda folder: folder / "report.html")
+    scene = tmp_path / "case.toml"
+    scene.write_text(SMALL + '[[ask]]\nquantity = "peak_force_N"\ntolerance = 0.2\n')
+    (tmp_path / "out").mkdir()
+    ignored = "ngbrain: [[ask]] is left unanswered: `solve` answers it, this computes what is described"
+    sure = "of a hold: peak 1 mmHg, moved by mesh 0.2, order 0.1 mmHg; with other published tissue 0.5 to 2 mmHg"
+    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
+    assert status == 0 and lines == [ignored, f"ngbrain: {sure}"]
+    status = main(["retract", str(scene), "-o", str(tmp_path / "out")])
+    out, err = capsys.readouterr()
+    assert status == 0 and err.splitlines() == [ignored] and out.splitlines()[-1] == sure
 
 
 def labels_file(path):

@@ -78,11 +78,13 @@ def test_choices_reach_the_search_and_its_findings_the_files(files, searched, ca
     assert "0.6 to 0.8" in page and "3 times what the measurements" in page
     assert "http" not in page.replace("http-equiv", "")
     said = capsys.readouterr().out
-    assert "0.6 to 0.8" in said and "Note: what is missed" in said and "scene.toml" in said
+    assert "0.6 to 0.8" in said and "note: what is missed" in said and "scene.toml" in said
 
 
-def test_a_stopped_search_goes_on_from_its_last_round(files, searched):
+def test_a_stopped_search_goes_on_from_its_last_round(files, searched, capsys):
     assert called(files, "-q") == 0 and searched["start"] is None
+    out, err = capsys.readouterr()
+    assert not out and err.startswith("ngbrain: note: what is missed is 3 times")  # never silenced
     assert called(files, "-q", "--resume") == 0 and searched["start"] == {"white": 0.8}
 
 

@@ -14,7 +14,6 @@ from ngbrain.cli import main
 from ngbrain.errors import MissingExtra, SolverError
 from ngbrain.inverse.quality import strain_of, where_strained
 from ngbrain.io.waves import WaveData, read_waves, write_waves
-from ngbrain.progress import ProgressLine
 from ngbrain.report.parameters import percent
 
 SHEAR = 2500 + 500j
@@ -101,8 +100,9 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     data = plane(3000.0, rheology="elastic", truth={}, affine=affine)
     write_waves(tmp_path / "waves.nii.gz", data)
     status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH)
-    assert status == 0 and not errors and not out
     result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert status == 0 and not out and result["notes"]
+    assert errors == [f"ngbrain: note: {note}" for note in result["notes"]]  # never silenced
     assert 0 < result["checks"]["resonance_distance"] < 1 and "relative_l2_error" not in result["answers"]["youngs"]
     assert result["answers"]["youngs"]["median"] == pytest.approx(2.8 * 3000, rel=0.03)
     import nibabel
@@ -322,8 +322,8 @@ def test_a_gpu_without_its_library_is_said_first(tmp_path, capsys, monkeypatch, 
 
 def test_an_inversion_on_a_gpu(tmp_path, capsys, monkeypatch, waves):
     cudss = hostcudss.install(monkeypatch)
-    status, _, errors = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--device", "cuda")
-    assert status == 0 and not errors and len(cudss.made) > 5
+    status, _, _ = run(capsys, waves, "-o", tmp_path / "out", *ROUGH, "--device", "cuda")
+    assert status == 0 and len(cudss.made) > 5
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["device"] == "cuda" and result["answers"]["storage"]["median"] == pytest.approx(2500, rel=0.02)
 
@@ -347,20 +347,6 @@ def test_a_stopped_inversion_promises_no_resume(tmp_path, capsys, monkeypatch, w
     monkeypatch.setattr("ngbrain.cli.invert.invert", stop)
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out")
     assert status == 130 and lines == ["ngbrain: stopped"]
-
-
-def test_progress_says_what_is_under_way_on_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with ProgressLine() as line:
-        line.tell("too soon")
-        line._started -= 10.0
-        line.tell("round 3")
-    shown = capsys.readouterr().err
-    assert "10 s  round 3" in shown and "too soon" not in shown and shown.endswith("\x1b[K")
-    with ProgressLine(quiet=True) as line:
-        line._started -= 10.0
-        line.tell("round 3")
-    assert not capsys.readouterr().err
 
 
 def test_what_is_hardly_strained_is_left_out_where_that_is_asked_for(tmp_path, capsys, monkeypatch, waves):
@@ -425,4 +411,4 @@ def test_a_hole_in_data_in_their_own_elements_with_a_known_truth(tmp_path, capsy
     mask[44] = False
     write_waves(tmp_path / "hole.npz", plane(element="q4", mask=mask))
     status, _, errors = run(capsys, tmp_path / "hole.npz", "-o", tmp_path / "out", *ROUGH)
-    assert status == 0 and not errors
+    assert status == 0 and any("errors flatter" in line for line in errors)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -64,3 +65,12 @@ def test_modules_of_the_package_are_found_by_name():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "NeoHooke Scene\n"
     assert done.stderr.splitlines()[-1] == "AttributeError: module 'ngbrain' has no attribute 'no_such_module'"
+
+
+def test_out_of_memory_is_one_line(capsys, monkeypatch):
+    def run(_):
+        raise MemoryError
+
+    monkeypatch.setattr("ngbrain.cli.import_module", lambda _: SimpleNamespace(run=run))
+    assert main(["solve", "scene.toml"]) == 3
+    assert capsys.readouterr().err == "ngbrain: out of memory; larger elements or fewer --threads take less\n"

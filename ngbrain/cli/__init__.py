@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 
 from ngbrain.cli.options import parser
 from ngbrain.errors import InputError, MissingExtra, SolverError
+from ngbrain.progress import LOG, terminal
 
 LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 """Three numbers with commas, the first of them negative."""
@@ -26,7 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     try:
         module = import_module(f"ngbrain.cli.{MODULES.get(arguments.verb, arguments.verb)}")  # a second or two
-        return int(module.run(arguments) or 0)
+        with _logging(arguments.quiet):
+            return int(module.run(arguments) or 0)
     except (InputError, MissingExtra) as error:
         print(f"ngbrain: {error}", file=sys.stderr)
         return EXIT_INPUT
@@ -36,10 +40,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SolverError as error:
         print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
         return EXIT_SOLVER
+    except MemoryError:
+        print("ngbrain: out of memory; larger elements or fewer --threads take less", file=sys.stderr)
+        return EXIT_SOLVER
     except KeyboardInterrupt:
         resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
         print(f"ngbrain: stopped{resumed}", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+@contextmanager
+def _logging(quiet: bool) -> Iterator[None]:
+    """What the library logs goes to stderr: warnings, and how far work has come unless that is seen on a terminal or not wanted."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("ngbrain: %(message)s"))
+    before = LOG.level
+    LOG.addHandler(handler)
+    LOG.setLevel(logging.WARNING if quiet or terminal() else logging.INFO)
+    try:
+        yield
+    finally:
+        LOG.setLevel(before)
+        LOG.removeHandler(handler)
 
 
 def _joined(argv: Sequence[str]) -> list[str]:

@@ -9,13 +9,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.inverse.files import finite
 from ngbrain.inverse.found import Iteration
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.whole import whole
-from ngbrain.progress import ProgressLine
+from ngbrain.progress import Progress, terminal
 from ngbrain.report import calibrated as page
 from ngbrain.scene import Scene
 from ngbrain.surgery.calibrate import Calibrated, calibrate
@@ -33,13 +34,12 @@ def run(arguments: argparse.Namespace) -> None:
     folder: Path = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
     start = json.loads((folder / ROUND).read_text()) if arguments.resume and (folder / ROUND).exists() else None
-    with ProgressLine(arguments.quiet) as line, threads(arguments.threads):
+    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads):
 
         def tell(iteration: Iteration, factors: dict[str, float]) -> None:
             rounds.append(iteration)
             write_json(folder / ROUND, factors)
-            misfit = iteration.misfit / iteration.expected
-            line.tell(f"round {len(rounds)}: misfit {misfit:.3g} times what is expected")
+            line.tell(f"round {len(rounds)}, {iteration}")
 
         line.tell("head, mesh, and the scene's own run")
         tissues = arguments.tissues.split(",") if arguments.tissues else ()
@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
     whole(folder / "scene.toml", lambda part: part.write_text(found.scene.to_toml(), encoding="utf-8"))
     write_json(folder / "result.json", result)
     report = page.build(folder / "report.html", result)
-    if not arguments.quiet:
-        print(summary(result), f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}", sep="\n")
+    files = f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}"
+    conclude(arguments.quiet, [*summary(result), *files], [f"note: {note}" for note in result["notes"]])
 
 
 def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
@@ -123,8 +123,8 @@ def _notes(found: Calibrated) -> list[str]:
     return notes
 
 
-def summary(result: dict[str, Any]) -> str:
-    """The result as text: factors with their intervals, the misfit, notes."""
+def summary(result: dict[str, Any]) -> list[str]:
+    """The result as lines: factors with their intervals, the misfit."""
     lines = [f"{'tissue':<24}{'factor':>8}{'95 % interval':>18}{'initial modulus':>18}"]
     for name, of in result["tissues"].items():
         interval = f"{of['low']:.3g} to {of['high']:.3g}"
@@ -132,4 +132,4 @@ def summary(result: dict[str, Any]) -> str:
     lines.append(
         f"misfit: {result['misfit']['ratio']:.3g} times what is expected, after {len(result['rounds'])} rounds"
     )
-    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])
+    return lines

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.cli.predict import runtime_version, start_of
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, require
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.files import finite, write_inversion
@@ -29,7 +30,7 @@ from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
-from ngbrain.progress import ProgressLine
+from ngbrain.progress import Progress, terminal
 from ngbrain.report import parameters
 from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
@@ -65,11 +66,11 @@ def run(arguments: argparse.Namespace) -> None:
     data = _checked(arguments)
     folder: Path = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
-    with ProgressLine(arguments.quiet) as line, threads(arguments.threads), in_file(arguments.data):
+    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
 
         def tell(iteration: Iteration) -> None:
             rounds.append(iteration)
-            line.tell(_round(iteration, len(rounds)))
+            line.tell(f"round {len(rounds)}, {iteration}")
 
         line.tell("reading")
         data, notes = _usable(data, arguments)
@@ -97,8 +98,8 @@ def run(arguments: argparse.Namespace) -> None:
     from ngbrain.report import elastography
 
     report = elastography.build(folder / "report.html", result, inversion.data, inversion.arrays())
-    if not arguments.quiet:
-        print(summary(result), f"report: {report}", sep="\n")
+    notes = [f"note: {note}" for note in result["notes"]]
+    conclude(arguments.quiet, [*summary(result), f"report: {report}"], notes)
 
 
 def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
@@ -184,8 +185,8 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     return data
 
 
-def summary(result: dict[str, Any]) -> str:
-    """The result as text: parameters, starts, what was assumed and found, notes."""
+def summary(result: dict[str, Any]) -> list[str]:
+    """The result as lines: parameters, starts, what was assumed and found."""
     lines = [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"]
     for row in parameters.parameters(result):
         median, iqr, error = (text for text, _ in row.cells)
@@ -198,10 +199,7 @@ def summary(result: dict[str, Any]) -> str:
         lines.append(f"{name:<34}" + "".join(f"{text:>11}" for text, _ in row.cells))
     lines += ["* kept", ""]
     lines += [f"{name}: {text}" for name, text in parameters.facts(result)]
-    lines += [f"Time: {result['time_s']:.1f} s on {result['threads']} thread{'s' if result['threads'] > 1 else ''}"]
-    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])
-
-
-def _round(iteration: Iteration, number: int) -> str:
-    start = {"waves": "measured waves", "fields": "descent"}.get(iteration.phase, iteration.phase)
-    return f"round {number}, {start}: misfit {iteration.misfit / iteration.expected:.3g} times what is expected"
+    return [
+        *lines,
+        f"Time: {result['time_s']:.1f} s on {result['threads']} thread{'s' if result['threads'] > 1 else ''}",
+    ]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain import ladder
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.fields import read_toml
-from ngbrain.ladder import Rung
-from ngbrain.progress import ProgressLine
+from ngbrain.progress import Progress, terminal
 from ngbrain.report import ladder as page
 from ngbrain.scene import Scene
 from ngbrain.scene.loading import Loading
@@ -25,18 +25,14 @@ def run(arguments: argparse.Namespace) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     scene = _read(arguments.scene)
-    with ProgressLine(arguments.quiet) as line:
-
-        def tell(rung: Rung) -> None:
-            line.tell(f"{rung.ndof} unknowns, {100 * float(rung.missing.max()):.3g} % missing")
-
+    with Progress(terminal(arguments.quiet)) as line:
         if isinstance(scene, Scene):
-            result = adequate.solve(scene, folder, threads=arguments.threads, tell=tell)
+            result = adequate.solve(scene, folder, threads=arguments.threads, tell=line.tell)
         else:
-            result = ladder.solve(scene, folder, threads=arguments.threads, tell=tell)
+            result = ladder.solve(scene, folder, threads=arguments.threads, tell=line.tell)
     report = page.build(folder / "report.html", result)
-    if not arguments.quiet:
-        print(summary(result), f"report: {report}", sep="\n")
+    doubts = [f"doubt: {flag}" for flag in result["flags"]]
+    conclude(arguments.quiet, [*summary(result), f"report: {report}"], doubts)
 
 
 def _read(path: Path) -> Scene | Loading:
@@ -49,13 +45,12 @@ def _read(path: Path) -> Scene | Loading:
     return scene
 
 
-def summary(result: dict[str, Any]) -> str:
-    """The result as text: answers, what was left out, doubts."""
+def summary(result: dict[str, Any]) -> list[str]:
+    """The result as lines: answers, what was left out."""
     lines = [f"{'question':<44}{'answer':>14}{'missing':>10}{'asked':>9}"]
     lines += [
         f"{name:<44}{value:>14}{error:>10}{tolerance:>9}" for name, value, error, tolerance in page.answers(result)
     ]
     lines += ["", f"{'left out':<58}{'would change':>12}"]
     lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.left_out(result)]
-    lines += ["", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]
-    return "\n".join([*lines, *(f"Doubt: {flag}" for flag in result["flags"])])
+    return [*lines, "", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.opening import Opening
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.subject import Subject, write_subject
+from ngbrain.progress import Progress, terminal
 
 CUT = ("opening", "width", "craniotomy", "approach", "across")
 """Options of the cleft."""
@@ -18,6 +22,12 @@ CUT = ("opening", "width", "craniotomy", "approach", "across")
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, mesh, write, report, print."""
+    with Progress(terminal(arguments.quiet), text="reading and labelling") as line:
+        result = _meshed(arguments, line.tell)
+    conclude(arguments.quiet, summary(result), cautions(result))
+
+
+def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     shape = {name: getattr(arguments, name) for name in CUT if getattr(arguments, name) is not None}
@@ -51,6 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
     coarse = ROUTES[arguments.route].size if arguments.size is None else arguments.size
     radius = ROUTES[arguments.route].radius if arguments.radius is None else arguments.radius
     size = Graded(coarse if site is None and floor is None else min(arguments.near, coarse), coarse, site, radius)
+    tell("meshing")
     try:
         opening = Opening(floor, **shape) if floor else None
         result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve, opening)
@@ -60,20 +71,32 @@ def run(arguments: argparse.Namespace) -> None:
             raise
         option = "--cut" if name == "target" else f"--{name}"
         raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
+    tell("report")
     from ngbrain.report import anatomy
 
     shown = 1e-3 * np.array(result["shown_mm"])
     anatomy.build(arguments.output.with_name("report.html"), result, mesh, subject.labels, subject.t1, shown)
-    if not arguments.quiet:
-        for name, region in result["regions"].items():
-            print(f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml")
-        quality = result["quality"]
-        print(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
-        if snaps := result.get("snaps"):
-            print(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
-        for name, error in result["checks"]["regions_off"].items():
-            print(
-                f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
-            )
-        if off := result.get("curved"):
-            print(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
+    return result
+
+
+def summary(result: dict[str, Any]) -> list[str]:
+    """The result as lines: volumes, elements."""
+    lines = [
+        f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml"
+        for name, region in result["regions"].items()
+    ]
+    quality = result["quality"]
+    lines.append(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
+    if snaps := result.get("snaps"):
+        lines.append(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
+    if off := result.get("curved"):
+        lines.append(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
+    return lines
+
+
+def cautions(result: dict[str, Any]) -> list[str]:
+    """Regions that the mesh shows badly."""
+    return [
+        f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
+        for name, error in result["checks"]["regions_off"].items()
+    ]

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.cli import EXIT_SOLVER
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.direct import uniform_shear
@@ -17,7 +19,7 @@ from ngbrain.inverse.files import write_maps
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
-from ngbrain.progress import ProgressLine
+from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report import parameters, prediction
 from ngbrain.surrogate.predict import Prediction, predict
 from ngbrain.surrogate.shipped import Operator
@@ -29,7 +31,7 @@ TOLD = (0.5, 0.68, 0.9, 0.95)
 """Shares of errors of which a result tells how many deviations hold them."""
 
 
-def run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> int:
     """Read, predict, write, report, print."""
     started = time.monotonic()
     runtime = runtime_version()
@@ -38,7 +40,7 @@ def run(arguments: argparse.Namespace) -> None:
     folder: Path = arguments.output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
-    with ProgressLine(arguments.quiet) as line, threads(arguments.threads), in_file(arguments.data):
+    with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
         line.tell("reading")
         data = read_waves(arguments.data)
         if data.affine is not None:
@@ -87,8 +89,11 @@ def run(arguments: argparse.Namespace) -> None:
     images = [name for name in arrays if name in (*maps, *FOLLOWING) or name.endswith("_deviation")]
     result = write_maps(folder, found.data, arrays, images, told)
     report = prediction.build(folder / "report.html", result, found.data, arrays)
-    if not arguments.quiet:
-        print(summary(result), f"report: {report}", sep="\n")
+    conclude(arguments.quiet, [*summary(result), f"report: {report}"], [f"note: {note}" for note in notes])
+    if not found.trusted:
+        LOG.warning("do not use these maps: %s", found.warning)
+        return EXIT_SOLVER
+    return 0
 
 
 def runtime_version() -> str:
@@ -145,8 +150,8 @@ def following(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarr
     return {name: modulus[name] for name in FOLLOWING}
 
 
-def summary(result: dict[str, Any]) -> str:
-    """The result as text: whether to trust it, parameters, notes."""
+def summary(result: dict[str, Any]) -> list[str]:
+    """The result as lines: whether to trust it, parameters."""
     warning = result["trust"]["warning"]
     lines = [f"Do not use: {warning}", ""] if warning else []
     lines.append(f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}")
@@ -156,5 +161,4 @@ def summary(result: dict[str, Any]) -> str:
     lines += ["", f"{'trust':<50}{'over its bound':>14}"]
     lines += [f"{row.name:<50}{row.cells[0][0]:>14}" for row in prediction.trust(result)]
     lines += ["", *(f"{name}: {text}" for name, text in prediction.facts(result))]
-    lines.append(f"Time: {result['time_s']:.2f} s")
-    return "\n".join([*lines, *(f"Note: {note}" for note in result["notes"])])
+    return [*lines, f"Time: {result['time_s']:.2f} s"]

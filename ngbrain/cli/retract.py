@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
-from ngbrain.progress import ProgressBar
+from ngbrain.progress import LOG, Progress, Runs, terminal
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
@@ -45,27 +46,29 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
     folder: Path = arguments.output
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
-    with ProgressBar(len(scene.protocols) + CHECKS, arguments.quiet) as bar:
+    if scene.ask:
+        LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
+    with Progress(terminal(arguments.quiet), Runs(len(scene.protocols) + CHECKS), "head and mesh") as bar:
         result = solve(scene, folder, arguments.threads, arguments.resume, bar.tell)
     result["verb"] = arguments.verb
     write_json(folder / "result.json", result)
     from ngbrain.report import build
 
-    report = build(folder)
-    if not arguments.quiet:
-        print(_summary(result), f"report: {report}", sep="\n")
+    with Progress(terminal(arguments.quiet), text="report"):
+        report = build(folder)
+    conclude(arguments.quiet, [*_summary(result["answers"]), f"report: {report}"], _worth(result["worth"]))
 
 
-def _summary(result: dict[str, Any]) -> str:
+def _summary(answers: dict[str, Any]) -> list[str]:
     lines = [
         f"{'protocol':<14}{'peak mmHg':>10}{'tip mmHg':>10}{'force N':>9}{'s > 20':>8}{'dose mmHg min':>15}{'MPS p95':>9}"
     ]
-    for name, a in result["answers"].items():
+    for name, a in answers.items():
         lines.append(
             f"{name:<14}{a['peak_pressure_mmHg']:>10.1f}{a['peak_tip_pressure_mmHg']:>10.1f}{a['peak_force_N']:>9.2f}"
             f"{a['s_above_20_mmHg']:>8.0f}{a['dose_mmHg_min']:>15.0f}{a['mps_p95']:>9.3f}"
         )
-    return "\n".join([*lines, *_worth(result["worth"])])
+    return lines
 
 
 def _worth(errors: dict[str, Any]) -> list[str]:

@@ -36,6 +36,11 @@ class Iteration:
     cpu_s: float
     determined: dict[str, float] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """A few words, for who waits."""
+        start = {"waves": "measured waves", "fields": "descent"}.get(self.phase, self.phase)
+        return f"{start}: misfit {self.misfit / self.expected:.3g} times what is expected"
+
 
 @dataclass
 class Found:

@@ -30,6 +30,7 @@ from ngbrain.inverse.starts import at_least_one, at_maps, compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
 from ngbrain.solvers.device import Device
 
 Array = np.ndarray
@@ -58,6 +59,7 @@ EASY = 1e-4
 """Noise that is assumed at least from there: with less, linear theory sees little of the way."""
 
 
+@reporting()
 def invert(
     data: WaveData,
     elements: Discretisation | None = None,
@@ -74,7 +76,7 @@ def invert(
     start: Mapping[str, Array] | None = None,
     rounds: int | None = None,
     device: str = "cpu",
-    tell: Callable[[Iteration], None] = lambda _: None,
+    tell: Callable[[Iteration], None] = logged,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
 

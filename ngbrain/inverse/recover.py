@@ -23,6 +23,7 @@ from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import smooth
+from ngbrain.progress import logged, reporting
 
 Array = np.ndarray
 Holds = Callable[[ngs.FESpace, Array], Regulariser]
@@ -51,6 +52,7 @@ class Recovered:
         return Posterior(self.problem.at(self.found.x))
 
 
+@reporting()
 def recover(
     model: StaticModel | RunModel,
     measured: Array,
@@ -58,7 +60,7 @@ def recover(
     *,
     unknowns: Mapping[str, Unknown] | None = None,
     regulariser: Holds = smooth,
-    tell: Callable[[Iteration], None] = lambda _: None,
+    tell: Callable[[Iteration], None] = logged,
 ) -> Recovered:
     """Parameters of a model such that its data are the measured ones, from the values that they have now.
 

@@ -30,6 +30,7 @@ from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.starts import at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
 from ngbrain.solvers.device import Device
 
 Array = np.ndarray
@@ -43,6 +44,7 @@ LEAST = 2e-3
 """Noise, relative to the waves' rms, that is assumed at least: about what the error of elements is."""
 
 
+@reporting()
 def invert_in_space(
     data: WaveData,
     elements: Discretisation | None = None,
@@ -57,7 +59,7 @@ def invert_in_space(
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
     device: str = "cpu",
-    tell: Callable[[Iteration], None] = lambda _: None,
+    tell: Callable[[Iteration], None] = logged,
 ) -> Inversion:
     """Property maps of wave data in space.
 

@@ -39,6 +39,7 @@ from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space
 from ngbrain.inverse.together import Together, concluded
 from ngbrain.inverse.zones import FEWEST, PartOfWaves, cut, part
 from ngbrain.io.waves import WaveData
+from ngbrain.progress import logged, reporting
 
 Array = np.ndarray
 SIDE, OVERLAP = 1.7, 0.6
@@ -49,6 +50,7 @@ LESS = 0.05
 """Of an element, by which a size may be too short for whole ones."""
 
 
+@reporting()
 def invert_by_subzones(
     data: WaveData,
     *,
@@ -60,7 +62,7 @@ def invert_by_subzones(
     passes: int = 1,
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
-    tell: Callable[[Iteration], None] = lambda _: None,
+    tell: Callable[[Iteration], None] = logged,
 ) -> Inversion:
     """Property maps of wave data in space, zone by zone.
 
@@ -68,8 +70,7 @@ def invert_by_subzones(
     size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths. Zones are of whole elements
     overlap     m, how deep neighbours reach into each other, a third of a wave length or so for each element; by default
                 `OVERLAP` wave lengths, less where `size` is small
-    processes   zones at a time, each in a process of its own; the answer does not depend on it. With more than one a script
-                has to call this under `if __name__ == "__main__":`
+    processes   zones at a time, each in a process of its own; the answer does not depend on it
     labelled    whether each label has fields of its own
     passes      of consistency; 0: zones know nothing of each other
     rounds      iterations of a zone at most, in each pass

@@ -21,6 +21,7 @@ from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
 from ngbrain.ladder.rungs import Model
+from ngbrain.progress import logged, reporting
 from ngbrain.scene.loading import Loading
 from ngbrain.threads import threads as using
 
@@ -50,13 +51,14 @@ class Asking(Protocol):
         """As plain data."""
 
 
+@reporting()
 def solve(
     scene: Loading,
     folder: str | Path | None = None,
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    tell: Callable[[Rung], None] = lambda _: None,
+    tell: Callable[[Rung], None] = logged,
 ) -> dict[str, Any]:
     """The answers that a scene asks for, by the cheapest model that is good enough; returns what `result.json` holds.
 

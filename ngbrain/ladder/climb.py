@@ -53,6 +53,10 @@ class Rung:
     taken: tuple[str, ...] = ()
     cost_s: float = 0.0
 
+    def __str__(self) -> str:
+        """A few words, for who waits."""
+        return f"{self.ndof} unknowns, {100 * float(self.missing.max()):.3g} % missing"
+
 
 @dataclass(eq=False)
 class Climb:

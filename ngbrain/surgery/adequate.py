@@ -25,6 +25,7 @@ from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Keeper, Rung, ascend, stay
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import Axis, Model, between, check
+from ngbrain.progress import logged, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
@@ -69,13 +70,14 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     return found
 
 
+@reporting()
 def solve(
     scene: Scene,
     folder: str | Path | None = None,
     model: Model | None = None,
     richest: Model | None = None,
     threads: int = 1,
-    tell: Callable[[Rung], None] = lambda _: None,
+    tell: Callable[[Rung], None] = logged,
 ) -> dict[str, Any]:
     """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; returns what `result.json` holds.
 

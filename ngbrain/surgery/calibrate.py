@@ -29,6 +29,7 @@ from ngbrain.inverse.parameters import Fields, Log, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import ridge
 from ngbrain.inverse.weights import Given, Policy
+from ngbrain.progress import logged, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
 from ngbrain.surgery.protocols import Protocol
@@ -96,6 +97,7 @@ class Retracted:
         self.run = RunModel(run.body, run.motion, self.grid, self.factors, readings, times)
 
 
+@reporting()
 def calibrate(
     scene: Scene | Model,
     seen: Seen,
@@ -104,7 +106,7 @@ def calibrate(
     spread: float = SPREAD,
     level: float = LEVEL,
     start: Mapping[str, float] | None = None,
-    tell: Callable[[Iteration, dict[str, float]], None] = lambda *_: None,
+    tell: Callable[[Iteration, dict[str, float]], None] = logged,
     search: Search = levenberg_marquardt,
 ) -> Calibrated:
     """Factors of a scene's tissues from what was seen of one of its protocols.

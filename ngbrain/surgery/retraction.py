@@ -18,6 +18,7 @@ from ngbrain import pool
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.pool import Tell
+from ngbrain.progress import Runs, logged, reporting
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, band, checks, response, worth
 from ngbrain.surgery.model import Model
@@ -40,8 +41,9 @@ _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
 
 
+@reporting(lambda given: Runs(len(given["scene"].protocols) + CHECKS))
 def solve(
-    scene: Scene, folder: str | Path | None = None, threads: int = 1, resume: bool = False, tell: Tell | None = None
+    scene: Scene, folder: str | Path | None = None, threads: int = 1, resume: bool = False, tell: Tell = logged
 ) -> dict[str, Any]:
     """Run every protocol of a scene and the checks; returns what `result.json` holds.
 

@@ -31,6 +31,7 @@ from ngbrain.io.versions import versions
 from ngbrain.io.whole import whole
 from ngbrain.materials import Shearing
 from ngbrain.mesh.grid import rectangles
+from ngbrain.progress import logged, reporting
 from ngbrain.surrogate.families import FAMILIES, family
 
 Array = np.ndarray
@@ -147,6 +148,7 @@ def sample(modality: str, name: str, seed: int, split: str, index: int, across: 
     return MODALITIES[modality](random, family(name)(random, x, y), across)
 
 
+@reporting()
 def generate(
     path: Path,
     modality: str,
@@ -155,7 +157,7 @@ def generate(
     seed: int = 0,
     across: int = 51,
     workers: int = 1,
-    tell: pool.Tell = lambda *_: None,
+    tell: pool.Tell = logged,
 ) -> None:
     """Compute samples of each family (name → how many) and write them to an HDF5 file, whole or not at all.
 

@@ -26,6 +26,7 @@ from torch import nn
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
+from ngbrain.progress import logged, reporting
 from ngbrain.surrogate.data import DENSITY, DataSet
 from ngbrain.surrogate.descent import Descent
 from ngbrain.surrogate.features import NOISE, Modality, errors, modality, spoilt
@@ -128,13 +129,14 @@ class Learner:
         return self.kind.features(u, self.data.poisson)
 
 
+@reporting()
 def train(
     operator: Callable[[int, int], nn.Module],
     training: DataSet,
     validation: DataSet,
     folder: Path,
     settings: Settings = Settings(),
-    tell: Callable[[dict[str, float]], None] = lambda _: None,
+    tell: Callable[[dict[str, float]], None] = logged,
     start: Path | None = None,
 ) -> Surrogate:
     """Train an operator, made by its numbers of channels in and out; go on where a checkpoint in the folder ends.
