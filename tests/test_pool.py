@@ -12,6 +12,23 @@ def test_answers_by_name(workers):
     assert pool.run([("a", lives, (1,)), ("b", lives, (2,))], workers) == {"a": 1, "b": 2}
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_are_heard_of_as_they_come(workers):
+    heard, asked = [], []
+    tasks = [("a", lives, (1,)), ("b", lives, (2,))]
+    pool.run(tasks, workers, finished=lambda name, result: heard.append((name, result)) or asked.append(len(heard)))
+    assert sorted(heard) == [("a", 1), ("b", 2)] and asked == [1, 2]
+
+
+def test_what_is_raised_on_hearing_ends_the_tasks():
+    def stop(name, result):
+        raise KeyboardInterrupt
+
+    for workers in (1, 2):
+        with pytest.raises(KeyboardInterrupt):
+            pool.run([("a", lives, (1,)), ("b", outlives, (60.0,))], workers, finished=stop)
+
+
 def test_the_task_whose_process_dies_is_named():
     with pytest.raises(SolverError, match=r"^the second: its process died \(signal 9\).*memory"):
         pool.run([("the first", lives, (1,)), ("the second", dies, ())], 2)
