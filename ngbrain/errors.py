@@ -102,6 +102,10 @@ class RangeWarning(UserWarning):
     """Published constants are used beyond the data that they come from."""
 
 
+class ImplausibleWarning(UserWarning):
+    """Something in a scene is far from anything that has been published for it, so that it may not be what was meant."""
+
+
 class CollapseWarning(UserWarning):
     """Single points of a body collapse, or would without a guard that its materials did not have: the mesh is too coarse."""
 

@@ -30,6 +30,7 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.model import Model as Made
+from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.runs import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
@@ -94,6 +95,7 @@ def solve(
     """
     operation = Operation(scene)
     axes, keeper = axes_of(scene, richest), Keeper(operation)
+    check_moduli(operation.made({"mesh": "0"}))
     tolerances = np.array([ask.tolerance for ask in operation.asks])
     if model is None:
         return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))

@@ -32,6 +32,7 @@ from ngbrain.inverse.weights import Given, Policy
 from ngbrain.progress import logged, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
+from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.surgery.seen import Seen
 
@@ -131,6 +132,7 @@ def calibrate(
     if not all(factor > 0 for factor in (start or {}).values()):
         raise InputError("start", start, "factors above 0")
     model = scene if isinstance(scene, Model) else Model.of(scene)
+    check_moduli(model)
     retracted = Retracted(model, np.asarray(seen.landmarks, float), np.asarray(seen.times, float), tissues, protocol)
     run = retracted.run
     fields = Fields(run.theta, run.blocks, {name: Unknown(1.0, Log()) for name in retracted.factors})
