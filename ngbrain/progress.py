@@ -109,10 +109,10 @@ class Progress:
         self._wipe()
 
 
-class Runs:
+class RunProgress:
     """Words of so many runs side by side that tell their name, time (s) and the share of it that is done: a bar, and the time left.
 
-    >>> Runs(2)("continuous", 30.0, 0.5)
+    >>> RunProgress(2)("continuous", 30.0, 0.5)
     '[######..................]  25 %  estimating  continuous t = 30.0 s'
     """
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ngbrain.progress import Progress, Runs, logged, notebook, reporting, terminal
+from ngbrain.progress import Progress, RunProgress, logged, notebook, reporting, terminal
 
 
 class Clock:
@@ -104,7 +104,7 @@ def test_elsewhere_there_is_no_cell(monkeypatch, shell):
 
 
 def test_runs_say_what_is_left(clock):
-    words = Runs(2)
+    words = RunProgress(2)
     assert "estimating" in words("continuous", 0.0, 0.0)
     clock.now += 10.0
     assert words("continuous", 30.0, 0.5) == "[######..................]  25 %  about 30 s left  continuous t = 30.0 s"
@@ -114,7 +114,7 @@ def test_runs_say_what_is_left(clock):
 
 
 def test_what_was_done_before_is_not_counted_as_speed(clock):
-    words = Runs(1)
+    words = RunProgress(1)
     words("continuous", 50.0, 0.5)
     clock.now += 10.0
     assert "75 %  about 10 s left" in words("continuous", 75.0, 0.75)

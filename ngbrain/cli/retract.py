@@ -9,7 +9,7 @@ from typing import Any
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
-from ngbrain.progress import LOG, Progress, Runs, terminal
+from ngbrain.progress import LOG, Progress, RunProgress, terminal
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
@@ -48,7 +48,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if scene.ask:
         LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
-    with Progress(terminal(arguments.quiet), Runs(len(scene.protocols) + CHECKS), "head and mesh") as bar:
+    with Progress(terminal(arguments.quiet), RunProgress(len(scene.protocols) + CHECKS), "head and mesh") as bar:
         result = solve(scene, folder, arguments.threads, arguments.resume, bar.tell)
     result["verb"] = arguments.verb
     write_json(folder / "result.json", result)

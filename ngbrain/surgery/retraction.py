@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,18 +18,22 @@ from ngbrain import pool
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.pool import Tell
-from ngbrain.progress import Runs, logged, reporting
+from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
-from ngbrain.surgery import answers, band, checks, response, worth
+from ngbrain.surgery import answers, band, response, worth
+from ngbrain.surgery.answers import Answer, Runs
+from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller, one_order_more, other_elements
 from ngbrain.surgery.model import Model
+from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.runs import Outcome, ProtocolRun
+from ngbrain.surgery.worth import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
-    checks.ORDER: checks.one_order_more,
-    checks.MESH: checks.other_elements,
-    checks.HALF: checks.half_steps,
-    checks.MILLER: checks.miller,
+    ORDER: one_order_more,
+    MESH: other_elements,
+    HALF: half_steps,
+    MILLER: miller,
 }
 CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
@@ -41,22 +45,52 @@ _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
 
 
-@reporting(lambda given: Runs(len(given["scene"].protocols) + CHECKS))
+@reporting(lambda given: RunProgress(len(given["scene"].protocols) + CHECKS * given["checks"]))
 def solve(
-    scene: Scene, folder: str | Path | None = None, threads: int = 1, resume: bool = False, tell: Tell = logged
+    scene: Scene,
+    folder: str | Path | None = None,
+    threads: int = 1,
+    resume: bool = False,
+    tell: Tell = logged,
+    checks: bool = True,
+    callback: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """Run every protocol of a scene and the checks; returns what `result.json` holds.
+    """Run every protocol of a scene, then the checks of what its numbers are worth.
 
-    scene      what to do (`Scene.from_toml`, `Scene.shipped`)
-    folder     where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go; None
-               writes nothing
-    threads    processes side by side; the last ones use the threads that are left over, and differ by round-off from one's results
-    resume     go on from the run files in `folder`
-    tell       called with (run, its time in s, share done) after every step
+    Parameters
+    ----------
+    scene : Scene
+        What to do (`Scene.from_toml`, `Scene.shipped`).
+    folder : str or Path, optional
+        Where run files (`NAME.vtkhdf`, restartable), those of the checks (`checks/`) and `result.json` go. `result.json` is
+        there as soon as the protocols are done, and is written again after each check. None writes nothing.
+    threads : int
+        Processes side by side; the last ones use the threads that are left over, and differ by round-off from one's results.
+    resume : bool
+        Go on from the run files in `folder`.
+    tell : callable, optional
+        Called with (run, its time in s, share done) after every step.
+    checks : bool
+        False leaves the checks out: no error estimates of mesh, order and time steps, nor another exponent of the law.
+    callback : callable, optional
+        Called with the result so far, when the protocols are done and again after each check.
 
-    Raises `InputError` for a scene that cannot be built and `SolverError` when a run gives up.
+    Returns
+    -------
+    dict
+        What `result.json` holds. `check_status` maps each check to "computed", "failed", "under way" or "not computed"; an
+        error estimate whose check is not computed is None.
 
-    Example, with a coarse mesh (about two minutes)::
+    Raises
+    ------
+    InputError
+        The scene cannot be built, or a shear modulus in it cannot be that of brain.
+    SolverError
+        A protocol's run gives up.
+
+    Examples
+    --------
+    With a coarse mesh (about two minutes)::
 
         import ngbrain
         result = ngbrain.solve(ngbrain.Scene.shipped("idealised_fast"), threads=2)
@@ -68,18 +102,39 @@ def solve(
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
+    warned = check_moduli(model)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
+    protocols = [protocol.name for protocol in scene.protocols]
+    ended, known, result = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+
+    def finished(name: str, outcome: Any) -> None:
+        ended[name] = outcome
+        if any(protocol not in ended for protocol in protocols):
+            return
+        runs = {protocol: ended[protocol] for protocol in protocols}
+        if not known:
+            known.update({"warnings": warned} | _of_protocols(model, runs, threads))
+        checked = {check: ended.get(_CHECK + check) for check in _CHECKS}
+        status = {check: _status(_CHECK + check, ended, checks) for check in _CHECKS}
+        result.update(known | _of_checks(model, runs, known["answers"], checked, status))
+        result["time_s"] = time.perf_counter() - started
+        if where is not None:
+            write_json(where / "result.json", result)
+        if callback:
+            callback(result)
+
     with TemporaryDirectory() as shared:
-        results = pool.run(_tasks(model, where, resume, Path(shared)), threads, tell)
-    runs = {p.name: results[p.name] for p in scene.protocols}
-    checked = {name: results[_CHECK + name] for name in _CHECKS}
+        pool.run(_tasks(model, where, resume, Path(shared), checks), threads, tell, finished)
+    return result
+
+
+def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
+    """The part of a result that does not wait for the checks."""
+    scene = model.scene
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
-    factors = [modulus / band.modulus_near_site(model, runs) for modulus in band.published_moduli().values()]
-    errors = worth.errors(worth.hold(scene, found, checked), checked, factors, scene.patient)
-    driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
-    result = {
+    return {
         "verb": "retract",
         "title": scene.title,
         "versions": versions(),
@@ -89,22 +144,37 @@ def solve(
         "head": model.head.describe(model.mesh),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
-        "checks": worth.checks(scene, runs, errors),
         "answers": found,
-        "worth": errors,
         "comparison": answers.comparison(runs, found),
         "dose_response": response.points(),
-        "material_band": band.material_band(model, driven, checked[checks.MILLER], errors) if driven else {},
         "left_out": answers.left_out(model, runs),
-        "time_s": time.perf_counter() - started,
     }
-    if where is not None:
-        write_json(where / "result.json", result)
-    return result
 
 
-def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path) -> list[pool.Task]:
-    """The longest first, so that the processes end together; last those that begin like another and go on from there."""
+def _of_checks(
+    model: Model, runs: Runs, found: Mapping[str, Answer], checked: Mapping[str, Any], status: Mapping[str, str]
+) -> dict[str, Any]:
+    """The part that grows with them."""
+    scene = model.scene
+    factors = [modulus / band.modulus_near_site(model, runs) for modulus in band.published_moduli().values()]
+    errors = worth.errors(worth.hold(scene, found, checked), checked, factors, scene.patient)
+    driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
+    return {
+        "check_status": status,
+        "checks": worth.checks(scene, runs, errors),
+        "worth": errors,
+        "material_band": band.material_band(model, driven, checked[MILLER], errors) if driven else {},
+    }
+
+
+def _status(task: str, ended: Mapping[str, Any], wanted: bool) -> str:
+    if task in ended:
+        return COMPUTED if ended[task] is not None else FAILED
+    return UNDER_WAY if wanted else NOT_COMPUTED
+
+
+def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path, checks: bool = True) -> list[pool.Task]:
+    """The protocols first, so that there is a report soon: the longest, then those that begin like another and go on from there."""
     scene = model.scene
     groups: dict[Any, list[Protocol | Force]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
@@ -117,8 +187,8 @@ def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path) -> lis
         leading.append((first.name, _lead, (model, first, folder, resume, begun if others else None)))
         following += [(other.name, _follow, (model, other, folder, resume, begun)) for other in others]
     leading.sort(key=lambda task: -len(task[2][1].times))
-    extra: list[pool.Task] = [(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS]
-    return [*leading, *extra, *following]
+    after: list[pool.Task] = [(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS if checks]
+    return [*leading, *following, *after]
 
 
 def _lead(

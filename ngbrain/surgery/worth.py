@@ -18,6 +18,8 @@ APART = 1e-9
 """Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
 NOT_ASKED = r".*_at_s|working_s|min_det_F|region_ml/.*|pressed_min"
 """Numbers that describe a run rather than answer a question."""
+COMPUTED, FAILED, UNDER_WAY, NOT_COMPUTED = "computed", "failed", "under way", "not computed"
+"""How it stands with a check: not computed is one that was left out on request."""
 
 Errors = dict[str, dict[str, Any]]
 """Name of a number → `errors`."""
@@ -41,7 +43,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     numerics   the sum of those that are known
     material   the lowest and the highest with Miller's exponent and with moduli `factors` times as large
 
-    Each is None where its check failed. What has parts stands as NAME/PART.
+    Each is None where its check failed or is not computed. What has parts stands as NAME/PART.
     """
     if own is None:
         return {}

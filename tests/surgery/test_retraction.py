@@ -1,7 +1,9 @@
 """A scene's tasks: what is computed beside the protocols has names that no protocol can have."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace as Namespace
 
 import numpy as np
 import pytest
@@ -35,6 +37,89 @@ def test_protocols_that_begin_alike_share_the_beginning():
     )
     assert lead[0] == "intermittent" and follow[0] == "continuous" and tasks.index(lead) < tasks.index(follow)
     assert lead[2][-1] == follow[2][-1] is not None and staged[2][-1] is None
+
+
+@pytest.fixture
+def staged_run(monkeypatch):
+    """`solve` without computing: a run ends when its name is given to what this returns."""
+    scene = Scene.shipped("idealised_fast")
+    model = Namespace(scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None)
+    monkeypatch.setattr(retraction.Model, "of", lambda scene: model)
+    monkeypatch.setattr(retraction, "check_moduli", lambda model: ["stiff"])
+    monkeypatch.setattr(retraction, "_tasks", lambda *args: args[-1])
+    monkeypatch.setattr(retraction, "_of_protocols", lambda model, runs, threads: {"answers": dict(runs)})
+    monkeypatch.setattr(
+        retraction,
+        "_of_checks",
+        lambda model, runs, found, checked, status: {"checked": checked, "check_status": status},
+    )
+
+    def solve(folder, names, **options):
+        def run(checks, threads, tell, finished):
+            assert checks == options.get("checks", True)
+            for name in names:
+                finished(name, None if name == "check: half steps" else name.upper())
+            if "stopped" in names:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(retraction.pool, "run", run)
+        return retraction.solve(scene, folder, **options)
+
+    return solve
+
+
+def kept(folder):
+    return json.loads((folder / "result.json").read_text())
+
+
+def test_a_result_is_there_when_the_protocols_are_done_and_grows_with_the_checks(staged_run, tmp_path):
+    heard = []
+    names = [
+        "continuous",
+        "check: one order more",
+        "staged",
+        "intermittent",
+        "check: half steps",
+        "check: Miller's exponent",
+    ]
+
+    def note(result):
+        assert kept(tmp_path) == result  # the file is first
+        heard.append(dict(result["check_status"]))
+
+    result = staged_run(tmp_path, names, callback=note)
+    assert result == kept(tmp_path) and result["warnings"] == ["stiff"]
+    assert result["answers"] == {name: name.upper() for name in ("continuous", "intermittent", "staged")}
+    assert [list(status.values()) for status in heard] == [
+        ["computed", "under way", "under way", "under way"],
+        ["computed", "under way", "failed", "under way"],
+        ["computed", "under way", "failed", "computed"],
+    ]
+    assert list(heard[0]) == ["one order more", "other elements", "half steps", "Miller's exponent"]
+    assert result["checked"]["other elements"] is None
+
+
+def test_a_run_that_is_stopped_among_its_checks_leaves_its_protocols(staged_run, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        staged_run(tmp_path, ["continuous", "intermittent", "staged", "stopped"])
+    assert set(kept(tmp_path)["check_status"].values()) == {"under way"}
+
+
+def test_before_the_last_protocol_there_is_no_result(staged_run, tmp_path):
+    assert staged_run(tmp_path, ["continuous", "intermittent", "check: other elements"]) == {}
+    assert not (tmp_path / "result.json").exists()
+
+
+def test_left_out_checks_are_said_to_be_not_computed(staged_run, tmp_path):
+    result = staged_run(tmp_path, ["continuous", "intermittent", "staged"], checks=False)
+    assert set(result["check_status"].values()) == {"not computed"} and set(result["checked"].values()) == {None}
+
+
+def test_checks_come_after_the_protocols_or_not_at_all():
+    model = Model(Scene.shipped("idealised_fast"), None, None, None, None)
+    names = [name for name, _, _ in retraction._tasks(model, None, False, Path("x"))]
+    assert names[:3] == ["intermittent", "staged", "continuous"] and len(names) == 3 + retraction.CHECKS
+    assert [name for name, _, _ in retraction._tasks(model, None, False, Path("x"), checks=False)] == names[:3]
 
 
 def test_frames_are_due_after_some_time_or_some_way():
