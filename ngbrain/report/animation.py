@@ -15,7 +15,7 @@ from ngbrain.report.figures import pressures, spans
 from ngbrain.report.run import Run
 from ngbrain.report.section import Section
 from ngbrain.report.state import State
-from ngbrain.report.style import bar_mm, colour, direction, figure, png, strain_bar, strain_colours, style
+from ngbrain.report.style import StrainScale, bar_mm, colour, direction, figure, png, style
 from ngbrain.report.surface import Floats
 from ngbrain.report.tables import moment
 from ngbrain.surgery.injury import curve
@@ -68,7 +68,7 @@ class Animation:
     axes: list[Axis]
 
 
-def animation(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> Animation:
+def animation(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> Animation:
     """All protocols at equal times; it starts where pressure is highest."""
     shown, highest = [], 0.0
     start = 0
@@ -76,7 +76,7 @@ def animation(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> Animation:
         now = {name: _now(answers[name], t) for name in runs}
         titles = {name: title for name, (title, _) in now.items()}
         text = "; ".join(f"{name}: {title}" for name, title in titles.items())
-        page = _panels([run.at(t) for run in runs.values()], titles, answers)
+        page = _panels([run.at(t) for run in runs.values()], titles, answers, scale)
         shown.append(Moment(float(t), f"{moment(t)} after first contact. {text}", _webp(page)))
         pressure = max(pressure for _, pressure in now.values())
         if pressure > highest:
@@ -84,13 +84,13 @@ def animation(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> Animation:
     return Animation(shown, start, *_curves(answers))
 
 
-def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any]) -> bytes:
+def peaks(runs: Mapping[str, Run], answers: Mapping[str, Any], scale: StrainScale) -> bytes:
     """Every protocol when its own strain is largest; PNG."""
     states = [run.peak() for run in runs.values()]
     titles = {
         state.protocol: f"{moment(state.time)}: {_now(answers[state.protocol], state.time)[0]}" for state in states
     }
-    return png(_panels(states, titles, answers))
+    return png(_panels(states, titles, answers, scale))
 
 
 def times(runs: Sequence[Run]) -> Floats:
@@ -121,7 +121,7 @@ def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
     return f"{round(opened, 1) + 0.0:.1f} mm, {abs(pressure):.0f} mmHg{ended}".replace("-", "−"), pressure
 
 
-def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping[str, Any]) -> Any:
+def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping[str, Any], scale: StrainScale) -> Any:
     """The same part of the slice for each state, with one scale of strain."""
     columns = min(len(states), ACROSS)
     rows = -(-len(states) // columns)
@@ -129,7 +129,6 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
     halo = require("matplotlib.patheffects", "report").withStroke(linewidth=2.5, foreground="white")
     with style():
         page = figure(rows * (HEIGHT + head))
-        cmap, norm = strain_colours()
         total, width = rows * (HEIGHT + head), 0.925 / columns
         for k, state in enumerate(states):
             row, column = divmod(k, columns)
@@ -142,7 +141,7 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
             axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
             for spine in axes.spines.values():
                 spine.set(visible=True, color="#999999")
-            Section(state).draw(axes, cmap, norm)
+            Section(state).draw(axes, scale)
             bar_mm(axes, 10)
             for v, x in ((state.cleft.across, 0.975), (-state.cleft.across, 0.025)):
                 look = {"transform": axes.transAxes, "ha": "right" if x > 0.5 else "left", "path_effects": [halo]}
@@ -154,7 +153,7 @@ def _panels(states: Sequence[State], titles: Mapping[str, str], answers: Mapping
             ):
                 fits = LETTERS * (width - 0.008) * looks.WIDTH / len(text)
                 axes.text(0, y, text, fontsize=min(size, fits), **more, **above)
-        strain_bar(page, (0.942, 1 - (head + 0.9 * HEIGHT) / total, 0.013, 0.7 * HEIGHT / total), cmap, norm)
+        scale.bar(page, (0.942, 1 - (head + 0.9 * HEIGHT) / total, 0.013, 0.7 * HEIGHT / total))
         return page
 
 

@@ -14,14 +14,13 @@ from ngbrain.report.space import head
 from ngbrain.report.state import State
 from ngbrain.report.style import (
     DASHES,
+    StrainScale,
     bar_mm,
     colour,
     direction,
     figure,
     inches,
     png,
-    strain_bar,
-    strain_colours,
     style,
     viewed_from,
 )
@@ -126,11 +125,10 @@ def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
     return fine, curve(t, values, answer.get("events_s", t))(fine)
 
 
-def strain_slice(peak: State) -> bytes:
+def strain_slice(peak: State, scale: StrainScale) -> bytes:
     """Maximum principal strain on the plane of approach and push through the target, displaced: whole and near."""
     with style():
         page = figure(4.75)
-        cmap, norm = strain_colours()
         centre = peak.cleft.depth / 2 + 3e-3
         whole = page.add_axes((0.01, 0.02, 0.44, 0.88))
         near = page.add_axes((0.475, 0.02, 0.455, 0.88))
@@ -144,7 +142,7 @@ def strain_slice(peak: State) -> bytes:
             axes.set_ylim(*(1e3 * (middle[1] + np.array([-1, 1]) * shrink * tall)))
             axes.set_aspect("equal")
             axes.axis("off")
-            plane.draw(axes, cmap, norm)
+            plane.draw(axes, scale)
             bar_mm(axes, 20 if axes is whole else 10)
         whole.set_title("Slice through the site" + viewed_from(peak), pad=8)
         near.set_title("The site, 60 mm across", pad=8)
@@ -162,7 +160,7 @@ def strain_slice(peak: State) -> bytes:
             (-window, 1e3 * peak.cleft.depth - 1.5),
             (-window - 1, 1e3 * peak.cleft.depth + 9),
         )
-        strain_bar(page, (0.942, 0.14, 0.013, 0.62), cmap, norm)
+        scale.bar(page, (0.942, 0.14, 0.013, 0.62))
         return png(page)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,15 @@ from ngbrain.errors import require
 from ngbrain.io.whole import whole
 from ngbrain.report import tables
 
+CONTENTS = "<!-- contents -->"
+HEADING = re.compile(r'<h2(?: id="([^"]*)")?>(.*?)</h2>')
+
 
 def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given: Any) -> Path:
-    """Fill a template and write it; the file is whole or not there.
+    """Fill a template and write it, with a list of its headings at the mark `CONTENTS`; the file is whole or not there.
 
     pictures  name → PNG, in the template as base64
-    given     everything else that the template names; its filters are number, duration, size and percents of `tables`, and base64
+    given     everything else that the template names; its filters are number, duration and size of `tables`, and base64
 
     Raises `MissingExtra` where jinja2 is not installed.
     """
@@ -25,12 +29,24 @@ def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True,
         undefined=jinja2.ChainableUndefined,
     )  # fmt: skip
-    environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size)
-    environment.filters.update(percents=tables.percents, base64=_text)
+    environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size, base64=_text)
     encoded = {name: _text(picture) for name, picture in pictures.items()}
     text = str(environment.get_template(template).render(pictures=encoded, **given))
-    whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    whole(path, lambda part: part.write_text(_with_contents(text), encoding="utf-8"))
     return path
+
+
+def _with_contents(page: str) -> str:
+    """With a place at each heading, and links to them."""
+    links: list[str] = []
+
+    def place(found: re.Match[str]) -> str:
+        name = found[1] or f"part-{len(links) + 1}"
+        links.append(f'<li><a href="#{name}">{found[2]}</a></li>')
+        return f'<h2 id="{name}">{found[2]}</h2>'
+
+    page = HEADING.sub(place, page)
+    return page.replace(CONTENTS, f'<nav aria-label="Contents"><ul>{"".join(links)}</ul></nav>')
 
 
 def _text(picture: bytes) -> str:

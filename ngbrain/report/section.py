@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from ngbrain.errors import require
 from ngbrain.report.state import State
-from ngbrain.report.style import FLUID, STRAIN_STEP, STRAIN_TOP
+from ngbrain.report.style import FLUID, StrainScale
 from ngbrain.report.surface import Cut, Floats, Ints, cut_surface, cut_volume, vertex_normals
 
 SKULL_THICKNESS = 5e-3
@@ -31,15 +31,14 @@ class Section:
         """Corners of the section."""
         return self.points.min(axis=0), self.points.max(axis=0)
 
-    def draw(self, axes: Any, cmap: Any, norm: Any) -> None:
+    def draw(self, axes: Any, scale: StrainScale) -> None:
         """Strain, outlines, skull and blade."""
         tri = require("matplotlib.tri", "report")
         patches = require("matplotlib.patches", "report")
         mesh = tri.Triangulation(*(1e3 * self.points).T, self.cut.simplices)
-        levels = np.arange(0, STRAIN_TOP + STRAIN_STEP / 2, STRAIN_STEP)
         strain = np.maximum(self.cut.at(self.state.strain), 0)
         self._skull(axes)
-        axes.tricontourf(mesh, strain, levels, cmap=cmap, norm=norm, extend="max", zorder=2)
+        axes.tricontourf(mesh, strain, scale.edges, cmap=scale.cmap, norm=scale.norm, extend="max", zorder=2)
         fluid = np.char.startswith(self.state.region[self.cut.parent].astype(str), "ventricle")
         drops = (1e3 * self.points)[self.cut.simplices[fluid]]
         collections = require("matplotlib.collections", "report")

@@ -14,12 +14,11 @@ from ngbrain.report.style import (
     BONE,
     FLUID,
     STEEL,
+    StrainScale,
     bar_mm,
     figure,
     inches,
     png,
-    strain_bar,
-    strain_colours,
     style,
     viewed_from,
 )
@@ -28,11 +27,10 @@ from ngbrain.report.surface import Floats, Ints, cut_surface, cut_volume, faces,
 RIM = "#333333"
 
 
-def head(peak: State) -> bytes:
+def head(peak: State, scale: StrainScale) -> bytes:
     """The head with blade and opening from outside; beside it the site, near and cut open along the blade's push."""
     with style():
         page = figure(4.9)
-        cmap, norm = strain_colours()
         cleft = peak.cleft
         up = np.array([0, 0, 1.0])
         # From the patient's front (from the back for a cleft there) and the side of the cleft.
@@ -43,7 +41,7 @@ def head(peak: State) -> bytes:
         axes = page.add_axes((0.0, 0.03, 0.475, 0.87))
         shape = inches(axes)
         camera = Camera.look(middle + 0.10 * reach * up, toward, up, reach * shape[0] / shape[1], reach)
-        opened = _opened_layers(peak, cmap, norm)
+        opened = _opened_layers(peak, scale)
         skull = peak.skull()
         hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), opacity=0.42)
         inner = peak.ventricles()
@@ -62,19 +60,19 @@ def head(peak: State) -> bytes:
             _call(axes, camera, far[np.argmax(far @ (camera.right - 0.5 * camera.up))], "ventricles", (0.87, 0.10))
 
         near = page.add_axes((0.485, 0.03, 0.445, 0.87))
-        _cutaway(near, peak, cmap, norm)
+        _cutaway(near, peak, scale)
         near.set_title("The site, cut open" + viewed_from(peak) + " and above", pad=8)
-        strain_bar(page, (0.942, 0.16, 0.013, 0.60), cmap, norm)
+        scale.bar(page, (0.942, 0.16, 0.013, 0.60))
         return png(page)
 
 
-def _palette(cmap: Any, norm: Any) -> Callable[[Floats], Floats]:
-    return lambda strain: np.asarray(cmap(norm(np.maximum(strain, 0))))[:, :3]
+def _palette(scale: StrainScale) -> Callable[[Floats], Floats]:
+    return lambda strain: np.asarray(scale.cmap(scale.norm(np.maximum(strain, 0))))[:, :3]
 
 
-def _opened_layers(peak: State, cmap: Any, norm: Any, clip: Floats | None = None) -> list[Layer]:
+def _opened_layers(peak: State, scale: StrainScale, clip: Floats | None = None) -> list[Layer]:
     """Craniotomy and cleft, coloured by strain."""
-    parts, palette = [peak.window(), *peak.cleft_faces().values()], _palette(cmap, norm)
+    parts, palette = [peak.window(), *peak.cleft_faces().values()], _palette(scale)
     return [
         Layer(peak.points, tris, peak.strain, vertex_normals(peak.points, tris), clip=clip, palette=palette)
         for tris in parts
@@ -86,7 +84,7 @@ def _blade_layers(peak: State) -> list[Layer]:
     return [Layer(*blade.solid(), STEEL, shine=0.35) for blade in peak.blades]
 
 
-def _cutaway(axes: Any, peak: State, cmap: Any, norm: Any) -> None:
+def _cutaway(axes: Any, peak: State, scale: StrainScale) -> None:
     """The half of the site beyond the slice's plane, seen from the side that the slice is seen from, from above."""
     cleft = peak.cleft
     level = cleft.coordinates(peak.points)[:, 1]
@@ -99,12 +97,10 @@ def _cutaway(axes: Any, peak: State, cmap: Any, norm: Any) -> None:
     hull = Layer(peak.points, skull, BONE, vertex_normals(peak.points, skull), clip=level)
     cut = cut_volume(peak.tets, level)
     fluid = np.char.startswith(peak.region[cut.parent].astype(str), "ventricle")
-    tissue = Layer(
-        cut.at(peak.points), cut.simplices[~fluid], cut.at(peak.strain), lit=0.15, palette=_palette(cmap, norm)
-    )
+    tissue = Layer(cut.at(peak.points), cut.simplices[~fluid], cut.at(peak.strain), lit=0.15, palette=_palette(scale))
     drops = Layer(cut.at(peak.points), cut.simplices[fluid], FLUID, lit=0.15)
     lines = [_ribbons(peak, triangles(faces(peak.tets, group)), level) for group in (None, peak.region)]
-    _show(axes, camera, [*_opened_layers(peak, cmap, norm, level), hull, tissue, drops, *lines, *_blade_layers(peak)])
+    _show(axes, camera, [*_opened_layers(peak, scale, level), hull, tissue, drops, *lines, *_blade_layers(peak)])
     _triad(axes, camera, (0.85, 0.10))
     bar_mm(axes, 10)
 

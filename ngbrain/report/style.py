@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ WIDTH = 9.0
 COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00", "staged": "#009E73"}
 SPARE = ("#CC79A7", "#8C6D00", "#56B4E9", "#000000")
 DASHES = {"continuous": "-", "intermittent": (0, (5, 1.6)), "staged": (0, (6, 1.4, 1.4, 1.4))}
-STRAIN_TOP, STRAIN_STEP = 0.40, 0.05
+BANDS = 10
+"""Of the strain scale, at most."""
 
 BONE = np.array([0.93, 0.89, 0.80])
 FLUID = np.array([0.45, 0.65, 0.85])
@@ -55,26 +57,36 @@ def inches(axes: Any) -> tuple[float, float]:
     return float(box.width * size[0]), float(box.height * size[1])
 
 
-def strain_colours() -> tuple[Any, Any]:
-    """The colours of strain in steps, and the scale."""
-    colours = require("matplotlib.colors", "report")
-    colormaps = require("matplotlib", "report").colormaps
-    bands = round(STRAIN_TOP / STRAIN_STEP)
-    steps = colormaps["YlOrRd"](np.linspace(0.0, 1.0, bands))
-    cmap = colours.ListedColormap(steps).with_extremes(over="#45001f", under=steps[0])
-    edges = np.linspace(0, STRAIN_TOP, bands + 1)
-    return cmap, colours.BoundaryNorm(edges, bands)
+@dataclass(frozen=True)
+class StrainScale:
+    """The colours of strain in steps, the same in every picture of a page: matplotlib's colour map and norm."""
 
+    cmap: Any
+    norm: Any
 
-def strain_bar(figure: Any, box: tuple[float, float, float, float], cmap: Any, norm: Any) -> None:
-    """The scale of strain beside a picture, in `box` of the figure."""
-    cm = require("matplotlib.cm", "report")
-    axes = figure.add_axes(box)
-    bar = figure.colorbar(cm.ScalarMappable(norm, cmap), cax=axes, extend="max", ticks=np.arange(0, 0.41, 0.1))
-    bar.ax.set_yticklabels([f"{t:.0f} %" for t in np.arange(0, 41, 10)], fontsize=9)
-    bar.ax.tick_params(length=2)
-    bar.outline.set_linewidth(0.5)
-    figure.text(0.995, box[1] + box[3] + 0.055, "largest\nprincipal\nstrain", ha="right", va="bottom", fontsize=9)
+    @classmethod
+    def up_to(cls, strain: float) -> StrainScale:
+        """From 0 in round steps to the first that reaches `strain`; what is beyond has one more colour."""
+        colours, ticker = (require(f"matplotlib.{name}", "report") for name in ("colors", "ticker"))
+        edges = ticker.MaxNLocator(BANDS, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, max(strain, 1e-6))
+        steps = require("matplotlib", "report").colormaps["YlOrRd"](np.linspace(0.0, 1.0, len(edges) - 1))
+        cmap = colours.ListedColormap(steps).with_extremes(over="#45001f", under=steps[0])
+        return cls(cmap, colours.BoundaryNorm(edges, len(edges) - 1))
+
+    @property
+    def edges(self) -> Floats:
+        """Where the colour changes."""
+        return np.asarray(self.norm.boundaries)
+
+    def bar(self, figure: Any, box: tuple[float, float, float, float]) -> None:
+        """Draw the scale beside a picture, in `box` of the figure."""
+        cm, ticks = require("matplotlib.cm", "report"), self.edges[::2]
+        mappable = cm.ScalarMappable(self.norm, self.cmap)
+        bar = figure.colorbar(mappable, cax=figure.add_axes(box), extend="max", ticks=ticks)
+        bar.ax.set_yticklabels([f"{100 * tick:g} %" for tick in ticks], fontsize=9)
+        bar.ax.tick_params(length=2)
+        bar.outline.set_linewidth(0.5)
+        figure.text(0.995, box[1] + box[3] + 0.055, "largest\nprincipal\nstrain", ha="right", va="bottom", fontsize=9)
 
 
 def bar_mm(axes: Any, mm: float, at: float = 0.06) -> None:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeGuard
+
+from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
+from ngbrain.surgery.response import decides, evidence
+from ngbrain.surgery.worth import FAILED, NOT_COMPUTED, UNDER_WAY
 
 EQUAL = 5e-3
 """Values this close, relative to the largest, are called equal."""
@@ -218,20 +222,40 @@ def findings(answers: Mapping[str, Any], given: list[str]) -> list[str]:
     return found
 
 
-def checks(values: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+ESTIMATED_BY = {"dt_halving": HALF, "order_plus_one": ORDER, "other_elements": MESH}
+"""Value among the checks → the run that it needs beside the protocols'."""
+MISSING = {
+    UNDER_WAY: "Checks under way when this page was written, which go into it as they end: {}.",
+    FAILED: "Checks that failed, so that what they estimate is not known: {}.",
+    NOT_COMPUTED: "Error estimates not computed: {}. They were left out on request; a resumed run can add them.",
+}
+
+
+def missing(status: Mapping[str, str]) -> list[str]:
+    """Which checks there is no result of, and why, in sentences."""
+    found = {why: [name for name, now in status.items() if now == why] for why in MISSING}
+    return [MISSING[why].format(", ".join(names)) for why, names in found.items() if names]
+
+
+def checks(values: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, str, str]]:
     """(name, value with unit, what is wanted, verdict in words)."""
     rows = []
     for key, value in values.items():
         check = CHECKS.get(key, Check(key.replace("_", " "), "–", None))
         shown = f"{number(value)} {check.unit}".strip()
         if not _is_number(value):
-            verdict = "does not apply"
+            verdict = _why(status.get(ESTIMATED_BY[key])) if key in ESTIMATED_BY else "does not apply"
         elif check.met is None:
             verdict = "for information"
         else:
             verdict = "met" if check.met(float(value)) else "NOT MET"
         rows.append((check.name, shown, check.wanted, verdict))
     return rows
+
+
+def _why(status: str | None) -> str:
+    """Why a value that a check gives is not there."""
+    return status if status in MISSING else "not known"
 
 
 def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str, list[str]]]]:
@@ -250,9 +274,12 @@ def regions(answers: Mapping[str, Any]) -> tuple[list[str], list[tuple[str, str,
     return columns, [(region, ", ".join(names), list(shown)) for (region, shown), names in sorted(rows.items())]
 
 
-def band(given: Mapping[str, Any]) -> list[tuple[str, str, float | None]]:
+def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str, str, float | None]]:
     """(what is changed, how, peak pressure in mmHg): material laws as computed, then in proportion to published moduli."""
-    rows = [(name, "computed", value) for name, value in (given.get("peak_pressure_mmHg") or {}).items()]
+    rows = [
+        (name, "computed" if _is_number(value) else _why(status.get(MILLER)), value)
+        for name, value in (given.get("peak_pressure_mmHg") or {}).items()
+    ]
     moduli = given.get("published_moduli_Pa") or {}
     for name, value in sorted((given.get("peak_pressure_by_modulus_mmHg") or {}).items(), key=lambda item: item[1]):
         rows.append((f"as stiff as {name.split(':')[0]}", f"{number(moduli.get(name))} Pa", value))
@@ -274,31 +301,34 @@ def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
     return rows
 
 
+def worth_of_peak(errors: Mapping[str, Any]) -> str:
+    """Of the peak pressure of one opening held to the end, in a sentence; nothing where there is none."""
+    if not (of := errors.get("peak_pressure_mmHg")):
+        return ""
+    words = {"mesh": "mesh", "order": "order", "step": "time steps"}
+    known = [f"{words[kind]} {number(of[kind], 2)}" for kind in words if _is_number(of.get(kind))]
+    moved = f", moved by {', '.join(known)} mmHg" if known else ""
+    low, high = (number(value) for value in of["material"])
+    peak = f"Held to the end, one opening has its peak at {number(of['value'])} mmHg{moved}"
+    return f"{peak}; other published tissue: {low} to {high} mmHg."
+
+
 def _strained(threshold: str) -> str:
     return f"Tissue with principal strain above {100 * float(threshold):g} %"
 
 
-def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
-    """(protocol, pressure held for 15 minutes, range of probabilities of that alone, minutes pressed, range in all) in words."""
+def risks(answers: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """(protocol, pressure held for 15 minutes, minutes pressed in all, what published counts say of that) in words."""
     rows = []
     for name, answer in answers.items():
         if interval := answer.get("infarct_probability_95"):
-            held = answer.get("pressure_held_15_min_mmHg")
-            shown = f"{number(held)} mmHg" if held else "none"
-            alone = answer.get("infarct_probability_95_at_held")
-            minutes = f"{number(answer.get('pressed_min'), 2)} min"
-            rows.append((name, shown, percents(alone) if alone else "–", minutes, percents(interval)))
+            held, pressed = answer["pressure_held_15_min_mmHg"], answer["pressed_min"]
+            said = evidence(held, answer["peak_pressure_mmHg"], pressed)
+            if decides(interval):
+                low, high = (number(100 * p, 2) for p in interval)
+                said += f"; probability at least {low} %" if interval[0] > 0.5 else f"; probability at most {high} %"
+            rows.append((name, f"{number(held)} mmHg" if held else "none", f"{number(pressed, 2)} min", said))
     return rows
-
-
-def percents(interval: Sequence[float]) -> str:
-    """An interval of probabilities.
-
-    >>> percents([0.0042, 0.6412]), percents([0.0, 1.0])
-    ('0.420 to 64.1 %', '0 to 100 %: not known')
-    """
-    low, high = (number(100 * p) for p in interval)
-    return f"{low} to {high} %" + (": not known" if tuple(interval) == (0.0, 1.0) else "")
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

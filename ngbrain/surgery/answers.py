@@ -179,7 +179,12 @@ def model(made: Model, runs: Runs) -> dict[str, Any]:
 
 
 def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
-    """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work."""
+    """Metric by metric, which protocol is lowest (`numbers`: of `answer`); continuous against intermittent at equal work.
+
+    Nothing for one protocol, which there is nothing to compare with.
+    """
+    if len(runs) < 2:
+        return {}
     findings, ways = [], {name: float(to_mm(run.column("advance").max())) for name, run in runs.items()}
     if max(ways.values()) - min(ways.values()) > SAME * max(ways.values()):
         findings.append("Not at equal openings: way of the blade (mm) " + _listed(ways) + ".")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from scipy.interpolate import PPoly
@@ -83,6 +84,53 @@ def infarct(pressure: PPoly) -> dict[str, Any]:
         "infarct_probability_95_at_held": [at_least(even), at_most(even)] if even else None,
         "infarct_probability_95": [at_least(even), high],
     }
+
+
+def decides(interval: Sequence[float]) -> bool:
+    """Whether an interval of a probability says which is more likely, an infarct or none; only then it is worth stating.
+
+    With six animals at a pressure most intervals hold one half. They do not narrow what anybody would have said before, and their
+    ends ("0 to 64 %") read like a finding: the counts themselves (`evidence`) say all there is.
+
+    >>> [decides(interval(*counts)) for counts in COUNTS.values()]
+    [False, False, True]
+    """
+    low, high = interval
+    return not low <= 0.5 <= high
+
+
+def evidence(even: float, peak: float, minutes: float) -> str:
+    """What the counts say of a course of pressure, in words.
+
+    Parameters
+    ----------
+    even : float
+        Pressure (mmHg) held for 15 minutes without a break, see `infarct`.
+    peak : float
+        Largest pressure (mmHg).
+    minutes : float
+        How long it presses in all.
+
+    Examples
+    --------
+    >>> evidence(21.5, 28.0, 15.0)
+    'at least as harmful as 20 mmHg (1 of 6 rats), at most as harmful as 30 mmHg (5 of 6 rats)'
+    >>> evidence(0.0, 146.0, 60.0)
+    'nothing: not held at 20 mmHg or more for 15 minutes on end, and pressed longer or harder than any rat'
+    """
+    if peak <= 0:
+        return "nothing presses"
+    below = max((dose for dose in COUNTS if dose <= even), default=None)
+    above = min((dose for dose in COUNTS if dose >= peak), default=None) if minutes <= HELD_MINUTES else None
+    bounds = [("at least", below), ("at most", above)]
+    said = [f"{word} as harmful as {dose:g} mmHg ({_counted(dose)})" for word, dose in bounds if dose is not None]
+    least = f"not held at {min(COUNTS):g} mmHg or more for {HELD_MINUTES:g} minutes on end"
+    return ", ".join(said) or f"nothing: {least}, and pressed longer or harder than any rat"
+
+
+def _counted(dose: float) -> str:
+    infarcts, animals = COUNTS[dose]
+    return f"{infarcts} of {animals} rats"
 
 
 def points() -> dict[str, Any]:

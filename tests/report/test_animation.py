@@ -33,6 +33,7 @@ SHIFT = 6e-3
 """How far (m) it goes across, evenly in time, as a blade does that has gone half as far."""
 ENDS = {"long": 8.0, "short": 4.0}
 FRAMES = {"long": (0.0, 2.0, 8.0), "short": (0.0, 1.0, 4.0)}
+SCALE = style.StrainScale.up_to(0.36)
 PEAK = {"long": 6.0, "short": 2.0}
 
 
@@ -73,7 +74,7 @@ def runs(tmp_path_factory):
 def film(runs):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "DPI", 75)
-        return animation.animation(runs, {name: answer(name) for name in runs})
+        return animation.animation(runs, {name: answer(name) for name in runs}, SCALE)
 
 
 def test_a_run_is_at_its_frames_and_between_them_in_proportion(runs):
@@ -116,13 +117,12 @@ def panels(moment):
 def test_each_panel_shows_its_own_run_at_the_moments_time(film, number):
     """Strain by its colour; the tissue's way by where the right face of the cube is."""
     moment, start = film.moments[number], film.moments[0]
-    cmap, norm = style.strain_colours()
     (shown, scale), (first, _) = panels(moment), panels(start)
     for name, picture, still in zip(ENDS, shown, first, strict=True):
         t = min(moment.t, ENDS[name])
         inside = []
         for image, time in ((picture, t), (still, 0.0)):
-            wanted = np.array(cmap(norm(strained(time, name)))[:3])
+            wanted = np.array(SCALE.cmap(SCALE.norm(strained(time, name)))[:3])
             columns = np.flatnonzero((np.abs(image - wanted) < 0.02).all(axis=2).sum(axis=0) > 5)
             inside.append(columns)
         assert len(inside[0]) * scale == pytest.approx(2e3 * HALF, abs=3 * scale)
@@ -158,7 +158,8 @@ def test_many_frames_are_thinned_evenly_in_time_and_way():
 def test_long_names_stay_over_their_own_panel(runs):
     name = "Two mm now and SIX mm more after Many long minutes"
     states = [replace(run, protocol=one).at(1.0) for run, one in zip(runs.values(), (name, "b"), strict=True)]
-    page = animation._panels([*states, states[1]], {name: "0.0 mm, 0 mmHg", "b": "2.0 mm, 9 mmHg"}, {name: {}, "b": {}})
+    titles = {name: "0.0 mm, 0 mmHg", "b": "2.0 mm, 9 mmHg"}
+    page = animation._panels([*states, states[1]], titles, {name: {}, "b": {}}, SCALE)
     axes = page.axes[0]
     (title,) = (text for text in axes.texts if text.get_text() == name)
     assert 0.3 < title.get_window_extent(FigureCanvasAgg(page).get_renderer()).width / axes.bbox.width < 1

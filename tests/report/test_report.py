@@ -5,6 +5,7 @@ import io
 import json
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import netgen.occ as occ
@@ -12,13 +13,17 @@ import ngsolve as ng
 import numpy as np
 import pytest
 
+from ngbrain import report
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.io import Frame, QuadraticGrid, save
 from ngbrain.mesh import Cleft, Sizes, cleft_to, idealised_head
-from ngbrain.report import animation, blade, build, figures, render, state, style, surface, tables
+from ngbrain.report import Report, animation, blade, build, figures, render, state, style, surface, tables
 from ngbrain.report.run import Run
+from ngbrain.surgery import answers
 from ngbrain.surgery.blades import Spatula
+from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
 from ngbrain.surgery.response import points
+from ngbrain.surgery.worth import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 
 RADIUS = 0.05  # m
 KINDS = ("value", "mesh", "order", "step", "numerics", "material")
@@ -175,6 +180,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "longest_s_above_20_mmHg": 290.0 if k == 0 else 95.0,
             "dose_mmHg_min": 512.3 + k,
             "mps_p95": 0.231,
+            "mps_p99": 0.36,
             "volume_mps_above": {"0.18": 2.1, "0.34": 0.41},
             "volume_mps_above_by_region_ml": {
                 "cortex": {"0.18": 0.5, "0.34": 0.11},
@@ -230,13 +236,149 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(made: Path) -> str:
-    with pytest.MonkeyPatch.context() as patch:  # coarse pictures are quick ones
+def coarse() -> Iterator[None]:
+    """Coarse pictures are quick ones."""
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render, "SUPERSAMPLING", 1)
         patch.setattr(style, "DPI", 60)
-        path = build(made)
+        yield
+
+
+@pytest.fixture(scope="module")
+def page(made: Path, coarse: None) -> str:
+    path = build(made)
     assert sorted(p.name for p in made.iterdir() if p.suffix == ".tmp") == []
     return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def alone(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
+    """A report of one protocol, whose checks were left out."""
+    folder = tmp_path_factory.mktemp("alone")
+    (folder / "continuous.vtkhdf").write_bytes((made / "continuous.vtkhdf").read_bytes())
+    result = json.loads((made / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(without_checks(result, NOT_COMPUTED)))
+    return Report(folder)
+
+
+def without_checks(result: dict, status: str) -> dict:
+    """As a run leaves it in which one protocol is done, and no check."""
+    of_peak = result["worth"]["peak_pressure_mmHg"] | dict.fromkeys(KINDS[1:5])
+    return result | {
+        "answers": {"continuous": result["answers"]["continuous"]},
+        "comparison": answers.comparison({"continuous": None}, {}),
+        "check_status": dict.fromkeys((ORDER, MESH, HALF, MILLER), status),
+        "checks": {"reaction_balance": 3.2e-9, "dt_halving": None, "order_plus_one": None, "gap_while_off_mm": None},
+        "worth": {"peak_pressure_mmHg": of_peak},
+        "material_band": result["material_band"] | {"peak_pressure_mmHg": {"as given": 146.04, "Miller": None}},
+        "warnings": ["initial shear moduli outside of <what is published>"],
+    }
+
+
+def words(page: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+
+
+def test_one_protocol_is_compared_with_nothing(alone: Report, coarse: None) -> None:
+    page = alone.write().read_text(encoding="utf-8")
+    text = words(re.sub(r"(?s)<(style|script)>.*?</\1>", "", page))
+    found = re.findall(
+        r"(?i)compar\w*|equal\w*|lowest|highest|[▼▲]|side by side|all (?:ways|protocols)|other protocol\w*", text
+    )
+    assert found == [] and "Metric by metric" not in text
+    assert "All numbers Metric Unit continuous Peak pressure under the blade mmHg 146 " in text
+    assert "cortex 0.50 0.11 1.3" in text  # no column of protocols
+    assert page.count('<img class="on"') == 1 and "The slice over time" in text
+
+
+def test_what_is_not_computed_is_said_on_top_and_where_it_would_stand(alone: Report, coarse: None) -> None:
+    text = words(alone.write().read_text(encoding="utf-8"))
+    said = "Error estimates not computed: one order more, other elements, half steps, Miller&#39;s exponent."
+    top, contents, rest = text.partition("Thresholds")
+    assert said in top and contents and said in rest
+    assert "Peak pressure under the blade mmHg 146 – – – – 60.0 to 146" in rest
+    assert "Held to the end, one opening has its peak at 146 mmHg; other published tissue: 60.0 to 146 mmHg." in top
+    assert "Half the time step moves the first peak by (relative) – less than 0.03 not computed" in rest
+    assert "gap while the blade is off – mm greater than 0 does not apply" in rest
+    assert "Miller not computed –" in rest
+    assert top.index("Warning: initial shear moduli outside of &lt;what is published&gt;.") < top.index(
+        "A simulation of"
+    )
+
+
+def test_a_page_is_written_again_as_checks_end_with_the_same_pictures(
+    alone: Report, coarse: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = alone.folder / "result.json"
+    result, first = json.loads(path.read_text()), alone.write().read_text(encoding="utf-8")
+    monkeypatch.setattr("ngbrain.report.figures.head", lambda *_: pytest.fail("drawn again"))
+    changed = without_checks(result | {"worth": result["worth"]}, UNDER_WAY)
+    changed["check_status"][MESH], changed["check_status"][HALF] = COMPUTED, FAILED
+    changed["worth"]["peak_pressure_mmHg"] |= {"mesh": 7.1, "numerics": 7.1}
+    try:
+        path.write_text(json.dumps(changed))
+        page = alone.write().read_text(encoding="utf-8")
+    finally:
+        path.write_text(json.dumps(result))
+    text = words(page)
+    assert (
+        "Checks under way when this page was written, which go into it as they end: one order more, Miller&#39;s"
+        in text
+    )
+    assert "Checks that failed, so that what they estimate is not known: half steps." in text
+    assert "peak at 146 mmHg, moved by mesh 7.1 mmHg; other published tissue" in text
+    assert "moves the first peak by (relative) – less than 0.03 failed" in text
+    pictures = r"data:image/(?:png|webp);base64,[^\"]*"
+    assert re.findall(pictures, page) == re.findall(pictures, first)
+
+
+@pytest.mark.parametrize(
+    ("strain", "top", "steps"), [(0.366, 0.4, 8), (0.0545, 0.06, 6), (0.24, 0.25, 10), (1.3, 1.4, 7), (0.004, 0.004, 8)]
+)
+def test_the_scale_of_strain_ends_at_the_first_round_step_that_reaches_the_data(
+    strain: float, top: float, steps: int
+) -> None:
+    scale = style.StrainScale.up_to(strain)
+    assert scale.edges == pytest.approx(np.linspace(0, top, steps + 1)) and len(set(np.diff(scale.edges).round(9))) == 1
+    under, over = scale.cmap(scale.norm(0.999 * top)), scale.cmap(scale.norm(1.001 * top))
+    assert under != over and scale.cmap(scale.norm(0.0)) != under
+
+
+def test_pictures_have_the_scale_of_the_largest_99th_percentile(
+    made: Path, coarse: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    of = style.StrainScale.up_to
+    monkeypatch.setattr(style.StrainScale, "up_to", lambda strain: asked.append(strain) or of(strain))
+    result = json.loads((made / "result.json").read_text())
+    result["answers"]["intermittent"]["mps_p99"] = 0.07
+    report._pictures(made, result)
+    assert asked == [0.36]  # once, for all pictures
+
+
+@pytest.mark.parametrize("template", sorted(path.name for path in Path(report.__file__).parent.glob("*.html")))
+def test_no_template_is_wider_than_a_phone(template: str) -> None:
+    """Tables scroll in a container of their own, pictures shrink, and every page has the one style that says so."""
+    folder = Path(report.__file__).parent
+    text, style_sheet = (folder / template).read_text(), (folder / "_head.html").read_text()
+    assert text.count("<table") == text.count('<div class="scroll"><table>') == text.count("</table></div>")
+    assert ".scroll { overflow-x: auto; }" in style_sheet and "img { max-width: 100%; }" in style_sheet
+    assert 'content="width=device-width' in style_sheet and "overflow-wrap: anywhere" in style_sheet
+    if not template.startswith("_"):
+        assert "<style" not in text and text.index('{% include "_head.html" %}') < text.index("<h1>")
+        assert text.count("<!-- contents -->") == 1 and text.index("<!-- contents -->") < text.index("<h2")
+        assert text.count('<div class="summary">') == 1 and text.index("<h1>") < text.index('<div class="summary">')
+
+
+def test_the_contents_lead_to_every_heading(page: str) -> None:
+    contents = re.search(r"<nav.*?</nav>", page)
+    assert contents and "<!-- contents -->" not in page
+    links, places = (
+        re.findall(r'href="#([^"]+)">(.*?)</a>', contents[0]),
+        re.findall(r'<h2 id="([^"]+)">(.*?)</h2>', page),
+    )
+    assert links == places and len(dict(links)) == page.count("<h2") > 8
+    assert {"risk", "worth"} < set(dict(links))
 
 
 def test_the_page_stands_alone(page: str) -> None:
@@ -276,7 +418,7 @@ def test_the_viewer_starts_at_the_highest_pressure_and_does_not_play_by_itself(p
 
 def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert len(re.findall(r"Protocol \w+, \d+ (?:s|min)", page)) == 2
-    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    text = words(page)
     for name in ("continuous", "intermittent", "my own &lt;way&gt;"):
         assert name in text
     assert "my own <way>" not in page
@@ -291,10 +433,9 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "Smallest perfusion reserve: MAP less the larger of pressure and ICP mmHg −61.0 −61.0 −61.0" in text
     assert "cortex continuous, intermittent, my own &lt;way&gt; 0.50 0.11 1.3 " in text
     assert "white continuous, intermittent 1.6 0.30 5.0 white my own &lt;way&gt; 2.6 0.30 5.0 " in text
-    assert (
-        "continuous 21.5 mmHg 0.420 to 99.6 % 16 min 0.420 to 100 % intermittent none – 16 min 0 to 100 %: not" in text
-    )
-    assert "counted in rats, an even pressure for 15 minutes" in text and "1 of 6 at 20 mmHg: 0.421 to 64.1 %" in text
+    assert "continuous 21.5 mmHg 16 min at least as harmful as 20 mmHg (1 of 6 rats) intermittent none 16 min" in text
+    assert "counted in rats, an even pressure for 15 minutes" in text and "infarcts in 1 of 6 at 20 mmHg," in text
+    assert not re.search(r"probability (of|at)|\d to \d+(\.\d)? %", text)  # six rats at 20 mmHg decide nothing
     assert "as stiff as somebody1999 750 Pa 73.0" in text
     assert (
         "In all 60.0 to 146 mmHg. Beside that, the numerics: half the time step moves the peak as given by 7.3 mmHg."

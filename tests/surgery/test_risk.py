@@ -6,7 +6,9 @@ import pytest
 from ngbrain.scene import Patient
 from ngbrain.surgery.injury import curve
 from ngbrain.surgery.perfusion import perfusion
-from ngbrain.surgery.response import COUNTS, at_least, at_most, held, infarct, interval, points
+from ngbrain.surgery.response import COUNTS, at_least, at_most, decides, evidence, held, infarct, interval, points
+
+NOTHING = "nothing: not held at 20 mmHg or more for 15 minutes on end, and pressed longer or harder than any rat"
 
 
 def course(*corners):
@@ -78,6 +80,31 @@ def test_a_probability_is_never_a_bare_number():
     assert range_of((0, 0), (60, 0)) == (0.0, 0.0)
     assert infarct(course((0, 25), (60, 25)))["infarct_probability_95_at_held"] == [low20, high30]
     assert infarct(course((0, 25), (5, 25)))["infarct_probability_95_at_held"] is None
+
+
+def test_a_probability_is_stated_only_where_the_counts_say_which_is_more_likely():
+    stated = {
+        corner: decides(infarct(course((0, corner), (15, corner)))["infarct_probability_95"])
+        for corner in (10, 25, 35, 45)
+    }
+    assert stated == {10: False, 25: False, 35: False, 45: True}  # 0 to 64, 0.4 to 99.6, 36 to 100, 54 to 100 %
+    assert decides((0.0, 0.0)) and decides((0.0, 0.4)) and not decides((0.0, 1.0)) and not decides((0.5, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("corners", "said"),
+    [
+        ([(0, 25), (15, 25)], "at least as harmful as 20 mmHg (1 of 6 rats), at most as harmful as 30 mmHg (5 of 6 rats)"),
+        ([(0, 25), (60, 25)], "at least as harmful as 20 mmHg (1 of 6 rats)"),
+        ([(0, 25), (5, 25)], "at most as harmful as 30 mmHg (5 of 6 rats)"),
+        ([(0, 45), (15, 45)], "at least as harmful as 40 mmHg (6 of 6 rats)"),
+        ([(0, 45), (5, 45)], NOTHING),
+        ([(0, 0), (60, 0)], "nothing presses"),
+    ],
+)  # fmt: skip
+def test_the_counts_that_bound_a_course_are_said_in_words(corners, said):
+    found = infarct(course(*corners))
+    assert evidence(found["pressure_held_15_min_mmHg"], max(p for _, p in corners), found["pressed_min"]) == said
 
 
 def test_the_points_say_where_they_come_from():
