@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import ngsolve as ngs
 import nibabel
@@ -14,7 +15,7 @@ import pytest
 from phantoms import nested
 
 from ngbrain.cli import main
-from ngbrain.errors import InputError
+from ngbrain.errors import ImplausibleWarning, InputError
 from ngbrain.io import load
 from ngbrain.mesh.routes import min_jacobian
 from ngbrain.scene import Scene
@@ -39,6 +40,11 @@ def no_run(monkeypatch):
         ("width_mm = 10.0", "widht_mm = 10.0", ["widht_mm", "width_mm"]),
         ("target_mm = [17.0, 5.9, 26.2]", "target_mm = [0.0, 0.0, 99.0]", ["cleft.target_mm", "inside the brain"]),
         ("mu_Pa = [50.0]", "mu_Pa = [-50.0]", ["mu_Pa", "-50"]),
+        (
+            'constants = "griffiths2024:cortex"',
+            "mu_Pa = 0.936",
+            ["initial shear modulus of cortex", "0.936 Pa", "not kPa"],
+        ),
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
         ("width_mm = 10.0", "width_mm = 13.0", ["blade.width_mm", "cleft"]),
         ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
@@ -92,7 +98,7 @@ def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
 
 @pytest.mark.parametrize(("field", "named"), [("tissue", True), ("--resume", False), ("checkpoint", False)])
 def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatch, field, named):
-    def refuse(*_):
+    def refuse(*_, **__):
         raise InputError(field, "bad", "good")
 
     monkeypatch.setattr("ngbrain.cli.retract.solve", refuse)
@@ -101,6 +107,76 @@ def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatc
     status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
     where = f"{scene}: " if named else ""
     assert status == 2 and lines == [f"ngbrain: {where}{field} is bad; wanted: good"]
+
+
+def test_warnings_are_a_line_each_and_quiet_silences_none(tmp_path, capsys, monkeypatch):
+    def warn(*_, **__):
+        warnings.warn("initial shear moduli outside", ImplausibleWarning, stacklevel=1)
+        raise InputError("the rest", "bad", "good")
+
+    monkeypatch.setattr("ngbrain.cli.retract.solve", warn)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(warnings, "filters", [])
+        status, lines = run(capsys, "demo", "--fast", "--head", "idealised", "-o", tmp_path / "out", "-q")
+    assert status == 2 and lines[0] == "ngbrain: warning: initial shear moduli outside" and len(lines) == 2
+
+
+@pytest.fixture
+def staged(tmp_path, monkeypatch):
+    """The command with a solver and a report that only say what is asked of them; what it leaves on the way."""
+    seen = []
+
+    class Reported:
+        def __init__(self, folder):
+            self.path = folder / "report.html"
+
+        def write(self):
+            result = json.loads((self.path.parent / "result.json").read_text())
+            seen.append((result["verb"], list(result["check_status"].values())))
+            return self.path
+
+    def solve(scene, folder, threads, resume, tell, *, checks, callback):
+        folder.mkdir()
+        answer = dict.fromkeys(
+            (
+                "peak_pressure_mmHg",
+                "peak_tip_pressure_mmHg",
+                "peak_force_N",
+                "s_above_20_mmHg",
+                "dose_mmHg_min",
+                "mps_p95",
+            ),
+            1.0,
+        )
+        result = {"verb": "retract", "answers": {"continuous": answer}, "worth": {}}
+        for status in (["under way"] * 2, ["computed", "failed"]) if checks else (["not computed"] * 2,):
+            result["check_status"] = dict(zip(("half steps", "other elements"), status, strict=True))
+            callback(result)
+        return result
+
+    monkeypatch.setattr("ngbrain.report.Report", Reported)
+    monkeypatch.setattr("ngbrain.cli.retract.solve", solve)
+    return seen
+
+
+def test_the_report_is_announced_before_the_checks(tmp_path, capsys, staged):
+    out = tmp_path / "out"
+    assert main(["demo", "--fast", "--head", "idealised", "-o", str(out)]) == 0
+    said, complained = capsys.readouterr()
+    assert staged == [("demo", ["under way"] * 2), ("demo", ["computed", "failed"])]
+    first, *_ = (line for line in said.splitlines() if line.startswith("report"))
+    assert first == f"report: {out}/report.html (checks under way)"
+    assert said.splitlines()[-1] == f"report, with the checks: {out}/report.html" and said.count("continuous") == 1
+    assert complained == "ngbrain: warning: checks that failed, so that error estimates are missing: other elements\n"
+
+
+def test_without_checks_it_is_said_that_estimates_are_not_computed(tmp_path, capsys, staged):
+    out = tmp_path / "out"
+    assert main(["demo", "--fast", "--head", "idealised", "-o", str(out), "--no-checks"]) == 0
+    said, complained = capsys.readouterr()
+    assert staged == [("demo", ["not computed"] * 2)] and not complained
+    ending = [f"report: {out}/report.html", "error estimates not computed: half steps, other elements"]
+    assert said.splitlines()[-2:] == ending
 
 
 def test_output_must_be_a_folder(tmp_path, capsys):
@@ -231,6 +307,41 @@ def test_a_real_head_gives_the_same_on_two_threads_and_segments_once(tmp_path, m
     assert alike(numbers(tmp_path / "one"), numbers(tmp_path / "two"))
     result = json.loads((tmp_path / "one" / "result.json").read_text())
     assert result["checks"]["reaction_balance"] < 1e-4 and result["head"]["label_volumes_ml"]["ventricle"] > 10
+
+
+@pytest.mark.slow
+def test_without_checks_estimates_are_said_to_be_missing_and_a_resumed_run_adds_them(finished, tmp_path):
+    scene, out = finished
+    retract(scene, tmp_path, "--threads", "1", "--no-checks")
+    result, found = (json.loads((folder / "result.json").read_text()) for folder in (tmp_path, out))
+    assert set(result["check_status"].values()) == {"not computed"} and set(found["check_status"].values()) == {
+        "computed"
+    }
+    assert result["answers"] == found["answers"] and not (tmp_path / "checks").exists()
+    assert result["checks"] == found["checks"] | dict.fromkeys(("dt_halving", "order_plus_one", "other_elements"))
+    peak = result["worth"]["peak_pressure_mmHg"]
+    assert peak["mesh"] is peak["order"] is peak["step"] is peak["numerics"] is None
+    assert "Error estimates not computed: one order more" in (tmp_path / "report.html").read_text()
+    written = (tmp_path / "continuous.vtkhdf").stat().st_mtime_ns
+    retract(scene, tmp_path, "--threads", "1", "--resume")
+    assert numbers(tmp_path) == numbers(out) and (tmp_path / "continuous.vtkhdf").stat().st_mtime_ns == written
+    assert "ot computed" not in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_run_killed_among_its_checks_has_left_a_report_and_goes_on(finished, tmp_path):
+    scene, out = finished
+    with subprocess.Popen(command(scene, tmp_path, "--threads", "1"), start_new_session=True) as run:
+        while not (tmp_path / "report.html").exists():
+            assert run.poll() is None
+            time.sleep(0.01)
+        os.killpg(run.pid, signal.SIGKILL)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert set(result["check_status"].values()) == {"under way"} and result["answers"] == numbers(out)["answers"]
+    page = (tmp_path / "report.html").read_text()
+    assert page.endswith("</html>") and "Checks under way when this page was written" in page
+    retract(scene, tmp_path, "--resume", "--threads", "1")
+    assert numbers(tmp_path) == numbers(out)
 
 
 @pytest.mark.slow

@@ -5,9 +5,11 @@ from __future__ import annotations
 import logging
 import re
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from typing import Any
 
 from ngbrain.cli.options import parser
 from ngbrain.errors import InputError, MissingExtra, SolverError
@@ -51,14 +53,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _logging(quiet: bool) -> Iterator[None]:
-    """What the library logs goes to stderr: warnings, and how far work has come unless that is seen on a terminal or not wanted."""
+    """What the library logs or warns of goes to stderr, a line each, and how far work has come unless a terminal shows it."""
+
+    def warn(message: Warning | str, *_: Any, **__: Any) -> None:
+        LOG.warning("warning: %s", message)  # without the place in the source that it came from
+
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("ngbrain: %(message)s"))
     before = LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.WARNING if quiet or terminal() else logging.INFO)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = warn
+            yield
     finally:
         LOG.setLevel(before)
         LOG.removeHandler(handler)

@@ -39,6 +39,13 @@ def parser() -> argparse.ArgumentParser:
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
+        if verb in (demo, retract):
+            verb.add_argument(
+                "--no-checks",
+                dest="checks",
+                action="store_false",
+                help="protocols alone: without the error estimates of mesh, order and time steps",
+            )
         if verb in (demo, retract, stiff):
             verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         if verb is not mesh:

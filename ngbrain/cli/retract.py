@@ -13,6 +13,7 @@ from ngbrain.progress import LOG, Progress, RunProgress, terminal
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
+from ngbrain.surgery.worth import FAILED, NOT_COMPUTED, UNDER_WAY
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
 """How a field begins that an option or another file gave."""
@@ -48,15 +49,36 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if scene.ask:
         LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
-    with Progress(terminal(arguments.quiet), RunProgress(len(scene.protocols) + CHECKS), "head and mesh") as bar:
-        result = solve(scene, folder, arguments.threads, arguments.resume, bar.tell)
-    result["verb"] = arguments.verb
-    write_json(folder / "result.json", result)
-    from ngbrain.report import build
+    from ngbrain.report import Report
 
-    with Progress(terminal(arguments.quiet), text="report"):
-        report = build(folder)
-    conclude(arguments.quiet, [*_summary(result["answers"]), f"report: {report}"], _worth(result["worth"]))
+    report, written = Report(folder), list[Path]()
+    runs = RunProgress(len(scene.protocols) + CHECKS * arguments.checks)
+    with Progress(terminal(arguments.quiet), runs, "head and mesh") as progress:
+
+        def extend(result: dict[str, Any]) -> None:
+            """The protocols are done, or one check more."""
+            result["verb"] = arguments.verb
+            write_json(folder / "result.json", result)
+            written.append(report.write())
+            if len(written) == 1 and not arguments.quiet:
+                later = " (checks under way)" if UNDER_WAY in result["check_status"].values() else ""
+                progress.say("\n".join([*_summary(result["answers"]), f"report: {written[0]}{later}"]))
+
+        result = solve(
+            scene, folder, arguments.threads, arguments.resume, progress.tell, checks=arguments.checks, callback=extend
+        )
+    if failed := _checks_that(FAILED, result):
+        LOG.warning("warning: checks that failed, so that error estimates are missing: %s", failed)
+    cautions = _worth(result["worth"])
+    if left_out := _checks_that(NOT_COMPUTED, result):
+        cautions.append(f"error estimates not computed: {left_out}")
+    conclude(arguments.quiet, [], cautions)
+    if len(written) > 1 and not arguments.quiet:
+        print(f"report, with the checks: {written[-1]}")
+
+
+def _checks_that(status: str, result: dict[str, Any]) -> str:
+    return ", ".join(name for name, found in result["check_status"].items() if found == status)
 
 
 def _summary(answers: dict[str, Any]) -> list[str]:
