@@ -1,6 +1,7 @@
 """Pictures of a head in a notebook: slices with labels and mesh, the surface, its elements, and a mesh to turn by hand.
 
-The pictures are those of the report of `ngbrain mesh`; they need the extras `report` and `viz`.
+The pictures are those of the report of `ngbrain mesh`; they need the extras `report` and `viz`, the mesh to turn `viz` alone.
+Nothing here needs a network, neither in a notebook nor in what is exported of it.
 
 >>> from ngbrain import viz
 >>> from ngbrain.mesh.routes import meshed
@@ -11,7 +12,11 @@ The pictures are those of the report of `ngbrain mesh`; they need the extras `re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import ngsolve as ngs
@@ -20,11 +25,58 @@ import numpy as np
 from ngbrain.errors import InputError, require
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume, upright
+from ngbrain.io.whole import whole
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.quality import Quality
 from ngbrain.report import anatomy
 
 Place = Sequence[float] | np.ndarray
+
+
+@dataclass(frozen=True, repr=False)  # the notebook keeps the page, not the data as text too
+class View:
+    """A page with a mesh to turn, whole in itself: it needs no network, no kernel and no widgets.
+
+    A notebook shows it in a frame, and it stays in what is saved or exported of the notebook. Every page holds the viewer
+    (0.8 MB) and the mesh.
+
+    Attributes
+    ----------
+    data
+        What the webgui draws; points and values as base64 of 32-bit floats.
+    viewer
+        The webgui's program, a file.
+    caption
+        A line below.
+    """
+
+    data: Mapping[str, Any]
+    viewer: Path
+    caption: str = ""
+
+    def html(self) -> str:
+        """The page."""
+        data = json.dumps(self.data).replace("<", "\\u003c")  # nothing in it ends the script
+        program = self.viewer.read_text(encoding="utf-8")
+        return f"{_HEAD}<div id=view></div><p>{escape(self.caption)}</p><script>{program}</script><script>\n" + (
+            f"new webgui.Scene().init(document.getElementById('view'), {data});</script></body></html>\n"
+        )
+
+    def write(self, path: str | Path) -> Path:
+        """The page as a file."""
+        path = Path(path)
+        whole(path, lambda part: part.write_text(self.html(), encoding="utf-8"))
+        return path
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html())}" style="width: 100%; height: 30rem; border: 0"></iframe>'
+
+
+_HEAD = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>Mesh</title><style>
+html, body, #view { height: 100%; margin: 0; font: 14px sans-serif; overflow: hidden }
+p { position: absolute; right: 0; bottom: 0; margin: 8px; padding-left: 120px; text-align: right; pointer-events: none }
+</style></head><body>"""
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None = None, at: Place | None = None) -> Any:
@@ -57,31 +109,61 @@ def quality(elements: Elements) -> Any:
 
 def interactive(
     mesh: ngs.Mesh, field: ngs.CoefficientFunction | None = None, at: Place | None = None, **options: Any
-) -> Any:
-    """A mesh to turn, zoom and cut, by NGSolve's webgui: cut by the coronal plane through a point.
+) -> View:
+    """A mesh to turn, zoom and cut, drawn by NGSolve's webgui; in space it is cut by the coronal plane through a point.
 
-    field    what its colours show, a CoefficientFunction or GridFunction; None: the number of the region, in the order of
-             `mesh.GetMaterials()`
-    at       point (3,) m; None: the middle of the mesh
-    options  of `ngsolve.webgui.Draw`, such as `deformation`, `min`, `max`
+    Parameters
+    ----------
+    mesh
+        The mesh, in metres; curved elements are drawn curved.
+    field
+        What the colours show, a CoefficientFunction or GridFunction. None: the regions, each in a colour of its own.
+    at
+        Point (3,) in metres that the plane goes through. None: the middle of the mesh. It has no meaning for a plane mesh.
+    **options
+        Passed on to `ngsolve.webgui.Draw`, such as `deformation`, `min`, `max`, `euler_angles`.
 
-    Returns the scene that `Draw` returns. Raises `MissingExtra` without webgui_jupyter_widgets; `InputError` for a point that is
-    none.
+    Returns
+    -------
+    View
+        A notebook shows it where it is the last value of a cell, or by `display`.
+
+    Raises
+    ------
+    MissingExtra
+        Without webgui_jupyter_widgets, which brings the viewer.
+    InputError
+        For a point that is none.
+
+    Examples
+    --------
+    >>> from ngbrain.mesh import load
+    >>> view = interactive(load("idealised_head"))
+    >>> view.caption
+    'Colours, from blue to red: cortex, white, ventricle_left, ventricle_right'
+    >>> view.write("head.html")  # doctest: +SKIP
     """
-    require("webgui_jupyter_widgets", "viz")
-    from ngsolve.webgui import Draw
+    package = require("webgui_jupyter_widgets", "viz")
+    with np.errstate():  # importing the webgui turns numpy's warnings off
+        from ngsolve.webgui import Draw
 
-    points = np.array([vertex.point for vertex in mesh.vertices])
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    place = middle if at is None else _point(at)
+    if mesh.dim == 3:
+        points = np.array([vertex.point for vertex in mesh.vertices])
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        place = middle if at is None else _point(at)
+        # The webgui counts the plane's distance from the middle of the mesh, the other way round.
+        cut = {"function": True, "x": 0.0, "y": 1.0, "z": 0.0, "dist": float(middle[1] - place[1])}
+        options = {"clipping": cut, "euler_angles": [-70, 0, -25], **options}
+    caption = ""
     if field is None:
-        names = mesh.GetMaterials()
+        names = list(dict.fromkeys(mesh.GetMaterials()))
         field = ngs.GridFunction(ngs.L2(mesh, order=0))  # has values on surfaces too
         field.Set(mesh.MaterialCF({name: float(i) for i, name in enumerate(names)}))
-        options = {"autoscale": False, "min": 0.0, "max": float(max(len(names) - 1, 1)), **options}
-    # The webgui counts the plane's distance from the middle of the mesh, the other way round.
-    cut = {"function": True, "x": 0.0, "y": 1.0, "z": 0.0, "dist": float(middle[1] - place[1])}
-    return Draw(field, mesh, **{"clipping": cut, **options})
+        ends = {"autoscale": False, "min": 0.0, "max": float(max(len(names) - 1, 1))}
+        options = {**ends, "settings": {"Colormap": {"ncolors": max(len(names), 2)}}, **options}
+        caption = "Colours, from blue to red: " + ", ".join(names)
+    drawn = Draw(field, mesh, **{**options, "show": False})
+    return View(drawn.GetData(), Path(str(package.__file__)).parent / "js" / "webgui.js", caption)
 
 
 def _image(picture: bytes) -> Any:

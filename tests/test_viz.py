@@ -1,8 +1,18 @@
 """Pictures for a notebook: what they show, and what is said when they cannot."""
 
+import base64
+import dataclasses
+import html
+import json
+import re
+import sys
+
+import ngsolve as ngs
 import numpy as np
 import pytest
+from ngsolve.meshes import MakeStructured2DMesh
 from phantoms import nested
+from scipy.spatial import cKDTree
 
 from ngbrain import viz
 from ngbrain.errors import InputError, MissingExtra
@@ -58,19 +68,61 @@ def test_the_surface_and_the_elements(head):
     assert near(histograms, (0x5A, 0x6B, 0x7A)) > 2000
 
 
-def test_a_mesh_to_turn(head):
-    import ngsolve as ngs
+def drawn(page):
+    """What the page gives to its viewer."""
+    return json.loads(re.search(r"init\(document.getElementById\('view'\), (.*)\);</script>", page)[1])
 
+
+def corners(data):
+    """Corners of the tetrahedra (n, 4, 3), and the values there (n, 4)."""
+    arrays = [np.frombuffer(base64.b64decode(text), np.float32).reshape(-1, 4) for text in data["points3d"][:4]]
+    whole = np.stack(arrays, axis=1)
+    return whole[..., :3], whole[..., 3]
+
+
+def test_a_mesh_to_turn_holds_the_mesh(head):
     _, made = head
-    mesh = made.mesh()
-    scene = viz.interactive(mesh, at=(0, 5e-3, 0), show=False)
-    data = scene.GetData()
-    assert data["funcmin"] == 0 and data["funcmax"] == 2  # three regions
-    assert not data["autoscale"] and data["clipping_function"] and data["clipping_y"] == 1
+    view = viz.interactive(made.mesh(), at=(0, 5e-3, 0))
+    data = drawn(view.html())
+    points, values = corners(data)
+    names = list(dict.fromkeys(made.mesh().GetMaterials()))
+    numbers = np.array([names.index(name) for name in made.regions])[made.region]
+    away, which = cKDTree(made.points).query(points)
+    assert away.max() < 1e-8
+    wanted, found = np.c_[np.sort(made.tets), numbers], np.c_[np.sort(which), values[:, 0]]
+    assert {tuple(row) for row in found} == {tuple(row) for row in wanted} and len(found) == len(wanted)
+    assert (values == values[:, :1]).all()  # one colour a tetrahedron
+    assert view.caption.endswith(": " + ", ".join(names)) and view.caption in view.html()
+    assert data["funcmin"] == 0 and data["funcmax"] == len(names) - 1 and not data["autoscale"]
+    assert data["gui_settings"]["Colormap"]["ncolors"] == len(names)
+    assert data["clipping_function"] and data["clipping_y"] == 1
     assert data["mesh_center"][1] - data["clipping_dist"] == pytest.approx(5e-3, abs=1e-9)
-    data = viz.interactive(mesh, ngs.x, show=False).GetData()
-    assert data["funcmax"] == pytest.approx(made.points[:, 0].max(), rel=1e-3)
-    assert "clipping_dist" in scene.GenerateHTML()
+
+
+def test_a_field_to_turn(head):
+    _, made = head
+    points, values = corners(drawn(viz.interactive(made.mesh(), 3 * ngs.x).html()))
+    assert np.allclose(values, 3 * points[..., 0], atol=1e-7) and values.max() > 0.05
+    plane = MakeStructured2DMesh(quads=False, nx=2, ny=2)
+    data = drawn(viz.interactive(plane, ngs.x + ngs.y).html())
+    assert data["funcmax"] == pytest.approx(2) and "clipping" not in data
+
+
+def test_the_page_needs_no_network(head, tmp_path, monkeypatch):
+    _, made = head
+    view = dataclasses.replace(viz.interactive(made.mesh()), caption="<b>&")
+    page = view.write(tmp_path / "head.html").read_text()
+    outside = re.sub(r"<script>.*?</script>", "", page, flags=re.S)
+    assert "http" not in outside and "src=" not in page.replace(view.viewer.read_text(), "")
+    assert view.viewer.read_text() in page and "<p>&lt;b&gt;&amp;</p>" in page
+    frame = view._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == page
+    spoilt = dataclasses.replace(view, data={"names": ["</script><script>alert(1)"]}).html()
+    assert spoilt.count("</script>") == page.count("</script>") and drawn(spoilt)["names"][0].startswith("</script>")
+    monkeypatch.delitem(sys.modules, "ngsolve.webgui")
+    with np.errstate(divide="raise"):
+        viz.interactive(made.mesh())
+        assert np.geterr()["divide"] == "raise"  # which importing the webgui changes
 
 
 def test_what_cannot_be_shown(head, monkeypatch):
@@ -79,6 +131,9 @@ def test_what_cannot_be_shown(head, monkeypatch):
         viz.slices(made, labels, at=(1, 2))
     with pytest.raises(InputError, match="at is "):
         viz.interactive(made.mesh(), at=(0, np.nan, 0))
-    monkeypatch.setitem(__import__("sys").modules, "IPython.display", None)
+    monkeypatch.setitem(sys.modules, "IPython.display", None)
     with pytest.raises(MissingExtra, match=r"ngbrain\[viz\]"):
         viz.quality(made)
+    monkeypatch.setitem(sys.modules, "webgui_jupyter_widgets", None)
+    with pytest.raises(MissingExtra, match=r"webgui_jupyter_widgets is not installed.*ngbrain\[viz\]"):
+        viz.interactive(made.mesh())
