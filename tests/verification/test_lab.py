@@ -3,6 +3,7 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
+from IPython.core.formatters import PNGFormatter
 from netgen.occ import unit_square
 
 from ngbrain.errors import InputError, RangeWarning
@@ -286,6 +287,7 @@ def test_relaxing_materials_are_fitted_to_histories():
 def test_a_picture_has_a_panel_for_each_mode_in_kilopascals():
     pytest.importorskip("matplotlib")
     page = lab.plot({"Ogden": Ogden(1442.0, -19.2)}, lab.budday("cortex"))
+    assert PNGFormatter()(page).startswith(b"\x89PNG")  # what a notebook shows
     assert [axes.get_title(loc="left") for axes in page.axes] == ["uniaxial", "shear"]
     assert "kPa" in page.axes[0].get_ylabel()
     (line,) = [line for line in page.axes[1].lines if line.get_label() == "data: shear"]
