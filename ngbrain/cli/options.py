@@ -18,7 +18,7 @@ PRIORS = ("smooth", "edges", "matern")
 WEIGHTINGS = ("evidence", "discrepancy", "l-curve")
 UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
-DEVICES = ("cpu", "cuda", "ngsolve")
+DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
 
 
@@ -218,7 +218,7 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
         choices=DEVICES,
         default="cpu",
         help="where waves are factorised and solved for: cuda is a GPU of NVIDIA's, by cuDSS; ngsolve solves on a GPU with "
-        "factors of the processor (cpu)",
+        "factors of the processor; auto is the processor where no GPU was measured to be faster (cpu)",
     )
     return parser
 

@@ -115,7 +115,6 @@ class Harmonic:
         quadrature: int | None = None,
         device: Device = CPU,
     ) -> None:
-        self.device = device
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
         self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
@@ -127,6 +126,7 @@ class Harmonic:
         else:
             pressures = ngs.H1 if self.form.continuous else ngs.L2
             self.fes = displacement * pressures(mesh, order=self.form.pressure, complex=True)
+        self.device, self.device_note = device.for_unknowns(self.fes.ndof)
         self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
         degree = self.form.order + 1 if quadrature is None else quadrature
         self.rules = IntegrationRuleSpace(mesh, order=degree).GetIntegrationRules()

@@ -93,7 +93,8 @@ def invert(
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
-    device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, or ngsolve for solves alone
+    device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
+                 processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
 
     Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, no rounds, data that cannot be
     inverted, a device that is none or not there; `MissingExtra` for cuda without nvmath-python.
@@ -143,6 +144,7 @@ def invert(
     floor = FLOOR if elements.nodal else OURS
     sure = total(level, floor, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
+    notes += [experiment.body.device_note] if experiment.body.device_note else []
     search = _Search(experiment, made, sure, settling, tell)
     tried = {name: search.from_waves(prior, start) for name, prior in kinds.items()}
     kind = min(tried, key=lambda name: tried[name][1].cross_validation)

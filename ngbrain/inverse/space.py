@@ -106,6 +106,7 @@ def invert_in_space(
     notes = [note] if note else []
     sure = total(found_noise, LEAST, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
+    notes += [experiment.body.device_note] if experiment.body.device_note else []
     problem = _problem(experiment, made, sure, prior)
     shared = _shared(experiment)
     way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)

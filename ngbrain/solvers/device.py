@@ -49,16 +49,42 @@ class Device:
     name: str
     make: Callable[[ngs.BaseMatrix, ngs.BitArray | None], Factor]
 
+    def for_unknowns(self, unknowns: int) -> tuple[Device, str]:
+        """The device itself, or what "auto" stands for in a system of this size, with a sentence that says so.
+
+        Below the size at which a GPU was measured to overtake the processor (`CROSSING`, from `benchmarks/gpu.py`), "auto" is the
+        processor; above it the GPU, if cuDSS finds one.
+
+        >>> Device.named("cpu").for_unknowns(1000)[1]
+        ''
+        >>> device, note = Device.named("auto").for_unknowns(1000)
+        >>> device.name
+        'cpu'
+        """
+        if self is not AUTO:
+            return self, ""
+        if CROSSING is None:
+            return CPU, "device auto: the processor, as the speed of a GPU has not been measured"
+        if unknowns < CROSSING:
+            return (
+                CPU,
+                f"device auto: the processor, as a GPU is faster only from {CROSSING} unknowns on, not with {unknowns}",
+            )
+        try:
+            return Device.named("cuda"), f"device auto: the GPU, with {unknowns} unknowns"
+        except (InputError, MissingExtra) as error:
+            return CPU, f"device auto: the processor ({error})"
+
     @staticmethod
     def named(name: str) -> Device:
-        """cpu, or cuda or ngsolve, which are tried on two unknowns before they are given.
+        """cpu or auto, or cuda or ngsolve, which are tried on two unknowns before they are given.
 
         Raises `InputError` for another name or where no GPU answers, `MissingExtra` without nvmath-python.
         """
         if name not in DEVICES:
             raise InputError("device", repr(name), nearest(name, DEVICES))
         device = DEVICES[name]
-        if device is not CPU:
+        if device not in (CPU, AUTO):
             _try(device)
         return device
 
@@ -175,4 +201,7 @@ def _try(device: Device) -> None:
 CPU = Device("cpu", partial(OnProcessor, kind="sparsecholesky"))
 PIVOTED = Device("cpu, with pivots", partial(OnProcessor, kind="umfpack"))
 """Where a factor that chooses no pivots, or few, leaves too much."""
-DEVICES = {"cpu": CPU, "cuda": Device("cuda", OnGpu), "ngsolve": Device("ngsolve", OnNgsolve)}
+CROSSING: int | None = None
+"""Complex unknowns from which on a GPU factorises and solves waves faster than the processor; None: not measured."""
+AUTO = Device("auto", CPU.make)
+DEVICES = {"auto": AUTO, "cpu": CPU, "cuda": Device("cuda", OnGpu), "ngsolve": Device("ngsolve", OnNgsolve)}

@@ -19,6 +19,7 @@ from ngbrain.inverse.weights import Given
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles
+from ngbrain.solvers import device as device_module
 from ngbrain.solvers.device import CPU, Device, OnGpu, OnNgsolve
 from ngbrain.solvers.linear import prepare
 
@@ -186,3 +187,22 @@ def test_no_factor_is_said(name):
         device = Device("cpu", lambda matrix, free: matrix.Inverse(free, inverse="none of them"))
     with pytest.raises(SolverError, match="the stiffness cannot be factorised: "):
         device.factor(matrix, what="the stiffness")
+
+
+def test_auto_is_the_processor_below_what_was_measured(cudss, monkeypatch):
+    auto = Device.named("auto")
+    assert device_module.CROSSING is None
+    assert auto.for_unknowns(10**7) == (CPU, "device auto: the processor, as the speed of a GPU has not been measured")
+    monkeypatch.setattr(device_module, "CROSSING", 1000)
+    assert auto.for_unknowns(999)[0] is CPU and "only from 1000 unknowns on" in auto.for_unknowns(999)[1]
+    chosen, note = auto.for_unknowns(1000)
+    assert chosen.name == "cuda" and note == "device auto: the GPU, with 1000 unknowns"
+    monkeypatch.setattr(cudss, "gpu", False)
+    chosen, note = auto.for_unknowns(1000)
+    assert chosen is CPU and "CUDA_ERROR_NO_DEVICE" in note
+
+
+def test_an_inversion_says_what_auto_was():
+    data = Phantom.named("CV-G", 11).measured(0.02).data()
+    found = invert(data, uniform=False, rounds=1, device="auto")
+    assert "device auto: the processor, as the speed of a GPU has not been measured" in found.notes

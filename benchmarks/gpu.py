@@ -1,0 +1,223 @@
+"""What a GPU gains: every path of ngbrain and NGSolve on a device beside the processor, by size, and whole inversions.
+
+A GPU is often at hand for minutes only, on a machine without a package index. So all is packed beforehand, in parts that are
+copied one after another; whatever has arrived is unpacked and measured, and after each measurement the records are saved. A
+measurement that takes more than its cap is ended and recorded so; what could not run yet runs once the missing part is there.
+
+    python benchmarks/gpu.py --pack DIR                      gather the parts, where there is a package index (once)
+    python benchmarks/gpu.py --stage DIR/part-1 [--out FILE] on the machine with the GPU, for each part: unpack, measure, save
+    python benchmarks/gpu.py [--out FILE] [--minutes 8]      measure with what is installed
+    python benchmarks/gpu.py --quick [--json]                small sizes; without a GPU on NGSolve's reference device
+    python benchmarks/gpu.py --chart FILE.png < gpu.json     time against unknowns, and inversions over MatNLI's time
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
+
+HERE = Path(__file__).resolve().parent
+Record = dict
+Job = tuple[str, int, float]
+"""Problem, elements along a side, and the seconds that one method may take."""
+CAP_S, INVERSION_CAP_S, START_CAP_S = 20.0, 60.0, 60.0
+SIDES = {"elasticity": (9, 16, 23, 29), "mixed": (9, 15, 22, 28), "waves": (7, 12, 18, 23)}
+"""About 20, 100, 300 and 600 thousand unknowns."""
+DEGREES = {1: 46, 2: 23, 3: 15, 4: 11, 5: 9, 6: 7}
+"""Order → elements along a side: about 100 thousand unknowns each."""
+SITE = Path("out/gpu/site")
+SET_UP = "set-up"
+"""In place of a method where a problem could not even be set up."""
+
+
+def plan(quick: bool) -> list[Job]:
+    """What loads, whether it is right, then by growing size; inversions before the largest."""
+    jobs: list[Job] = [("loading", 0, CAP_S)]
+    if quick:
+        jobs += [("memory", 1000, CAP_S), ("elasticity", 2, CAP_S), ("mixed", 1, CAP_S), ("waves", 1, CAP_S)]
+        return [*jobs, ("stiffness 2", 1, CAP_S), ("inversion CV-G, order 4", 6, INVERSION_CAP_S)]
+    jobs += [("memory", 30_000_000, CAP_S)]
+    jobs += [(problem, 3, CAP_S) for problem in SIDES]
+    jobs += [(problem, sides[0], CAP_S) for problem, sides in SIDES.items()]
+    jobs += [("inversion CV-G, order 4", 12, INVERSION_CAP_S)]
+    jobs += [(problem, sides[1], CAP_S) for problem, sides in SIDES.items()]
+    jobs += [(f"stiffness {p}", n, CAP_S) for p, n in DEGREES.items()]
+    jobs += [("inversion block, order 2", 10, INVERSION_CAP_S)]
+    return [*jobs, *((problem, sides[k], CAP_S) for k in (2, 3) for problem, sides in SIDES.items())]
+
+
+def environment(site: Path) -> dict[str, str]:
+    """Of the processes that measure: the unpacked packages first, then this tree."""
+    path = [str(site)] if site.exists() else []
+    added = {"NGBRAIN_GPU_SITE": str(site)} if path else {}
+    path += [str(HERE.parent), *filter(None, [os.environ.get("PYTHONPATH", "")])]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path), "OPENBLAS_NUM_THREADS": "1"} | added
+
+
+class Measurements:
+    """Records by problem, size and method, in a file that is whole after each of them."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.records: list[Record] = json.loads(file.read_text()) if file.exists() else []
+
+    def add(self, record: Record) -> None:
+        """Put a record in place of what was known of the same measurement, and save."""
+        same = self._key(record), (record["problem"], record["n"], SET_UP)
+        self.records = [known for known in self.records if self._key(known) not in same] + [record]
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        partial = self.file.with_suffix(".partial")
+        partial.write_text(json.dumps(self.records, indent=0))
+        os.replace(partial, self.file)
+
+    def done(self, job: Job) -> list[str]:
+        """Methods that need not run again; what loads is asked each time."""
+        if job[0] == "loading":
+            return []
+        return [r["method"] for r in self.records if self._key(r)[:2] == job[:2] and not r.get("missing")]
+
+    @staticmethod
+    def _key(record: Record) -> tuple[str, int, str]:
+        return record["problem"], record["n"], record["method"]
+
+
+def measure(jobs: list[Job], kept: Measurements, site: Path, seconds: float, quick: bool = False) -> list[str]:
+    """Run all jobs that are not done, within so many seconds; returns the problems for which no time was left."""
+    end, left = time.monotonic() + seconds, []
+    for job in jobs:
+        if time.monotonic() > end:
+            left.append(f"{job[0]} {job[1]}")
+            continue
+        begun = time.monotonic()
+        tried: list[str] = []
+        while unfinished := run(job, kept, site, [*kept.done(job), *tried], end, quick):
+            tried.append(unfinished)
+        print(f"{job[0]} {job[1]}: {time.monotonic() - begun:.1f} s", file=sys.stderr, flush=True)
+    return left
+
+
+def run(job: Job, kept: Measurements, site: Path, skip: list[str], end: float, quick: bool) -> str:
+    """One process for one problem; returns the method at which it was ended or died, "" where it came to its end."""
+    problem, n, cap = job
+    command = [sys.executable, str(HERE / "_gpu_cells.py"), problem, str(n), *(["--reference"] if quick else [])]
+    process = subprocess.Popen(
+        [*command, "--skip", *skip],
+        env=environment(site),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=HERE.parent,
+    )
+    printed = lines(process)
+    under_way: Record = {}
+    allowed = START_CAP_S
+    while True:
+        try:
+            line = printed.get(timeout=min(allowed, max(0.0, end + cap - time.monotonic())))
+        except Empty:
+            process.kill()
+            break
+        if line is None:
+            break
+        record = json.loads(line)
+        if record.pop("begun", False):
+            under_way, allowed = record, cap if not quick else 10 * cap
+        else:
+            kept.add(record)
+            under_way, allowed = {}, START_CAP_S
+    errors = process.communicate()[1].strip().splitlines()
+    if process.returncode == 0:
+        return ""
+    why = f"more than {allowed:g} s" if process.returncode == -9 else (errors or [f"status {process.returncode}"])[-1]
+    failed = {"error": None, "cpu_s": None, "converged": False, "reason": why[:300]}
+    if under_way:
+        kept.add(under_way | failed)
+        return str(under_way["method"])
+    kept.add(
+        {"problem": problem, "n": n, "order": None, "ndof": None, "method": SET_UP, "device": "", "missing": True} | failed
+    )  # fmt: skip
+    return ""
+
+
+def lines(process: subprocess.Popen) -> Queue[str | None]:
+    """What a process prints, as it prints it, and None at the end."""
+    printed: Queue[str | None] = Queue()
+
+    def read() -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            printed.put(line)
+        printed.put(None)
+
+    Thread(target=read, daemon=True).start()
+    return printed
+
+
+def published(records: list[Record], quick: bool) -> list[Record]:
+    """With the machine and the versions, and names as in all benchmarks."""
+    from _command import run as made
+
+    about = made()
+    return [r | {"method": f"ngbrain:{r['problem']}: {r['method']}", "run": about, "quick": quick} for r in records]
+
+
+def main() -> None:
+    """See the top."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pack", type=Path, metavar="DIR")
+    parser.add_argument("--stage", type=Path, nargs="+", metavar="PART")
+    parser.add_argument("--site", type=Path, default=SITE, help=f"where parts are unpacked ({SITE})")
+    parser.add_argument("--out", type=Path, help="where records are kept (out/gpu/gpu.json, or gpu_quick.json)")
+    parser.add_argument("--minutes", type=float, default=8.0)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--chart", metavar="PNG")
+    arguments = parser.parse_args()
+    site = arguments.site.resolve()
+    arguments.out = arguments.out or Path("out/gpu/gpu_quick.json" if arguments.quick else "out/gpu/gpu.json")
+    if arguments.chart:
+        from _gpu_chart import chart
+
+        chart(json.loads(sys.stdin.read()), arguments.chart)
+        return
+    if arguments.pack:
+        from _gpu_pack import pack
+
+        for part in pack(arguments.pack):
+            print(part, *sorted(file.name for file in part.iterdir()))
+        return
+    if arguments.stage:
+        from _gpu_pack import unpack
+
+        begun = time.monotonic()
+        print("unpacked:", *unpack(arguments.stage, site), f"({time.monotonic() - begun:.1f} s)", file=sys.stderr)
+    if arguments.quick and not arguments.stage:
+        arguments.out.unlink(missing_ok=True)
+    kept = Measurements(arguments.out)
+    left = measure(plan(arguments.quick), kept, site, 60 * arguments.minutes, arguments.quick)
+    if left:
+        print("no time was left for:", ", ".join(left), file=sys.stderr)
+    if arguments.json:
+        print(json.dumps(published(kept.records, arguments.quick)))
+    else:
+        print("\n".join(map(line, kept.records)))
+
+
+def line(record: Record) -> str:
+    """One record in words."""
+    head = f"{record['problem']:24} {record['ndof'] or '':>8} {record['method']:42} {record['device']:5}"
+    if record.get("solve_s") is None:
+        return f"{head} {record['reason'] or record.get('version', '')} {record.get('name', '')}"
+    error = "" if record["error"] is None else f"{record['error']:.1e}"
+    return f"{head} {record.get('setup_s', 0):8.3f} {record['solve_s']:9.4f} s {error} {record['reason']}"
+
+
+if __name__ == "__main__":
+    main()
