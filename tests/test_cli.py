@@ -384,9 +384,15 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     result = {
         "answers": {"continuous": {**peaks, "dose_mmHg_min": 3.0, "mps_p95": 0.1}},
         "worth": {"peak_pressure_mmHg": peak},
+        "check_status": {"half steps": "computed"},
     }
-    monkeypatch.setattr("ngbrain.cli.retract.solve", lambda *_: result)
-    monkeypatch.setattr("ngbrain.report.build", lambda folder: folder / "report.html")
+
+    def solve(*_, callback, **__):
+        callback(result)
+        return result
+
+    monkeypatch.setattr("ngbrain.cli.retract.solve", solve)
+    monkeypatch.setattr("ngbrain.report.Report.write", lambda self: self.folder / "report.html")
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL + '[[ask]]\nquantity = "peak_force_N"\ntolerance = 0.2\n')
     (tmp_path / "out").mkdir()
