@@ -11,13 +11,14 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+from ngbrain.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from ngbrain.cli.options import parser
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.progress import LOG, terminal
 
 LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 """Three numbers with commas, the first of them negative."""
-EXIT_INPUT, EXIT_SOLVER, EXIT_INTERRUPTED = 2, 3, 130
+EXIT_INPUT, EXIT_SOLVER = 2, 3
 MODULES = {"demo": "retract", "solve": "ladder"}
 """Verbs that are at home in a module of another name; its `run` takes what was given and may return a status."""
 
@@ -29,9 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.verb is None:
         command.print_help()
         return 0
+    resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
+    stopped = f"ngbrain: stopped{resumed}"
     try:
-        module = import_module(f"ngbrain.cli.{MODULES.get(arguments.verb, arguments.verb)}")  # a second or two
-        with _logging(arguments.quiet):
+        with interruptible(stopped), _logging(arguments.quiet):
+            module = import_module(f"ngbrain.cli.{MODULES.get(arguments.verb, arguments.verb)}")  # a second or two
             return int(module.run(arguments) or 0)
     except (InputError, MissingExtra) as error:
         print(f"ngbrain: {error}", file=sys.stderr)
@@ -46,8 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("ngbrain: out of memory; larger elements or fewer --threads take less", file=sys.stderr)
         return EXIT_SOLVER
     except KeyboardInterrupt:
-        resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
-        print(f"ngbrain: stopped{resumed}", file=sys.stderr)
+        print(stopped, file=sys.stderr)
         return EXIT_INTERRUPTED
 
 

@@ -1,0 +1,67 @@
+"""Ctrl-C of a command: it ends cleanly where it can, and soon where it cannot."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+EXIT_INTERRUPTED = 130
+GRACE = 5.0
+"""Seconds that work may take to end. It hears of Ctrl-C when it is back in Python, which takes a mesh generator a minute."""
+
+
+@contextmanager
+def interruptible(words: str) -> Iterator[None]:
+    """Ctrl-C raises `KeyboardInterrupt` inside; after `GRACE`, or on a second one, the process ends at once, with these words.
+
+    What is raised inside after Ctrl-C is taken for it: libraries that are interrupted while they are imported say they are broken.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before in (signal.SIG_IGN, None) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard, over = threading.Event(), threading.Event()
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+
+    def interrupt(*_: Any) -> None:
+        if not heard.is_set():
+            heard.set()
+            raise KeyboardInterrupt
+
+    def end() -> None:
+        if not over.is_set():
+            print(words, file=sys.stderr, flush=True)
+            os._exit(EXIT_INTERRUPTED)
+
+    def watch() -> None:
+        with open(reading, "rb", buffering=0) as signals:
+            while (number := signals.read(1)) and number[0] != signal.SIGINT:
+                pass
+            patience = threading.Timer(GRACE, end)
+            patience.daemon = True
+            if number:
+                patience.start()
+                if signals.read(1):  # a second one; there is nothing more to read when it is over
+                    end()
+                patience.cancel()
+
+    threading.Thread(target=watch, daemon=True).start()
+    woken = signal.set_wakeup_fd(writing)
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    except BaseException:
+        if heard.is_set():
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        over.set()
+        signal.signal(signal.SIGINT, before)
+        signal.set_wakeup_fd(woken)
+        os.close(writing)
