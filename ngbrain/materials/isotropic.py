@@ -126,7 +126,7 @@ def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N8
 class Gent(Addable):
     """W = -μ J_m/2 ln(1 - (I₁ - 3)/J_m), initial shear modulus μ₀ = μ (Pa); no state beyond I₁ - 3 = J_m has an energy.
 
-    There it is NaN, which Newton's method refuses like an inverted element.
+    There energy and stress are NaN, which Newton's method refuses like an inverted element.
 
     Source: Gent 1996, 10.5254/1.3538357.
 
@@ -144,7 +144,8 @@ class Gent(Addable):
 
     def energy(self, C: CoefficientFunction) -> CoefficientFunction:
         """Energy density (Pa)."""
-        return -self.mu * self.jm / 2 * ngs.log(1 - (ngs.Trace(C) - 3) / self.jm)
+        # The root makes stresses NaN where the energy is; those of the logarithm alone are finite there, of the wrong sign.
+        return -self.mu * self.jm * ngs.log(ngs.sqrt(1 - (ngs.Trace(C) - 3) / self.jm))
 
 
 @dataclass(frozen=True)

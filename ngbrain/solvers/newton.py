@@ -89,6 +89,8 @@ class Newton:
         if not record.min_det_F > self.min_det:
             raise FloatingPointError(f"the starting state is inverted (smallest det F {record.min_det_F:.3g})")
         r, reactions = _residual(system, x, record)
+        if not _finite(r, reactions):
+            raise FloatingPointError("the residual is not finite")
         chain: list[tuple[Array, float]] = []
         fresh, climbs, foot = False, 0, (x, r, np.inf)
         while record.iterations < self.max_iter:
@@ -143,8 +145,11 @@ class Newton:
         while damping > self.min_damping:
             candidate = x + damping * step
             det = system.min_det(candidate)
+            finite = False  # a law without energy at some point is refused as an inverted element is
             if det > self.min_det:
                 r, reactions = _residual(system, candidate, record)
+                finite = _finite(r, reactions)
+            if finite:
                 v = -self._backsolve(r, record)
                 if _size(v, system.weights) <= (1 - damping / 4) * size or size <= self.xtol:
                     record.min_det_F = det
@@ -152,7 +157,8 @@ class Newton:
             if not damped:
                 return None
             damping /= 2
-        how = "the last trial" if det > self.min_det else "the last trial is inverted"
+        how = "the last trial" if finite else "the last trial has no finite forces"
+        how = how if det > self.min_det else "the last trial is inverted"
         raise FloatingPointError(f"no acceptable step ({how}, smallest det F {det:.3g})")
 
     def _climb(
@@ -161,7 +167,8 @@ class Newton:
         """The full step all the same, if there is one left and the state it leads to is allowed."""
         if climbs == self.watch or not system.min_det(x + step) > self.min_det:
             return None
-        return x + step, _residual(system, x + step, record)[0], climbs + 1
+        r, reactions = _residual(system, x + step, record)
+        return (x + step, r, climbs + 1) if _finite(r, reactions) else None
 
     def _backsolve(self, r: Array, record: NewtonRecord) -> Array:
         assert self.inverse is not None
@@ -176,9 +183,11 @@ def _size(v: Array, weights: Array) -> float:
 def _residual(system: System, x: Array, record: NewtonRecord) -> tuple[Array, float]:
     r, reactions = system.residual(x)
     record.work.residuals += 1
-    if not (np.isfinite(reactions) and np.all(np.isfinite(r))):
-        raise FloatingPointError("the residual is not finite")
     return r, reactions
+
+
+def _finite(r: Array, reactions: float) -> bool:
+    return bool(np.isfinite(reactions) and np.all(np.isfinite(r)))
 
 
 def _broyden(chain: list[tuple[Array, float]], v: Array, weights: Array) -> tuple[Array, float]:

@@ -179,9 +179,11 @@ def test_parameters_may_be_fields_and_have_derivatives(name, rng):
         assert np.all(np.abs(adjoint.check.taylor(W, slope, x, dx, first=0.1) - 2) < 0.2), (name, k)
 
 
-def test_gent_has_no_energy_beyond_its_limit():
+def test_gent_has_neither_energy_nor_stress_beyond_its_limit():
     F = np.diag([3.0, 3**-0.5, 3**-0.5])
     assert np.isfinite(energy(Gent(1.0, 7.0), F.T @ F)) and not np.isfinite(energy(Gent(1.0, 6.0), F.T @ F))
+    assert np.isfinite(states.stress(Gent(1.0, 7.0), F[None])).all()
+    assert np.isnan(states.stress(Gent(1.0, 6.0), F[None])[0, 0, 0])
 
 
 @pytest.mark.parametrize(
