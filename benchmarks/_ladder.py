@@ -195,7 +195,7 @@ def drawn(seed: int) -> Case:
         lesion = float(random.uniform(0.004, 0.008)) if random.random() < 0.5 else None
         piece = Piece(plate=(width, width), lesion=lesion, at=(0, 0, 0.017), cell=CELL)
         if lesion:
-            modulus = float(tissue.branches.initial_modulus * random.choice([0.3, 4.0]))
+            modulus = float(tissue.initial_modulus * random.choice([0.3, 4.0]))
             tissues.append(Stuff(region="lesion", mu=(modulus,)))
         given, ask = (FOOT, Given(boundary="plate", by=(0, 0, -far))), Ask(boundary="plate")
     else:

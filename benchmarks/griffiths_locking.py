@@ -26,7 +26,7 @@ from ngsolve.meshes import MakeStructured3DMesh
 from ngbrain.errors import CollapseWarning, SolverError, StabilityWarning
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
-from ngbrain.materials import Deformation, Ogden, constants
+from ngbrain.materials import Deformation, constants
 from ngbrain.surgery.injury import von_mises
 from ngbrain.tensors import deformation_gradient
 
@@ -77,10 +77,9 @@ def slab(cells: float, hexes: bool) -> ngs.Mesh:
 
 def pushed(form: str, cells: float, nu: float, way: float) -> Static:
     """The slab, not yet solved."""
-    published = constants("griffiths2024:white_matter")
-    law = Ogden(published.mu[0], published.alpha[0])
+    law = constants("griffiths2024:white_matter").law().equilibrium
     held = {"front|right|bottom": 0, "left": (None, 0, None), "back": (way * SHAPE, None, None)}
-    material = {".*": Material(law, ratio(nu) * published.mu[0])}
+    material = {".*": Material(law, ratio(nu) * law.mu)}
     return Static(slab(cells, form.startswith("Q")), material, held, form=form)
 
 

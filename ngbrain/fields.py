@@ -48,7 +48,8 @@ LARGEST = 1_000_000
 class Entry:
     """How a field stands in TOML: what is accepted under which key, how many of its unit are one SI (0: not a number).
 
-    `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too).
+    `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too). `hint` says what
+    is wanted in place of a text that was not accepted.
     """
 
     key: str
@@ -57,12 +58,13 @@ class Entry:
     per_si: int = 0
     size: int = 1
     table: type[Section] | None = None
+    hint: Callable[[str], str] | None = None
 
     def read(self, raw: Any, path: str) -> Any:
         """From TOML to SI (lists to tuples), or an `InputError` that names the path."""
         values = raw if isinstance(raw, list) and self.size != 1 else [raw]
         if not values or len(values) != (self.size or len(values)) or not all(map(self.accept, values)):
-            raise InputError(path, brief(raw), self.wanted)
+            raise InputError(path, brief(raw), self.hint(raw) if self.hint and isinstance(raw, str) else self.wanted)
         if self.table:
             values = [self.table.read(v, path if self.size else f"{path}#{i}") for i, v in enumerate(values, 1)]
         values = [v / self.per_si if self.per_si else v for v in values]
@@ -102,14 +104,21 @@ def whole(key: str, default: Any, low: int, high: int) -> Any:
     return _field(Entry(key, wanted, lambda raw: _is_number(raw, int) and low <= raw <= high), default)
 
 
-def text(key: str, default: Any, wanted: str, accept: Callable[[str], Any]) -> Any:
+def text(
+    key: str, default: Any, wanted: str, accept: Callable[[str], Any], hint: Callable[[str], str] | None = None
+) -> Any:
     """One line of text that `accept` says yes to."""
-    return _field(Entry(key, wanted, lambda raw: isinstance(raw, str) and raw.isprintable() and accept(raw)), default)
+
+    def fits(raw: Any) -> Any:
+        return isinstance(raw, str) and raw.isprintable() and accept(raw)
+
+    return _field(Entry(key, wanted, fits, hint=hint), default)
 
 
-def choice(key: str, default: Any, choices: Collection[str]) -> Any:
-    """One of several names."""
-    return text(key, default, "one of " + ", ".join(choices), choices.__contains__)
+def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str], str] | None = None) -> Any:
+    """One of several names; where they are many, `hint` says which ones another text may have meant."""
+    wanted = hint("") if hint else "one of " + ", ".join(choices)
+    return text(key, default, wanted, choices.__contains__, hint)
 
 
 def pattern(key: str, default: Any = MISSING) -> Any:

@@ -3,6 +3,7 @@
 import pytest
 
 from ngbrain.errors import InputError
+from ngbrain.materials import constants
 from ngbrain.scene.loading import Loading
 
 TOML = """
@@ -34,7 +35,7 @@ def read(tmp_path, text):
 def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
     scene = read(tmp_path, TOML)
     assert scene.given[1].by == (0, 0, -0.0002) and scene.piece.plate == (0.02, 0.02)
-    assert scene.stuff[0].branches.stay == 1
+    assert scene.stuff[0].law() == constants("griffiths2024:cortex").law()
     assert read(tmp_path, scene.to_toml()) == scene
 
 

@@ -118,7 +118,12 @@ def test_the_smallest_scene_falls_back_on_the_defaults():
         Protocol(kind="intermittent", hold=230.0, rest=90.0),
         Protocol(kind="staged", stages=5, rest=30.0),
     )
-    assert scene.tissues[0].bulk_ratio == 1000.0 and scene.support.fixed == "skull" and scene.body.order == 2
+    assert (
+        scene.tissues[0].bulk_ratio is None
+        and scene.tissues[0].bulk == 1000.0 * 500
+        and scene.support.fixed == "skull"
+        and scene.body.order == 2
+    )
     demo = Scene.shipped("idealised")
     assert (scene.body, scene.blade, scene.cleft, scene.steps) == (demo.body, demo.blade, demo.cleft, demo.steps)
     single = SMALLEST | {"tissue": SMALLEST["tissue"][0]}
@@ -208,19 +213,20 @@ def test_replace_gives_a_checked_scene():
 def test_tissue_from_the_catalogue(name):
     tissue, published = Tissue(region="x", constants=f"griffiths2024:{name}"), constants(f"griffiths2024:{name}")
     assert tissue.law() == published.law() and isinstance(tissue.law(), Viscous)
-    assert tissue.initial_modulus == sum(published.mu) and tissue.bulk == 1000 * sum(published.mu)
-    assert tissue.fitted_strain == 0.10
+    assert tissue.initial_modulus == published.initial_modulus and tissue.bulk == 1000 * published.initial_modulus
+    assert tissue.published is published
 
 
 def test_tissue_by_lists_is_the_tissue_by_name():
-    c = constants("griffiths2024:cortex")
-    tissue = Tissue(region="x", mu=c.mu, alpha=c.alpha, eta=c.eta, bulk_ratio=50.0)
-    assert tissue.law() == c.law() and tissue.bulk == 50 * 2380 and tissue.fitted_strain is None
+    lists = {"mu": (420.0, 1400.0, 560.0), "alpha": (-21.27, -14.66, -23.76), "eta": (3050.0, 289370.0)}
+    tissue = Tissue(region="x", **lists, bulk_ratio=50.0)
+    assert tissue.law() == constants("griffiths2024:cortex").law() and tissue.bulk == 50 * 2380
+    assert tissue.published is None
 
 
 def test_a_single_modulus_is_neo_hooke_and_has_no_exponent_to_replace():
     tissue = Tissue(region="ventricle.*", mu=50.0, bulk_ratio=10.0)
-    assert tissue.law() == Viscous(NeoHooke(50.0)) and (tissue.bulk, tissue.fitted_strain) == (500.0, None)
+    assert tissue.law() == Viscous(NeoHooke(50.0)) and tissue.bulk == 500.0
     assert tissue.with_alpha(-4.7) == tissue
 
 
@@ -231,7 +237,7 @@ def test_with_alpha_keeps_moduli_and_times():
     assert other.initial_modulus == tissue.initial_modulus and other.bulk == tissue.bulk
     assert [b.tau for b in other.law().branches] == pytest.approx([b.tau for b in tissue.law().branches], rel=1e-8)
     assert [b.law.mu for b in other.law().branches] == [b.law.mu for b in tissue.law().branches]
-    assert other.fitted_strain is None and other.region == "x"
+    assert other.published is None and other.region == "x"
 
 
 @pytest.mark.parametrize("given", [{"constants": "griffiths2024:cortex"}, {"mu": 50.0}, {"mu": 50.0, "alpha": -4.0}])
@@ -242,7 +248,8 @@ def test_scaled_doubles_moduli_and_keeps_times(given):
     law, twice = tissue.law(), double.law()
     assert [b.tau for b in twice.branches] == pytest.approx([b.tau for b in law.branches], rel=1e-8)
     assert twice.equilibrium == dataclasses.replace(law.equilibrium, mu=2 * law.equilibrium.mu)
-    with pytest.raises(InputError, match="mu_Pa"):
+    assert double.published is tissue.published and tissue.scaled(2.0).scaled(3.0).scale == 6.0
+    with pytest.raises(InputError, match="scale"):
         tissue.scaled(-1.0)
 
 

@@ -10,7 +10,7 @@ from ngbrain import ladder
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.fields import read_toml
-from ngbrain.progress import Progress, terminal
+from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report import ladder as page
 from ngbrain.scene import Scene
 from ngbrain.scene.loading import Loading
@@ -30,6 +30,8 @@ def run(arguments: argparse.Namespace) -> None:
             result = adequate.solve(scene, folder, threads=arguments.threads, tell=line.tell)
         else:
             result = ladder.solve(scene, folder, threads=arguments.threads, tell=line.tell)
+    for text in result["warnings"]:
+        LOG.warning("warning: %s", text)
     report = page.build(folder / "report.html", result)
     doubts = [f"doubt: {flag}" for flag in result["flags"]]
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], doubts)

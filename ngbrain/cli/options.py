@@ -234,7 +234,10 @@ def _predict(verbs: Any) -> argparse.ArgumentParser:
 
 def _solve(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
-        "solve", help="a loaded body or an operation, by the cheapest model that will do"
+        "solve",
+        help="a loaded body or an operation, by the cheapest model that will do",
+        epilog="What regions are made of: [[stuff]] of a loaded body or [[tissue]] of an operation, with constants = NAME; "
+        "`ngbrain materials` lists the names.",
     )
     parser.add_argument(
         "scene", type=Path, metavar="SCENE.toml", help="body, tissues, loads, and what is asked how accurately"

@@ -49,6 +49,8 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if scene.ask:
         LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
+    for text in scene.warnings:
+        LOG.warning("warning: %s", text)
     from ngbrain.report import Report
 
     report, written = Report(folder), list[Path]()

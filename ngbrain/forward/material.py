@@ -13,6 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, barrier, quadratic
 from ngbrain.materials.base import Deformation, Value, density
 from ngbrain.materials.points import initial_modulus
+from ngbrain.materials.viscous import viscous
 from ngbrain.materials.volumetric import coupled
 
 Change = Callable[[CoefficientFunction, Value], CoefficientFunction]
@@ -37,7 +38,7 @@ class Material:
     @property
     def viscous(self) -> Viscous:
         """The law of shape as a `Viscous`, without branches if it does not relax."""
-        return self.law if isinstance(self.law, Viscous) else Viscous(self.law)
+        return viscous(self.law)
 
     @property
     def elastic(self) -> Law:

@@ -20,9 +20,9 @@ from ngsolve import ngsglobals
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
-from ngbrain.ladder.rungs import Model
+from ngbrain.ladder.rungs import Model, axes_of
 from ngbrain.progress import logged, reporting
-from ngbrain.scene.loading import Loading
+from ngbrain.scene.loading import DENSITY, Loading
 from ngbrain.threads import threads as using
 
 __all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
@@ -47,6 +47,10 @@ class Asking(Protocol):
     def ask(self) -> Sequence[Question] | None:
         """Questions."""
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is assumed, and what to know of constants."""
+
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
 
@@ -70,6 +74,7 @@ def solve(
 
     `answers` (SI units) and `error`, the relative change that all steps left would make together, by the question's name; `model`;
     `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
+    `warnings`: what is assumed of the tissues, and what to know of published constants.
     Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
 
     >>> from ngbrain.scene.loading import Ask, Given, Stuff
@@ -84,11 +89,27 @@ def solve(
         folder,
         threads,
         lambda: climb(scene, richest, tell) if model is None else stand(scene, model),
+        _assumed_density(scene),
     )
 
 
-def answered(scene: Asking, folder: str | Path | None, threads: int, find: Callable[[], Climb]) -> dict[str, Any]:
-    """What `result.json` holds of the climb that is found, and written there."""
+def _assumed_density(scene: Loading) -> list[str]:
+    """A line for each tissue whose density counts and is not given."""
+    course = scene.course
+    if course.frequency is None and course.gravity is None and "inertia" not in axes_of(scene):
+        return []
+    said = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
+    return [f"stuff#{i} ({s.region}): {said}" for i, s in enumerate(scene.stuff, 1) if s.density is None]
+
+
+def answered(
+    scene: Asking,
+    folder: str | Path | None,
+    threads: int,
+    find: Callable[[], Climb],
+    warnings: Sequence[str] = (),
+) -> dict[str, Any]:
+    """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own."""
     started = time.perf_counter()
     ngsglobals.msg_level = 0
     with using(threads):
@@ -100,6 +121,7 @@ def answered(scene: Asking, folder: str | Path | None, threads: int, find: Calla
         "seed": 0,
         "threads": threads,
         "scene": scene.to_dict(),
+        "warnings": [*scene.warnings, *warnings],
         **described(found, [ask.name for ask in scene.ask or ()]),
         "time_s": time.perf_counter() - started,
     }

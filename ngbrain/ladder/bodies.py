@@ -29,8 +29,9 @@ from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import State, along, answer, embedded
 from ngbrain.ladder.rungs import PART, Model
 from ngbrain.ladder.waves import shaken
-from ngbrain.materials import Branch, HolzapfelGasserOgden, NeoHooke, Ogden, OgdenBranches, Viscous
+from ngbrain.materials import HolzapfelGasserOgden, Viscous
 from ngbrain.materials.base import Law, Value
+from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
 from ngbrain.scene.loading import GRAVITY, Given, Loading, Stuff
 
 Array = np.ndarray
@@ -72,7 +73,7 @@ class Bench:
 
     def left_out(self, extent: str, plane: bool, level: int) -> Array:
         """By each element of a level's mesh (ne,), in the linear elastic body; see `local`."""
-        time = "relaxed" if any(stuff.branches.eta for stuff in self.scene.stuff) else "instantaneous"
+        time = "relaxed" if any(stuff.law().branches for stuff in self.scene.stuff) else "instantaneous"
         place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
@@ -124,9 +125,9 @@ class Bench:
         if stuff.map not in self._maps:
             self._maps[stuff.map] = read(stuff.map)
         if model.get("tissue") == "map":
-            return over(self._maps[stuff.map], self.mesh(model)) / stuff.branches.initial_modulus
+            return over(self._maps[stuff.map], self.mesh(model)) / stuff.initial_modulus
         mesh = self._meshes["whole"].at(0, plane=False)
-        return median(over(self._maps[stuff.map], mesh), region) / stuff.branches.initial_modulus
+        return median(over(self._maps[stuff.map], mesh), region) / stuff.initial_modulus
 
     def _face(self, mesh: ngs.Mesh, given: Given) -> RigidFace:
         """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
@@ -137,15 +138,15 @@ class Bench:
         )
         if outward > -0.1 * area * math.hypot(*by):
             raise InputError("given.by_mm", [1e3 * each for each in given.by], "into the body, of what touches it")
-        modulus = self.factor(self.largest, {}) * self.stuff(self.largest, {}).branches.initial_modulus
+        modulus = self.factor(self.largest, {}) * self.stuff(self.largest, {}).initial_modulus
         return RigidFace(given.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
 
     @cached_property
     def crossing(self) -> float:
         """Time (s) of a shear wave through the most of the body along its longest side."""
         most = self.stuff(self.largest, {})
-        modulus = self.factor(self.largest, {}) * most.branches.initial_modulus
-        return float(self.longest * math.sqrt(most.density / modulus))
+        modulus = self.factor(self.largest, {}) * most.initial_modulus
+        return float(self.longest * math.sqrt(most.rho / modulus))
 
     def static(self, model: Model, t: float) -> Static:
         """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
@@ -155,14 +156,14 @@ class Bench:
         """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
         return Relaxing(*self._parts(model, self._law(model, t)), form=form_of(model))
 
-    def _law(self, model: Model, t: float) -> Callable[[OgdenBranches, Value], Law | Viscous]:
-        level = model.get("time", "instantaneous")
-        if level == "relaxed":
-            return _elastic(self._relaxed(t))
-        laws: dict[str, Callable[[OgdenBranches, Value], Law | Viscous]] = {
-            "instantaneous": _elastic(_at_once),
-            "prony": _hereditary,
-            "flowing": _flowing,
+    def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
+        """From a tissue's law and what its moduli are multiplied by to that of the model."""
+        level, ramp = model.get("time", "instantaneous"), self.scene.course.ramp
+        laws: dict[str, Callable[[Viscous, Value], Law | Viscous]] = {
+            "instantaneous": lambda law, factor: scale(instantaneous_law(law), factor),
+            "relaxed": lambda law, factor: scale(relaxed_law(law, ramp, t), factor),
+            "prony": lambda law, factor: stiffen(hereditary_form(law), factor),
+            "flowing": stiffen,
         }
         return laws[level]
 
@@ -183,22 +184,19 @@ class Bench:
         course = self.scene.course
         return course.ramp if when == "ramp" else course.elapsed
 
-    def _relaxed(self, t: float) -> Callable[[OgdenBranches], OgdenBranches]:
-        return lambda branches: relaxed(branches, self.scene.course.ramp, t)
-
     def _parts(
-        self, model: Model, law: Callable[[OgdenBranches, Value], Law | Viscous]
+        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous]
     ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
         for region in sorted(set(mesh.GetMaterials())):
             stuff, factor = self.stuff(region, model), self.factor(region, model)
-            made: Any = law(stuff.branches, factor)
+            made: Any = law(stuff.law(), factor)
             if stuff.k1 is not None and model.get("fibres") == "all":
-                soft = FIBRES_ALONE * stuff.branches.initial_modulus
+                soft = FIBRES_ALONE * stuff.initial_modulus
                 made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, stuff.fibre)
-            materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.density
+            materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.rho
         supports: dict[str, Support] = {}
         loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
         for given in scene.given:
@@ -227,45 +225,12 @@ def form_of(model: Model) -> str:
     return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
 
 
-def relaxed(branches: OgdenBranches, ramp: float, t: float) -> OgdenBranches:
-    """The elastic tissue with the stress that small strains have at t, which grew evenly in `ramp` and then stayed.
+def relaxed_law(material: Viscous, ramp: float, t: float) -> Law:
+    """The elastic law with the stress that small strains have at t, which grew evenly in `ramp` and then stayed.
 
     A branch of modulus μ and time τ has μ (τ/T)(1 - e^(-T/τ)) e^(-(t - T)/τ) left.
     """
-    shares = []
-    for mu, eta in zip(branches.mu[branches.stay :], branches.eta, strict=True):
-        tau = eta / mu
-        shares.append(mu * tau / ramp * -math.expm1(-ramp / tau) * math.exp(-(t - ramp) / tau))
-    return OgdenBranches((*branches.mu[: branches.stay], *shares), branches.alpha, ())
-
-
-def _at_once(branches: OgdenBranches) -> OgdenBranches:
-    return OgdenBranches(branches.mu, branches.alpha, ())
-
-
-def _elastic(constants: Callable[[OgdenBranches], OgdenBranches]) -> Callable[[OgdenBranches, Value], Law]:
-    def law(branches: OgdenBranches, factor: Value) -> Law:
-        made = constants(branches)
-        kept = [(factor * m, a) for m, a in zip(made.mu, made.alpha, strict=True) if m > 0]
-        return _terms([m for m, _ in kept], [a for _, a in kept])
-
-    return law
-
-
-def _terms(mu: list[Value], alpha: list[float]) -> Law:
-    """Ogden terms as one law; Neo-Hooke where all exponents are 2, which costs half."""
-    return NeoHooke(sum(mu)) if all(a == 2 for a in alpha) else Ogden(mu, alpha)
-
-
-def _hereditary(branches: OgdenBranches, factor: Value) -> Viscous:
-    made, stay = _flowing(branches, factor), branches.stay
-    times = (eta / mu for mu, eta in zip(branches.mu[stay:], branches.eta, strict=True))
-    relaxing = (Branch(branch.law, tau) for branch, tau in zip(made.flowing, times, strict=True))
-    return Viscous(made.equilibrium, tuple(relaxing))
-
-
-def _flowing(branches: OgdenBranches, factor: Value) -> Viscous:
-    return branches.times(factor).law()
+    return elastic_law(material, lambda tau: tau / ramp * -math.expm1(-ramp / tau) * math.exp(-(t - ramp) / tau))
 
 
 @dataclass(frozen=True, eq=False)

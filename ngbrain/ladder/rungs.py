@@ -133,10 +133,11 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
     check("richest", bounds, known)
+    laws = [stuff.law() for stuff in scene.stuff]
     idle = {
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
-        "time": not any(stuff.branches.eta for stuff in scene.stuff),
-        "loss": not any(stuff.branches.eta or stuff.loss for stuff in scene.stuff),
+        "time": not any(law.branches for law in laws),
+        "loss": not any(law.branches or stuff.loss for law, stuff in zip(laws, scene.stuff, strict=True)),
         "contact": all(given.hold == "tied" for given in scene.given),
         "inertia": not waves and scene.course.ramp > SLOW * _crossing(scene),
         "space": scene.piece.shape != "block" or _out_of_plane(scene),
@@ -149,6 +150,8 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             continue
         last = axis.levels.index(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
+        if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
+            last = min(last, axis.levels.index("prony") + 1)
         if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
     if scene.piece.shape == "head":  # its curved elements cannot be cut one by one
@@ -183,7 +186,7 @@ def _whole_steps(axis: Axis) -> Axis:
 def _crossing(scene: Loading) -> float:
     """Time (s) of a shear wave along the longest side, through the first tissue, to which others are exceptions."""
     longest, tissue = max(scene.piece.size) if scene.piece.shape == "block" else LONG, scene.stuff[0]
-    return longest * math.sqrt(tissue.density / (SOFT if tissue.map else tissue.branches.initial_modulus))
+    return longest * math.sqrt(tissue.rho / (SOFT if tissue.map else tissue.initial_modulus))
 
 
 def _tissues(scene: Loading) -> tuple[int, int]:

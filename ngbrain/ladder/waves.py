@@ -13,6 +13,7 @@ from ngbrain.ladder.quantities import Measured, along, percentile, point_in, wit
 from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
+from ngbrain.materials.families import relaxation_time, shear_modulus
 from ngbrain.scene.loading import Ask, Loading, Stuff
 
 Array = np.ndarray
@@ -26,11 +27,11 @@ def modulus(stuff: Stuff, omega: float, loss: bool) -> complex:
     >>> modulus(Stuff(mu=1000.0, loss=0.2), 300.0, True)
     (1000+200j)
     """
-    branches = stuff.branches
-    total = sum(branches.mu[: branches.stay]) * complex(1, stuff.loss)
-    for mu, eta in zip(branches.mu[branches.stay :], branches.eta, strict=True):
-        turned = 1j * omega * eta / mu
-        total += mu * turned / (1 + turned)
+    law = stuff.law()
+    total = float(shear_modulus(law.equilibrium)) * complex(1, stuff.loss)
+    for branch in law.branches:
+        turned = 1j * omega * float(relaxation_time(branch))
+        total += float(shear_modulus(branch.law)) * turned / (1 + turned)
     return total if loss else complex(total.real)
 
 
@@ -67,7 +68,7 @@ def shaken(
             )
         ],
         bulk=factor * mesh.MaterialCF({name: each.bulk for name, (each, _) in regions.items()}),
-        density=mesh.MaterialCF({name: each.density for name, (each, _) in regions.items()}),
+        density=mesh.MaterialCF({name: each.rho for name, (each, _) in regions.items()}),
         form=form,
         held={mine: held[own] for mine, own in names.items() if held[own]},
     )

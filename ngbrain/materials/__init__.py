@@ -1,8 +1,8 @@
 """Tissue laws: an energy density each; stress, tangent and sensitivities are derived from it."""
 
 from ngbrain.materials.base import Deformation, Law, Scaled, Sum, density
-from ngbrain.materials.branches import OgdenBranches
-from ngbrain.materials.catalogue import BRAIN, CATALOGUE, constants, published
+from ngbrain.materials.catalogue import CATALOGUE, constants, published
+from ngbrain.materials.families import RelaxingOgden, mix
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Flow, Flows, Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke, Yeoh
@@ -20,7 +20,6 @@ from ngbrain.materials.volumetric import (
 )
 
 __all__ = [
-    "BRAIN",
     "CATALOGUE",
     "Branch",
     "Compressible",
@@ -38,9 +37,9 @@ __all__ = [
     "MooneyRivlin",
     "NeoHooke",
     "Ogden",
-    "OgdenBranches",
     "Polynomial",
     "Prony",
+    "RelaxingOgden",
     "RelaxingPolynomial",
     "SaintVenant",
     "Scaled",
@@ -55,6 +54,7 @@ __all__ = [
     "density",
     "fourier",
     "logarithmic",
+    "mix",
     "perturbed_lagrangian",
     "perturbed_logarithm",
     "published",

@@ -4,32 +4,41 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import KW_ONLY, dataclass
+from difflib import SequenceMatcher
+from typing import Literal, cast
 
-from ngbrain.errors import InputError, RangeWarning, nearest
+from ngbrain.errors import InputError, RangeWarning
 from ngbrain.materials.base import Law
-from ngbrain.materials.branches import OgdenBranches
+from ngbrain.materials.families import RelaxingOgden
 from ngbrain.materials.isotropic import Demiray, Gent, NeoHooke, Ogden, Polynomial
-from ngbrain.materials.viscous import Prony, Viscous
+from ngbrain.materials.viscous import Prony, Viscous, viscous
 
+ALIKE = 0.6
+"""Share of letters in common from which a name may have been meant."""
 _warned: set[str] = set()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Published:
-    """Where constants come from and how far they reach.
+    """A published material, where it comes from and how far it reaches.
 
+    material         the law, as the source's constants give it
+    initial_modulus  its shear modulus μ₀ (Pa) at sudden small strain
     protocol     what was done to the samples, and how fast
     stretch      lowest and highest stretch in the data
     convention   the source's symbols, where they differ from those here
     evidence     of the numbers: read at the source; in a transcription (others' public code); a refit, fitted for this
                  package to the source's curves; or recalled, so to be looked up before they are quoted
     note         what else to know
+    caution      what a scene's result says where it is used
     bulk         bulk modulus K (Pa), where the source has one
     poisson      Poisson's ratio, where the source has one
     """
 
+    material: Law | Viscous
+    initial_modulus: float
+    _: KW_ONLY
     name: str
     source: str
     doi: str
@@ -40,13 +49,44 @@ class Published:
     evidence: Literal["source", "transcription", "refit", "recalled"]
     convention: str = "as here"
     note: str = ""
+    caution: str = ""
     bulk: float | None = None
     poisson: float | None = None
+
+    def law(self) -> Law | Viscous:
+        """The material, ready for a solver."""
+        return self.material
 
     @property
     def fitted_strain(self) -> float:
         """Largest stretch change (|λ - 1|) of the data."""
         return round(max(abs(stretch - 1) for stretch in self.stretch), 9)
+
+    @property
+    def principal_stretch(self) -> tuple[float, float]:
+        """Lowest and highest principal stretch in the samples: λ along their axis, and λ^(-1/2) across it at constant volume.
+
+        >>> constants("budday2017:cortex:ogden:compression").principal_stretch
+        (0.9, 1.0540925533894598)
+        """
+        least, most = self.stretch
+        thin, thick = 1 / math.sqrt(most), 1 / math.sqrt(least) if least else math.inf
+        return min(least, thin), max(most, thick)
+
+    @property
+    def cautions(self) -> list[str]:
+        """What whoever computes with it has to know, in words.
+
+        >>> constants("miller1997:brain").cautions
+        ['measured in compression alone', 'constants recalled: look them up before you quote them']
+        """
+        least, most = self.stretch
+        found = [self.caution] if self.caution else []
+        if least >= 1 or most <= 1:
+            found.append(f"measured in {'tension' if least >= 1 else 'compression'} alone")
+        if self.evidence == "recalled":
+            found.append("constants recalled: look them up before you quote them")
+        return found
 
     def check(self, low: float, high: float) -> None:
         """Warn, once in a process, if stretches from `low` to `high` leave those of the data."""
@@ -59,27 +99,7 @@ class Published:
             )
 
 
-@dataclass(frozen=True)
-class PublishedBranches(OgdenBranches, Published):
-    """Published constants of a relaxing one-term Ogden tissue."""
-
-
-@dataclass(frozen=True)
-class PublishedLaw(Published):
-    """A published material with its initial shear modulus μ₀ (Pa), as the source's constants give it."""
-
-    material: Law | Viscous
-    initial_modulus: float
-
-    def law(self) -> Law | Viscous:
-        """The material, ready for a solver."""
-        return self.material
-
-
-Entry: TypeAlias = PublishedLaw | PublishedBranches
-
-
-def _griffiths() -> list[PublishedBranches]:
+def _griffiths() -> list[Published]:
     constants = {
         "cortex": ((420.0, 1400.0, 560.0), (-21.27, -14.66, -23.76), (3050.0, 289370.0)),
         "white_matter": ((160.0, 970.0, 250.0), (-25.66, -25.35, -29.22), (2190.0, 299790.0)),
@@ -87,8 +107,9 @@ def _griffiths() -> list[PublishedBranches]:
         "deep_grey": ((170.0, 680.0, 270.0), (-21.52, -15.5, -22.76), (2270.0, 240170.0)),
     }
     return [
-        PublishedBranches(
-            *values,
+        Published(
+            RelaxingOgden(mu, alpha, eta),
+            sum(mu),
             name=f"griffiths2024:{region}",
             source="Griffiths, Jayamohan, Budday 2024",
             doi="10.1007/s10237-023-01806-2",
@@ -100,7 +121,7 @@ def _griffiths() -> list[PublishedBranches]:
             note="from the authors' parameter files (*_med.prm); finite viscoelasticity, there as here",
             poisson=0.49,
         )
-        for region, values in constants.items()
+        for region, (mu, alpha, eta) in constants.items()
     ]
 
 
@@ -140,11 +161,11 @@ _BUDDAY_ONE_MODE: dict[str, dict[type, tuple[tuple[float, ...], tuple[float, ...
 _MODES = {"compression": (0.9, 1.0), "tension": (1.0, 1.1)}
 
 
-def _budday() -> list[PublishedLaw]:
+def _budday() -> list[Published]:
     source, doi = "Budday et al. 2017", "10.1016/j.actbio.2016.10.036"
     samples = "5 mm cubes, less than 24 h after death, conditioned, quasi-static"
     found = [
-        PublishedLaw(
+        Published(
             Ogden(mu, alpha),
             mu,
             name=f"budday2017:{region}",
@@ -162,9 +183,9 @@ def _budday() -> list[PublishedLaw]:
     for region, laws in _BUDDAY_ONE_MODE.items():
         for law, values in laws.items():
             for (mode, stretch), constants in zip(_MODES.items(), values, strict=True):
-                locks = f"; no state beyond I₁ = {3 + constants[1]:g} has an energy" if law is Gent else ""
+                locks = f"no state beyond I₁ = {3 + constants[1]:g} has an energy" if law is Gent else ""
                 found.append(
-                    PublishedLaw(
+                    Published(
                         law(*constants),
                         constants[0],
                         name=f"budday2017:{region}:{law.__name__.lower()}:{mode}",
@@ -175,7 +196,8 @@ def _budday() -> list[PublishedLaw]:
                         protocol=f"{samples}: {mode}",
                         stretch=stretch,
                         evidence="transcription",
-                        note=f"fits {mode} alone{locks}",
+                        note=f"fits {mode} alone",
+                        caution=locks,
                     )
                 )
     return found
@@ -186,9 +208,9 @@ _MILLER = {"g": [0.450, 0.365], "tau": [0.5, 50.0]}
 _MILLER_RATES = "cylinders in vitro, strain rates 0.64 to 0.64e-5 /s"
 
 
-def _soft() -> list[PublishedLaw]:
+def _soft() -> list[Published]:
     return [
-        PublishedLaw(
+        Published(
             Prony(Polynomial({(1, 0): 263.0, (0, 1): 263.0, (2, 0): 491.0, (0, 2): 491.0}), **_MILLER),
             1052.0,
             name="miller1997:brain",
@@ -200,7 +222,7 @@ def _soft() -> list[PublishedLaw]:
             stretch=(0.7, 1.0),
             evidence="recalled",
         ),
-        PublishedLaw(
+        Published(
             Prony(Ogden(842.0, -4.7), **_MILLER),
             842.0,
             name="miller2002:brain",
@@ -213,7 +235,7 @@ def _soft() -> list[PublishedLaw]:
             evidence="recalled",
             note="μ and α are in a transcription, whose own law however has half the stiffness; g and τ are recalled",
         ),
-        PublishedLaw(
+        Published(
             Polynomial({(1, 0): -1010.0, (0, 1): 1490.0, (1, 1): 190.0}),
             960.0,
             name="laksari2012:brain",
@@ -224,9 +246,10 @@ def _soft() -> list[PublishedLaw]:
             protocol="compression, ex vivo",
             stretch=(0.7, 1.0),
             evidence="transcription",
-            note="its instantaneous law, incompressible; c₁₀ < 0: not stable in every deformation; DOI and range recalled",
+            note="incompressible; DOI and range recalled",
+            caution="the law of a sudden strain alone; c₁₀ < 0: not stable in every deformation",
         ),
-        PublishedLaw(
+        Published(
             # μ/α of the source is 2μ/α² here.
             Ogden([1044.0 * 4.309 / 2, 1183.0 * 7.736 / 2], [4.309, 7.736]),
             6825.142,
@@ -239,9 +262,10 @@ def _soft() -> list[PublishedLaw]:
             stretch=(0.9, 1.1),
             evidence="transcription",
             convention="W = Σ μ/α (Σ λ^α - 3) with μ = 1044, 1183 Pa, α = 4.309, 7.736; initial shear modulus Σ μα/2",
-            note="drained skeleton; the range is a cautious guess, DOI recalled",
+            note="the range is a cautious guess, DOI recalled",
+            caution="the drained skeleton, without the fluid that bears fast loads",
         ),
-        PublishedLaw(
+        Published(
             Ogden(670.0, -19.0),
             670.0,
             name="bennion2022:brain",
@@ -256,7 +280,7 @@ def _soft() -> list[PublishedLaw]:
             note="μ, α, K from the abstract; the range is a cautious guess, DOI recalled",
             bulk=148e3,
         ),
-        PublishedLaw(
+        Published(
             NeoHooke(10.0 / 2.2),
             10.0 / 2.2,
             name="wittek2007:csf",
@@ -274,10 +298,11 @@ def _soft() -> list[PublishedLaw]:
     ]
 
 
-def _stiff() -> list[PublishedLaw]:
+def _stiff() -> list[Published]:
     linear = "linear elasticity by Young's modulus; for small strain only"
+    small = "a linear law for small strain, taken as Neo-Hooke's"
     return [
-        PublishedLaw(
+        Published(
             NeoHooke(68.1e6 / 3),
             22.7e6,
             name="pearcy2022:dura",
@@ -289,9 +314,10 @@ def _stiff() -> list[PublishedLaw]:
             stretch=(1.0, 1.144),
             evidence="source",
             convention=f"{linear}; E = 68.1 MPa, here incompressible",
+            caution=small,
             note="14.4 % is the mean strain at rupture; head models often have 31.5 MPa (Galford & McElhaney 1970)",
         ),
-        PublishedLaw(
+        Published(
             NeoHooke(7.7e6 / 3),
             7.7e6 / 3,
             name="conley2020:pia_arachnoid",
@@ -303,8 +329,9 @@ def _stiff() -> list[PublishedLaw]:
             stretch=(1.0, 1.6),
             evidence="source",
             convention=f"{linear}; E = 7.7 MPa, here incompressible",
+            caution=small,
         ),
-        PublishedLaw(
+        Published(
             NeoHooke(1.2e6 / 3),
             0.4e6,
             name="bennion2022:pia",
@@ -316,9 +343,10 @@ def _stiff() -> list[PublishedLaw]:
             stretch=(0.95, 1.05),
             evidence="source",
             convention=f"{linear}; stiffness 1.2 MPa taken for E, here incompressible",
+            caution=small,
             note="from the abstract; the range is a cautious guess, DOI recalled",
         ),
-        PublishedLaw(
+        Published(
             NeoHooke(5.6e9 / 2.44),
             5.6e9 / 2.44,
             name="mcelhaney1970:skull",
@@ -330,6 +358,7 @@ def _stiff() -> list[PublishedLaw]:
             stretch=(0.99, 1.01),
             evidence="recalled",
             convention=f"{linear}; E = 5.6 GPa, ν = 0.22",
+            caution=small,
             note="across the skull about half as stiff; the range is a cautious guess",
             bulk=5.6e9 / 1.68,
             poisson=0.22,
@@ -337,26 +366,42 @@ def _stiff() -> list[PublishedLaw]:
     ]
 
 
-BRAIN: dict[str, PublishedBranches] = {entry.name: entry for entry in _griffiths()}
-"""Those of which a scene can mix neighbouring tissues."""
-CATALOGUE: dict[str, Entry] = {**BRAIN, **{entry.name: entry for entry in _budday() + _soft() + _stiff()}}
+CATALOGUE: dict[str, Published] = {e.name: e for e in _griffiths() + _budday() + _soft() + _stiff()}
 
 
-def constants(name: str) -> Entry:
+def suggest(name: str) -> str:
+    """What an unknown name of constants may have meant: those it is a part of, or the nearest ones.
+
+    >>> suggest("miler2002:brain")
+    "a name in the catalogue, such as 'miller2002:brain', 'miller1997:brain', 'laksari2012:brain'; `ngbrain materials` lists all"
+    """
+
+    def likeness(known: str) -> float:
+        """Of the whole, or of a part between colons."""
+        parts = (known, *known.split(":"))
+        return max(SequenceMatcher(None, name.casefold(), part).ratio() for part in parts) + (name.casefold() in known)
+
+    near = sorted((known for known in CATALOGUE if likeness(known) >= ALIKE), key=likeness, reverse=True)
+    such = ", such as " + ", ".join(map(repr, near[:3])) if name and near else ""
+    return f"a name in the catalogue{such}; `ngbrain materials` lists all"
+
+
+def constants(name: str) -> Published:
     """Published constants by name, for example "griffiths2024:cortex"; an unknown name raises `InputError`.
 
     >>> constants("miller2002:brain").initial_modulus
     842.0
     """
     if name not in CATALOGUE:
-        raise InputError("constants", repr(name), nearest(name, CATALOGUE))
+        raise InputError("constants", repr(name), suggest(name))
     return CATALOGUE[name]
 
 
-def published(law: object) -> Entry | None:
+def published(law: object) -> Published | None:
     """The entry whose law equals this one, or None.
 
     >>> published(Ogden(670.0, -19.0)).name
     'bennion2022:brain'
     """
-    return next((entry for entry in CATALOGUE.values() if entry.law() == law), None)
+    wanted = viscous(cast(Law, law))
+    return next((entry for entry in CATALOGUE.values() if viscous(entry.law()) == wanted), None)

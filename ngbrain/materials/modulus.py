@@ -25,7 +25,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Law, Value, checked, positive
 from ngbrain.materials.points import initial_modulus
-from ngbrain.materials.viscous import Viscous
+from ngbrain.materials.viscous import Viscous, viscous
 
 Frequency: TypeAlias = float | np.ndarray | CoefficientFunction
 """Angular frequency ω (rad/s)."""
@@ -225,8 +225,7 @@ def fourier(material: Viscous | Law) -> PronySeries:
     >>> fourier(Prony(NeoHooke(1500.0), g=[2 / 3], tau=[0.01]))(100.0)
     (1000+500j)
     """
-    if not isinstance(material, Viscous):
-        material = Viscous(material)
+    material = viscous(material)
     moduli = [initial_modulus(branch.law) for branch in material.branches]
     total = sum(moduli, initial_modulus(material.equilibrium))
     return PronySeries(total, tuple(mu / total for mu in moduli), tuple(branch.tau for branch in material.branches))

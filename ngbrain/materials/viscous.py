@@ -104,6 +104,16 @@ class Viscous:
         return sum(relaxing, density(self.equilibrium, at))
 
 
+def viscous(law: Viscous | Law) -> Viscous:
+    """The material itself, or an elastic law as one without branches.
+
+    >>> from ngbrain.materials import NeoHooke
+    >>> viscous(NeoHooke(500.0))
+    Viscous(equilibrium=NeoHooke(mu=500.0), branches=())
+    """
+    return law if isinstance(law, Viscous) else Viscous(law)
+
+
 def Prony(law: Law, g: Sequence[Value], tau: Sequence[Value]) -> Viscous:  # noqa: N802  (reads as a law)
     """Quasi-linear viscoelasticity: W_k = g_k W, W_∞ = (1 - Σ g_k) W, with W the instantaneous law.
 

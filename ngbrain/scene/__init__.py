@@ -14,16 +14,18 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 from typing import Protocol as Interface
 
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Document, Section, brief, choice, entries, number, pattern, table, text, whole
-from ngbrain.materials import BRAIN, OgdenBranches, Viscous
+from ngbrain.materials.families import is_neo_hooke, shear_modulus
 from ngbrain.mesh.cleft import Cleft as Slot
 from ngbrain.mesh.shapes import Ellipsoids
 from ngbrain.scene.programs import Ask, Protocol, Retraction
+from ngbrain.scene.tissues import Constitutive
 
 WIDEST = 80e-3
 """Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
@@ -31,6 +33,8 @@ NARROWEST = 4e-3
 """Width (m) of a blade on whose face pressure can be read, which is done off its edges."""
 FACED = 5e-3
 """Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
+NEARLY_INCOMPRESSIBLE = 1000.0
+"""Bulk over shear modulus of tissue of which nothing else is known."""
 
 
 class Openable(Interface):
@@ -72,79 +76,69 @@ class Body(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tissue(Section):
-    """What the regions that match a pattern are made of, by `constants` or by `mu`.
+class Tissue(Constitutive):
+    """What the regions that match a pattern are made of, by `constants` or by `mu`: see `Constitutive`.
 
-    constants    name in the catalogue
-    mu           shear moduli (Pa): one alone is Neo-Hooke, not relaxing; else first the part that stays, then branches
+    mu           one alone is Neo-Hooke, not relaxing; else the part that stays first, then branches
     alpha        as many Ogden exponents
-    eta          viscosities (Pa s) of the branches, one fewer
-    bulk_ratio   bulk modulus / initial shear modulus
+    eta, tau     of the branches, one fewer
+    bulk_ratio   bulk modulus / initial shear modulus; None: the source's where `constants` have one, else `NEARLY_INCOMPRESSIBLE`
     """
 
-    region: str = pattern("region")
-    constants: str | None = choice("constants", None, BRAIN)
-    mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
-    alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
-    eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
-    bulk_ratio: float = number("bulk_ratio", 1000.0)
+    bulk_ratio: float | None = number("bulk_ratio", None)
 
     def _check(self, path: str, scene: Scene) -> None:
-        mu, alpha, eta = self.mu or (), self.alpha or (), self.eta or ()
-        for name, values in (("mu", mu), ("alpha", alpha), ("eta", eta)):
-            self._need(not (self.constants and values), path, name, "this key or constants, not both")
+        self._check_law(path)
+        mu, alpha, eta, tau = self.mu or (), self.alpha or (), self.eta or (), self.tau or ()
         if not self.constants:
-            self._need(mu or alpha or eta, path, "constants", "constants, a name in the catalogue, or mu_Pa")
-            self._need(mu, path, "mu", "moduli to go with alpha and eta_Pa_s")
+            self._need(mu or alpha or eta or tau, path, "constants", "constants, a name in the catalogue, or mu_Pa")
+            self._need(mu, path, "mu", "moduli to go with alpha, eta_Pa_s and tau_s")
             fits = len(alpha) == len(mu) or len(mu) == 1 > len(alpha)
             self._need(fits and all(alpha), path, "alpha", f"as many values as mu_Pa, {len(mu)}, none of them 0")
             self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
-            self._need(len(eta) == len(mu) - 1, path, "eta", f"one value fewer than mu_Pa: {len(mu) - 1}")
+            times = "tau" if tau else "eta"
+            self._need(len(eta or tau) == len(mu) - 1, path, times, f"one value fewer than mu_Pa: {len(mu) - 1}")
         self._need(all(1e-3 <= m <= 1e9 for m in mu), path, "mu", "moduli of 0.001 to 1e9 Pa")
-        self._need(1e-3 <= self.bulk_ratio <= 1e9, path, "bulk_ratio", "a ratio of 0.001 to 1e9")
+        self._need(1e-3 <= self.volume_ratio <= 1e9, path, "bulk_ratio", "a ratio of 0.001 to 1e9")
 
     @property
-    def _constants(self) -> OgdenBranches:
-        if self.constants:
-            return BRAIN[self.constants]
-        return OgdenBranches(self.mu or (), self.alpha or (), self.eta or ())
-
-    def law(self) -> Viscous:
-        """The law of shape."""
-        return self.branches.law()
-
-    @property
-    def initial_modulus(self) -> float:
-        """Shear modulus (Pa) of an instantaneous small strain."""
-        return self._constants.initial_modulus
+    def volume_ratio(self) -> float:
+        """Bulk modulus over initial shear modulus, the scene's, the source's or the one that is assumed."""
+        if self.bulk_ratio is not None:
+            return self.bulk_ratio
+        entry = self.published
+        return entry.bulk / entry.initial_modulus if entry and entry.bulk else NEARLY_INCOMPRESSIBLE
 
     @property
     def bulk(self) -> float:
         """Bulk modulus K (Pa)."""
-        return self.bulk_ratio * self.initial_modulus
+        return self.volume_ratio * self.initial_modulus
 
     @property
-    def branches(self) -> OgdenBranches:
-        """Its constants as Ogden terms; Neo-Hooke is the one with exponent 2."""
-        c = self._constants
-        return c if c.alpha else replace(c, alpha=(2.0,))
-
-    @property
-    def fitted_strain(self) -> float | None:
-        """Largest stretch change (|λ - 1|) of the data behind the catalogue's constants; None for other tissues."""
-        return BRAIN[self.constants].fitted_strain if self.constants else None
+    def cautions(self) -> list[str]:
+        """What to know of the constants, and what is assumed, in words."""
+        entry, found = self.published, super().cautions
+        if self.bulk_ratio is not None:
+            return found
+        if entry and entry.bulk:
+            return [*found, f"bulk_ratio is not given: {self.volume_ratio:.4g} is used, of the source's bulk modulus"]
+        own = f" (the source has a Poisson's ratio of {entry.poisson:g})" if entry and entry.poisson else ""
+        return [*found, f"bulk_ratio is not given: {self.volume_ratio:g} is assumed, nearly incompressible{own}"]
 
     def with_alpha(self, alpha: float) -> Tissue:
-        """The same moduli and times with every Ogden exponent replaced; a Neo-Hooke tissue has none and stays."""
-        return self._explicit(1.0, (alpha,) * len(self._constants.alpha))
+        """The same moduli and times with Ogden's law and one exponent; Neo-Hooke, which has none, stays."""
+        law = self.law()
+        if is_neo_hooke(law):
+            return self
+        mu = tuple(float(shear_modulus(part)) for part in (law.equilibrium, *(branch.law for branch in law.branches)))
+        times: dict[str, Any] = {"eta": tuple(b.eta for b in law.flowing), "tau": tuple(b.tau for b in law.hereditary)}
+        own: dict[str, Any] = {name: values or None for name, values in times.items()}
+        own |= {"mu": mu, "alpha": (alpha,) * len(mu), "bulk_ratio": self.volume_ratio}
+        return replace(self, constants=None, scale=None, **own)
 
     def scaled(self, factor: float) -> Tissue:
-        """Moduli and viscosities times `factor`, so that times stay; such constants are no longer the catalogue's."""
-        return self._explicit(factor, self._constants.alpha)
-
-    def _explicit(self, factor: float, alpha: tuple[float, ...]) -> Tissue:
-        scaled = self._constants.times(factor)
-        return replace(self, constants=None, mu=scaled.mu, alpha=alpha or None, eta=scaled.eta or None)
+        """Moduli and viscosities times `factor`, so that times stay."""
+        return replace(self, scale=factor * (self.scale or 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,6 +335,18 @@ class Scene(Document):
         self.retraction._check_wall("retraction", wall)
         for i, protocol in enumerate(self.protocols, 1):
             protocol._check_wall(f"protocol#{i}", wall)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is assumed of the tissues, and what to know of their constants, a line each."""
+        found = [
+            f"tissue#{i} ({tissue.region}): {caution}"
+            for i, tissue in enumerate(self.tissues, 1)
+            for caution in tissue.cautions
+        ]
+        if not any(tissue.law().branches for tissue in self.tissues):
+            found.append("no tissue relaxes: pressures do not fall while the blade holds")
+        return found
 
     @staticmethod
     def _check_unique(key: str, parts: tuple[Section, ...], name: str, values: list[str]) -> None:

@@ -11,10 +11,12 @@ import math
 from dataclasses import dataclass
 
 from ngbrain.fields import Document, Section, choice, number, pattern, table, text
-from ngbrain.materials import BRAIN, OgdenBranches
+from ngbrain.scene.tissues import Constitutive
 
 GRAVITY = 9.81
 """m/s²."""
+POISSON, DENSITY = 0.49, 1040.0
+"""Of tissue of which nothing else is known: Poisson's ratio for fast small strain, and density (kg/m³)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +63,13 @@ class Piece(Section):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stuff(Section):
-    """What the regions that match a pattern are made of: `constants` of the catalogue or moduli of one's own.
+class Stuff(Constitutive):
+    """What the regions that match a pattern are made of, by `constants` or by `mu`: see `Constitutive`.
 
-    mu, alpha    shear moduli (Pa) and Ogden exponents, of what stays first, then of relaxing branches; alpha 2 is Neo-Hooke
-    eta          viscosities (Pa s) of the branches
-    poisson      Poisson's ratio for fast small strain: bulk modulus K = 2μ₀(1 + ν)/3(1 - 2ν)
-    density      kg/m³
+    alpha        left out: Neo-Hooke
+    poisson      Poisson's ratio for fast small strain: bulk modulus K = 2μ₀(1 + ν)/3(1 - 2ν); None: the source's K or ν where
+                 `constants` have one, else `POISSON`
+    density      kg/m³; None: `DENSITY`
     loss         G″/G′ of waves, for tissue without branches
     k1, k2       fibres of Holzapfel, Gasser and Ogden: stiffness (Pa), and how fast it grows
     fibre        their direction
@@ -76,12 +78,8 @@ class Stuff(Section):
     """
 
     region: str = pattern("region", ".*")
-    constants: str | None = choice("constants", None, BRAIN)
-    mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
-    alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
-    eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
-    poisson: float = number("poisson", 0.49, least=0.0)
-    density: float = number("density_kg_m3", 1040.0)
+    poisson: float | None = number("poisson", None, least=0.0)
+    density: float | None = number("density_kg_m3", None)
     loss: float = number("loss", 0.0, least=0.0)
     k1: float | None = number("k1_Pa", None)
     k2: float = number("k2", 1.0)
@@ -91,27 +89,37 @@ class Stuff(Section):
     )
 
     def _check(self, path: str, scene: Loading) -> None:
-        mu, alpha, eta = self.mu or (), self.alpha or (), self.eta or ()
-        self._need(bool(self.constants) != bool(mu), path, "mu", "this key or constants, a name in the catalogue")
-        self._need(not (self.constants and (alpha or eta)), path, "alpha", "this key left out beside constants")
+        self._check_law(path)
+        mu, alpha, eta, tau = self.mu or (), self.alpha or (), self.eta or (), self.tau or ()
+        self._need(self.constants or mu, path, "mu", "this key or constants, a name in the catalogue")
         self._need(len(alpha) in (0, len(mu)) and all(alpha), path, "alpha", f"{len(mu)} values, none of them 0")
-        self._need(not mu or len(eta) < len(mu), path, "eta", f"fewer values than mu_Pa, {len(mu)}")
-        self._need(self.poisson < 0.5, path, "poisson", "less than 0.5")
+        times = "tau" if tau else "eta"
+        self._need(not mu or len(eta or tau) < len(mu), path, times, f"fewer values than mu_Pa, {len(mu)}")
+        self._need(self.poisson is None or self.poisson < 0.5, path, "poisson", "less than 0.5")
         self._need((self.k1 is None) == (self.fibre is None), path, "fibre", "a direction to go with k1_Pa")
         self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
 
     @property
-    def branches(self) -> OgdenBranches:
-        """Its constants as Ogden terms, with exponent 2 where none is given."""
-        if self.constants:
-            return BRAIN[self.constants]
-        mu = self.mu or ()
-        return OgdenBranches(mu, self.alpha or (2.0,) * len(mu), self.eta or ())
-
-    @property
     def bulk(self) -> float:
         """Bulk modulus K (Pa)."""
-        return 2 * self.branches.initial_modulus * (1 + self.poisson) / (3 * (1 - 2 * self.poisson))
+        entry = self.published
+        if self.poisson is None and entry and entry.bulk:
+            return entry.bulk * (self.scale or 1.0)
+        nu = self.poisson if self.poisson is not None else (entry and entry.poisson) or POISSON
+        return 2 * self.initial_modulus * (1 + nu) / (3 * (1 - 2 * nu))
+
+    @property
+    def rho(self) -> float:
+        """Density (kg/m³), the scene's or the one that is assumed."""
+        return DENSITY if self.density is None else self.density
+
+    @property
+    def cautions(self) -> list[str]:
+        """What to know of the constants, and what is assumed of the change of volume, in words."""
+        entry = self.published
+        if self.poisson is not None or (entry and (entry.bulk or entry.poisson)):
+            return super().cautions
+        return [*super().cautions, f"poisson is not given: {POISSON:g} is assumed, nearly incompressible"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,3 +257,14 @@ class Loading(Document):
                 "quantity",
                 f"another question: {ask.name!r} is asked already",
             )
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is assumed of the tissues, and what to know of their constants, a line each."""
+        found = list[str]()
+        for i, stuff in enumerate(self.stuff, 1):
+            said, waves = stuff.cautions, self.course.frequency is not None
+            if waves and not stuff.loss and not stuff.law().branches:
+                said = [*said, "it neither relaxes nor has a loss: waves in it do not fade"]
+            found += [f"stuff#{i} ({stuff.region}): {caution}" for caution in said]
+        return found

@@ -25,6 +25,7 @@ from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Keeper, Rung, ascend, stay
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import Axis, Model, between, check
+from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
 from ngbrain.progress import logged, reporting
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import answers
@@ -39,8 +40,6 @@ LARGEST = {"site": 6e-3, "near": 14e-3, "far": 36e-3}
 """but no larger (m) than this, unless the scene's are: larger ones would cut off some of the brain."""
 ALIKE = 0.85
 """Elements that are no smaller than this share of others are as large."""
-NEO_HOOKE = 2.0
-"""The exponent with which Ogden's law does not stiffen."""
 
 AXES = {
     axis.name: axis
@@ -59,8 +58,8 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     check("richest", richest or {}, AXES)
     idle = {
         "tissue": len(scene.tissues) < 2,
-        "stiffening": all(set(tissue.branches.alpha) == {NEO_HOOKE} for tissue in scene.tissues),
-        "time": not any(tissue.branches.eta for tissue in scene.tissues),
+        "stiffening": all(is_neo_hooke(tissue.law()) for tissue in scene.tissues),
+        "time": not any(tissue.law().branches for tissue in scene.tissues),
         "friction": not scene.blade.friction,
     }
     found = {}

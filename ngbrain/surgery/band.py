@@ -43,7 +43,7 @@ def material_band(model: Model, runs: Runs, miller: Answer | None, errors: Error
     modulus = modulus_near_site(model, runs)
     moduli = {name: mu / modulus * peak for name, mu in published_moduli().items()}
     laws = {"as given": peak, "Miller alpha -4.7": None if miller is None else miller["peak_pressure_mmHg"]}
-    fitted = {name: part.fitted for name, part in parts.items() if part.fitted < float("inf")}
+    fitted = {name: part.fitted_strain for name, part in parts.items() if part.fitted_strain < float("inf")}
     beyond, tissue = sum(first.peak.beyond_fit.values()), sum(first.peak.tissue.values())
     known = [value for value in (*laws.values(), *moduli.values()) if value is not None]
     of_peak = errors.get("peak_pressure_mmHg", {})

@@ -154,7 +154,7 @@ def calibrate(
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
     """With its bulk modulus, as in the search."""
-    return replace(tissue.scaled(factor), bulk_ratio=tissue.bulk_ratio / factor)
+    return replace(tissue.scaled(factor), bulk_ratio=tissue.volume_ratio / factor)
 
 
 def _single(band: Band) -> Band:

@@ -21,8 +21,9 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ngbrain.errors import InputError
-from ngbrain.materials import Viscous, lab
+from ngbrain.materials import Law, Viscous, lab
 from ngbrain.materials.points import number
+from ngbrain.materials.viscous import viscous
 from ngbrain.surgery.injury import curve
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.units import to_minutes, to_mmHg
@@ -56,7 +57,7 @@ class Course:
 class Column:
     """Incompressible relaxing tissue of `depth` (m) under a blade, its sides free ("uniaxial") or one pair held ("planar").
 
-    material   `Viscous`, such as `materials.constants(name).law()`
+    material   a law that relaxes or not, such as `materials.constants(name).law()`
     steps      time steps in each straight piece of a protocol, short ones first; second order in their length
 
     The pressure is a force over the area that it acts on now, p = -λ P with the nominal stress P. Raises `InputError` for
@@ -70,7 +71,7 @@ class Column:
     4.6 mmHg, after ten minutes 0.36 of it
     """
 
-    material: Viscous
+    material: Viscous | Law
     depth: float
     mode: str = "uniaxial"
     steps: int = 24
@@ -94,7 +95,7 @@ class Column:
             raise InputError(f"protocol {protocol.name!r} advance", f"{max(protocol.advance):g} m", far)
         t, deep = self._moments(protocol.times), np.asarray(depths)[:, None]
         asked = 1 - np.interp(t, protocol.times, protocol.advance) / deep
-        stretch, stress = lab.press(self.material, self.mode, t, asked)
+        stretch, stress = lab.press(viscous(self.material), self.mode, t, asked)
         rows = zip(deep * (1 - stretch), -stretch * stress, strict=True)
         return [Course(t, advance, pressure, protocol.times) for advance, pressure in rows]
 
@@ -104,12 +105,12 @@ class Column:
             raise InputError("force", min(force), "at least 0: a blade does not pull")
         t = self._moments(times)
         nominal = np.interp(t, times, force)
-        stretch = lab.creep(self.material, self.mode, -nominal, t)
+        stretch = lab.creep(viscous(self.material), self.mode, -nominal, t)
         return Course(t, self.depth * (1 - stretch), stretch * nominal, tuple(times))
 
     def _moments(self, events: Sequence[float]) -> np.ndarray:
         """Times of steps: even in log(1 + time since the event), in the shortest time of relaxation."""
-        tau = min((number(branch.tau) for branch in self.material.branches), default=1.0)
+        tau = min((number(branch.tau) for branch in viscous(self.material).branches), default=1.0)
         even = np.linspace(0, 1, self.steps + 1)[1:]
         pieces = [a + tau * np.expm1(even * np.log1p((b - a) / tau)) for a, b in pairwise(events)]
         t = np.concatenate([[events[0]], *pieces])

@@ -37,6 +37,10 @@ MARGIN = 8e-3
 """Room (m) around a shape in the grid of its distance."""
 
 
+PART = "."
+"""Between a region's name and the number of a part of it."""
+
+
 class Head(Openable, Protocol):
     """A head before it is opened.
 
@@ -49,7 +53,10 @@ class Head(Openable, Protocol):
         """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
-        """Region of the mesh → tissue → its share (a CoefficientFunction, or 1), at the quadrature points of an order."""
+        """Region of the mesh → tissue → its share at the quadrature points of an order: 1, or a field that is 0 or 1.
+
+        Regions of a mesh that was divided (`divide`) are named as those that they are parts of, and a number.
+        """
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
         """For the result."""
@@ -147,7 +154,8 @@ class Scanned:
         white, grey = ngs.GridFunction(space), ngs.GridFunction(space)
         white.vec.FV().NumPy()[:] = found == WHITE
         grey.vec.FV().NumPy()[:] = found != WHITE
-        return {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
+        parts = {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
+        return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
 
     def describe(self, mesh: ngs.Mesh) -> dict[str, Any]:
         """Where it comes from, and volumes of its labels against the mesh's (ml)."""
@@ -168,6 +176,40 @@ class Scanned:
         steps = (255 * ((t1 - low) / (high - low)).clip(0, 1)).astype(np.uint8)
         place = {"origin_m": self.labels.affine[:3, 3], "spacing_m": np.asarray(spacing)}
         return {"t1": steps, "labels": self.labels.data, **place}
+
+
+def present(mesh: ngs.Mesh, region: str, shares: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Tissue → in which elements (a mask) of a region of the mesh it has a quadrature point."""
+    inside = _indices(mesh) == mesh.GetMaterials().index(region) + 1
+    found = {}
+    for name, share in shares.items():
+        is_field = isinstance(share, ngs.GridFunction)
+        found[name] = inside & (share.vec.FV().NumPy().reshape(mesh.ne, -1) > 0.5).any(axis=1) if is_field else inside
+    return found
+
+
+def divide(mesh: ngs.Mesh, region: str, groups: Sequence[np.ndarray]) -> ngs.Mesh:
+    """The mesh with a region in parts: its elements that are in the same of some groups (masks) are one part.
+
+    So each part has the energies of the groups that occur in it, and no others. What is in all groups keeps the region's name.
+    """
+    made, own = mesh.ngmesh.Copy(), mesh.GetMaterials().index(region) + 1
+    kinds = np.sum([np.where(group, 1 << i, 0) for i, group in enumerate(groups)], axis=0)
+    inside = _indices(mesh) == own
+    numbers = {(1 << len(groups)) - 1: own}
+    for kind in np.unique(kinds[inside]).tolist():
+        if kind not in numbers:
+            numbers[kind] = len(mesh.GetMaterials()) + len(numbers)
+            made.SetMaterial(numbers[kind], f"{region}{PART}{kind}")
+    for element, kind, mine in zip(made.Elements3D(), kinds.tolist(), inside.tolist(), strict=True):
+        if mine:
+            element.index = numbers[kind]
+    return ngs.Mesh(made)
+
+
+def _indices(mesh: ngs.Mesh) -> np.ndarray:
+    """Number of every element's region, from 1 on."""
+    return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
 
 
 def head_of(body: Body) -> Head:

@@ -32,9 +32,9 @@ class Strain:
         """Octahedral shear strain of the logarithmic strain."""
         return octahedral_shear(np.log(self.stretch))
 
-    def beyond(self, fitted: np.ndarray) -> np.ndarray:
-        """Where some |λ - 1| is larger than what the law at each point was fitted up to, (n,)."""
-        return np.any(np.abs(self.stretch - 1) > fitted[:, None], axis=1)
+    def beyond(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """Where some stretch is lower or higher than those that the law at each point was fitted to, (n,)."""
+        return np.asarray((self.stretch[:, 0] < least) | (self.stretch[:, 2] > most))
 
 
 def von_mises(F: np.ndarray, P: np.ndarray) -> np.ndarray:

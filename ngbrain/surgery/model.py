@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -18,17 +17,18 @@ from ngbrain.forward.friction import Friction, Moves
 from ngbrain.forward.material import Material
 from ngbrain.forward.steps import Control, ErrorControl
 from ngbrain.forward.transient import Transient
-from ngbrain.materials import Maxwell, Ogden, OgdenBranches, Viscous
+from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
+from ngbrain.materials.families import by_family, law_after, stiffen
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.solvers.newton import Newton
 from ngbrain.surgery.blades import Blade, Spatula, Tube
-from ngbrain.surgery.heads import Head, head_of
+from ngbrain.surgery.heads import Head, divide, head_of, present
 from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
-from ngbrain.surgery.sampling import Part
+from ngbrain.surgery.sampling import UNKNOWN, Part
 from ngbrain.units import gf
 
 WALLS = ("wall_plus", "wall_minus")
@@ -74,8 +74,8 @@ FOCUS = 28e-3
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
 
-Constants = Callable[[Tissue], OgdenBranches]
-"""A tissue's constants, as they are or as a question needs them."""
+Laws = Callable[[Tissue], Law | Viscous]
+"""A tissue's law, as it is or as a question needs it."""
 
 
 @dataclass
@@ -99,15 +99,28 @@ class Model:
         where = scene.cleft
         cleft = where.slot(head)
         mesh = head.opened(cleft, where.craniotomy, Sizes(scene.body.site, scene.body.near, scene.body.far))
-        return cls(scene, head, mesh, cleft, _blades(scene, cleft))
+        made = cls(scene, head, mesh, cleft, _blades(scene, cleft))
+        made._divide()
+        return made
+
+    def _divide(self) -> None:
+        """Give the elements of a region that has tissues of several laws regions of their own, by the laws that occur in them."""
+        mixtures = self.head.mixtures(self.mesh, self.scene.body.order)
+        tissues = self._tissues([name for shares in mixtures.values() for name in shares])
+        for region, shares in mixtures.items():
+            where = present(self.mesh, region, shares)
+            groups = by_family({name: tissues[name].law() for name in shares})
+            if len(groups) > 1:
+                masks = [np.any([where[name] for name in group], axis=0) for group in groups]
+                self.mesh = divide(self.mesh, region, masks)
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
         """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
-        return self._materials(lambda tissue: tissue.branches, order)
+        return self._materials(Tissue.law, order)
 
     def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
         """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
-        return self._materials(lambda tissue: tissue.branches.after(seconds), order)
+        return self._materials(lambda tissue: law_after(tissue.law(), seconds), order)
 
     def scaled(self, factors: Mapping[str, Value]) -> dict[str, Material]:
         """The same with moduli and viscosities of some tissues (their `region`) times a factor: stiffer, as quick to relax.
@@ -117,15 +130,16 @@ class Model:
         known = [tissue.region for tissue in self.scene.tissues]
         if unknown := [name for name in factors if name not in known]:
             raise InputError("tissue", repr(unknown[0]), nearest(unknown[0], known))
-        return self._materials(lambda tissue: tissue.branches.times(factors.get(tissue.region, 1.0)))
+        return self._materials(lambda tissue: stiffen(tissue.law(), factors.get(tissue.region, 1.0)))
 
-    def _materials(self, constants: Constants, order: int | None = None) -> dict[str, Material]:
+    def _materials(self, law: Laws, order: int | None = None) -> dict[str, Material]:
         mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
-        return {
-            region: _mixed([(tissues[name], share) for name, share in shares.items()], constants)
-            for region, shares in mixtures.items()
-        }
+        materials = {}
+        for region, shares in mixtures.items():
+            found = [name for name, where in present(self.mesh, region, shares).items() if where.any()]
+            materials[region] = _mixed([(tissues[name], shares[name]) for name in found], law)
+        return materials
 
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
         """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
@@ -150,10 +164,9 @@ class Model:
         parts = {}
         for name in {name: None for shares in counted.values() for name in shares}:
             where = {region: shares.get(name, 0.0) for region, shares in counted.items()}
-            fitted, modulus = tissues[name].fitted_strain, tissues[name].initial_modulus
-            parts[name] = Part(
-                self.mesh.MaterialCF(where, default=0.0), math.inf if fitted is None else fitted, modulus
-            )
+            tissue, of = tissues[name], self.mesh.MaterialCF(where, default=0.0)
+            fitted = tissue.published.principal_stretch if tissue.published else UNKNOWN
+            parts[name] = Part(of, fitted, tissue.initial_modulus)
         return parts
 
     def run(
@@ -255,31 +268,14 @@ def _carried(blade: Blade, sharing: int) -> Moves:
     return lambda x: blade.moves(x) / sharing
 
 
-def _mixed(shares: list[tuple[Tissue, Value]], constants: Constants) -> Material:
-    """One material whose constants are those of the tissue that is there; shares are 0 or 1 at quadrature points.
-
-    Constants are mixed instead of energies, which costs no more than one tissue does.
-    """
+def _mixed(shares: list[tuple[Tissue, Value]], law: Laws) -> Material:
+    """One material for the tissues of a region; shares are 0 or 1 at quadrature points."""
     if len(shares) == 1:
         ((tissue, _),) = shares
-        return Material(constants(tissue).law(), tissue.bulk, _barrier(tissue))
-    parts = [(constants(tissue), share) for tissue, share in shares]
-
-    def means(values: Callable[[OgdenBranches], tuple[float, ...]], missing: float) -> list[Value]:
-        longest = max(len(values(part)) for part, _ in parts)
-        padded = [(values(part) + (missing,) * longest, share) for part, share in parts]
-        return [sum(share * numbers[k] for numbers, share in padded) for k in range(longest)]
-
-    stays = Ogden(means(lambda c: c.mu[: c.stay], 0.0), means(lambda c: c.alpha[: c.stay], 2.0))
-    relaxing = [
-        means(lambda c: c.mu[c.stay :], 0.0),
-        means(lambda c: c.alpha[c.stay :], 2.0),
-        means(lambda c: c.eta, 1.0),
-    ]
-    branches = (Maxwell(Ogden(mu, alpha), eta) for mu, alpha, eta in zip(*relaxing, strict=True))
+        return Material(law(tissue), tissue.bulk, _barrier(tissue))
     bulk, barrier = (sum(share * value(tissue) for tissue, share in shares) for value in (lambda t: t.bulk, _barrier))
-    return Material(Viscous(stays, tuple(branches)), bulk, barrier)
+    return Material(mix([(law(tissue), share) for tissue, share in shares]), bulk, barrier)
 
 
 def _barrier(tissue: Tissue) -> float:
-    return POINTWISE * tissue.initial_modulus if tissue.bulk_ratio >= NEARLY_INCOMPRESSIBLE else 0.0
+    return POINTWISE * tissue.initial_modulus if tissue.volume_ratio >= NEARLY_INCOMPRESSIBLE else 0.0

@@ -115,7 +115,7 @@ def solve(
             return
         runs = {protocol: ended[protocol] for protocol in protocols}
         if not known:
-            known.update({"warnings": warned} | _of_protocols(model, runs, threads))
+            known.update({"warnings": [*warned, *scene.warnings]} | _of_protocols(model, runs, threads))
         checked = {check: ended.get(_CHECK + check) for check in _CHECKS}
         status = {check: _status(_CHECK + check, ended, checks) for check in _CHECKS}
         result.update(known | _of_checks(model, runs, known["answers"], checked, status))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -25,18 +26,27 @@ the site: of maximum principal strain the largest value is .119, .147, .188, the
 """
 
 
+UNKNOWN = (0.0, math.inf)
+"""Range of stretches of a law of which no data are known: all."""
+
+
 @dataclass(frozen=True)
 class Part:
     """Tissue of one name.
 
     where     1 where it is and 0 elsewhere, a CoefficientFunction over the mesh
-    fitted    strain (|λ - 1|) that its law was fitted up to; inf where none is known
+    fitted    lowest and highest stretch that its law was fitted to, `UNKNOWN` where none are known
     modulus   initial shear modulus (Pa)
     """
 
     where: ngs.CoefficientFunction
-    fitted: float
+    fitted: tuple[float, float]
     modulus: float
+
+    @property
+    def fitted_strain(self) -> float:
+        """Largest stretch change (|λ - 1|) of the data; inf where none are known."""
+        return round(max(abs(stretch - 1) for stretch in self.fitted), 9)
 
 
 @dataclass(frozen=True)
@@ -114,7 +124,7 @@ class Sampler:
         places = ngs.CF((ngs.x, ngs.y, ngs.z))(self._points)
         near = np.flatnonzero(cleft.distance_to_walls(places) <= NEIGHBOURHOOD)
         self.sites = Sites(jacobian * weights, shares[self._tissue].argmax(axis=1), near, tuple(parts))
-        self._fitted = np.array([part.fitted for part in parts.values()])[self.sites.part]
+        self._fitted = np.array([part.fitted for part in parts.values()])[self.sites.part].T
         self._F = deformation_gradient(body.u).Compile()
         self.start(0.0)
 
@@ -129,7 +139,7 @@ class Sampler:
         rate = stretching_rate(before[1], F[near], t - before[0]) if t > before[0] else np.zeros(len(near))
         stress = von_mises(F[near], self.body.tissue_stress()[self._tissue[near]])
         strain = Strain(np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F, F))))
-        return Sample(t, self.sites, strain, strain.beyond(self._fitted), stress, rate)
+        return Sample(t, self.sites, strain, strain.beyond(*self._fitted), stress, rate)
 
     def _deformation(self) -> np.ndarray:
         return np.asarray(self._F(self._points)).reshape(-1, 3, 3)

@@ -16,9 +16,9 @@ from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 
 FORMS = {"displacements": "P2", "continuous pressure": "P2/P1", "condensed pressure": Form(2, 0, False)}
-RELAXING = {"Branch", "Flow", "Flows", "Maxwell", "Prony", "RelaxingPolynomial", "Viscous"}
+RELAXING = {"Branch", "Flow", "Flows", "Maxwell", "Prony", "RelaxingOgden", "RelaxingPolynomial", "Viscous"}
 """Laws that equilibrium knows nothing of."""
-OTHER = {"Deformation", "Law", "OgdenBranches"}
+OTHER = {"Deformation", "Law"}
 
 
 def test_every_law_is_here():

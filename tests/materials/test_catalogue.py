@@ -9,7 +9,7 @@ import pytest
 from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError, RangeWarning
-from ngbrain.materials import BRAIN, CATALOGUE, NeoHooke, Ogden, OgdenBranches, Viscous, catalogue, constants, published
+from ngbrain.materials import CATALOGUE, NeoHooke, Ogden, Viscous, catalogue, constants, published
 from ngbrain.materials.points import initial_modulus
 
 MESH = ngs.Mesh(unit_cube.GenerateMesh(maxh=2.0))
@@ -173,10 +173,14 @@ def test_is_silent_within_the_data(unwarned):
 # By name, and back.
 
 
-def test_what_a_scene_can_mix_is_ogden_with_branches():
-    assert all(isinstance(entry, OgdenBranches) and entry.eta for entry in BRAIN.values())
+def test_griffiths_cortex():
     cortex = constants("griffiths2024:cortex")
-    assert cortex.mu == (420.0, 1400.0, 560.0) and cortex.alpha[1] == -14.66 and cortex.eta[1] == 289370.0
+    law = cortex.law()
+    assert law.equilibrium == Ogden(420.0, -21.27)
+    assert [(b.law.mu, b.law.alpha, b.eta) for b in law.flowing] == [
+        (1400.0, -14.66, 3050.0),
+        (560.0, -23.76, 289370.0),
+    ]
     assert cortex.initial_modulus == 2380.0 and cortex.fitted_strain == 0.1
 
 
@@ -185,18 +189,31 @@ def test_law_is_found_again_unless_changed():
     assert published(Ogden(1442.0, -19.0)) is None and published(NeoHooke(ngs.Parameter(290.0))) is None
 
 
-@pytest.mark.parametrize(("name", "hint"), [("miler2002:brain", "miller2002:brain"), ("steel", "one of ")])
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("miler2002:brain", "such as 'miller2002:brain'"),
+        ("cortx", "such as 'griffiths2024:cortex'"),
+        ("budday2017:cortex:gent", "such as 'budday2017:cortex:gent:"),
+        ("steel", "a name in the catalogue; `ngbrain materials` lists all"),
+    ],
+)
 def test_unknown_name_is_answered_with_the_nearest(name, hint):
     with pytest.raises(InputError, match=f"constants is '{name}'; wanted: .*{hint}"):
         constants(name)
 
 
-def test_elastic_after_a_time_has_the_share_of_every_branch_that_is_left():
-    tissue = OgdenBranches((160.0, 970.0, 250.0), (-25.0, -24.0, -23.0), (2190.0, 3e5))
-    assert tissue.after(1e-9).mu == pytest.approx(tissue.mu) and tissue.after(1e12).mu[1:] == pytest.approx(
-        (0, 0), abs=1e-3
-    )
-    left = tissue.after(2190.0 / 970.0)
-    assert left.mu[1] == pytest.approx(970.0 * (1 - np.exp(-1)))
-    assert left.law() == Viscous(Ogden(left.mu, left.alpha)) and left.stay == 3
-    assert tissue.law().equilibrium == Ogden(160.0, -25.0) and [b.eta for b in tissue.law().branches] == [2190.0, 3e5]
+def test_samples_widen_where_they_are_pressed():
+    assert constants("budday2017:cortex").principal_stretch == (0.9, 1.1)
+    least, most = constants("budday2017:cortex:gent:tension").principal_stretch
+    assert (least, most) == (pytest.approx(1.1**-0.5), 1.1)
+    assert constants("wittek2007:csf").principal_stretch == (0.0, np.inf)
+
+
+def test_cautions_are_of_what_was_measured():
+    assert not constants("griffiths2024:cortex").cautions
+    assert constants("budday2017:cortex:gent:tension").cautions == [
+        "no state beyond I₁ = 3.08 has an energy",
+        "measured in tension alone",
+    ]
+    assert "for small strain" in constants("bennion2022:pia").cautions[0]

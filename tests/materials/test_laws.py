@@ -8,7 +8,7 @@ from netgen.occ import unit_cube
 
 from ngbrain.errors import InputError
 from ngbrain.materials import (
-    BRAIN,
+    CATALOGUE,
     Branch,
     Deformation,
     MooneyRivlin,
@@ -153,7 +153,7 @@ def test_prony_takes_parameters():
 
 
 def test_catalogue_has_the_published_sums():
-    initial = {name: entry.initial_modulus for name, entry in BRAIN.items()}
+    initial = {name: entry.initial_modulus for name, entry in CATALOGUE.items() if name.startswith("griffiths")}
     assert initial == {
         "griffiths2024:cortex": 2380.0,
         "griffiths2024:white_matter": 1380.0,

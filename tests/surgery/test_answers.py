@@ -93,7 +93,7 @@ def test_without_a_patient_no_perfusion():
 
 
 def band(**errors):
-    parts = {"grey": Part(ngs.CF(1), 0.1, 2400.0), "white": Part(ngs.CF(1), 0.3, 1200.0)}
+    parts = {"grey": Part(ngs.CF(1), (0.9, 1.1), 2400.0), "white": Part(ngs.CF(1), (0.7, 1.2), 1200.0)}
     model = Namespace(parts=lambda: parts)
     runs = {"soft": run([0.0, 30.0, 20.0]), "hard": run([0.0, 50.0, 20.0])}
     return material_band(model, runs, {"peak_pressure_mmHg": 18.0}, errors)
@@ -131,7 +131,7 @@ def made(ramp, *more, friction=0.0):
         protocols=(Protocol(kind="continuous"), *more),
         blade=replace(scene.blade, friction=friction),
     )
-    parts = {"soft": Part(None, 0.1, 4 * DENSITY), "stiff": Part(None, 0.1, 25 * DENSITY)}
+    parts = {"soft": Part(None, (0.9, 1.1), 4 * DENSITY), "stiff": Part(None, (0.9, 1.1), 25 * DENSITY)}
     cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)
     head = Namespace(left_out="sulci")
     return Namespace(scene=scene, head=head, mesh=mesh, cleft=cleft, program=Model.program, parts=lambda: parts)

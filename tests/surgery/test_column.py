@@ -29,9 +29,9 @@ MANY = intermittent(OPENING, 10.0, 6 * 310 + 5 * 310, 300.0, 310.0)
 
 def linear(entry):
     """The entry's springs and dashpots at small strain, hereditary."""
-    stay, *relaxing = entry.mu
-    branches = (Branch(NeoHooke(mu), eta / mu) for mu, eta in zip(relaxing, entry.eta, strict=True))
-    return Viscous(NeoHooke(stay), tuple(branches))
+    law = entry.law()
+    branches = (Branch(NeoHooke(each.law.mu), each.eta / each.law.mu) for each in law.flowing)
+    return Viscous(NeoHooke(law.equilibrium.mu), tuple(branches))
 
 
 def relative_dose(t, stress):
@@ -56,7 +56,7 @@ def springs(entry, protocol, t):
 
     Dashpots' strains v: v_k' = (e - v_k)/τ_k with e the larger of the blade's and that without stress.
     """
-    mu, eta = np.array(entry.mu[1:]), np.array(entry.eta)
+    mu, eta = np.array([(each.law.mu, each.eta) for each in entry.law().flowing]).T
 
     def strain(t, v):
         return np.maximum(np.interp(t, protocol.times, protocol.advance) / OPENING, mu @ v / entry.initial_modulus)

@@ -20,9 +20,10 @@ RAMP, END, SIZE = 150.0, 1950.0, 0.02
 
 def left(entry):
     """F(END)/F(RAMP) at small strain: F(t) ∝ ∫ G(t - s) ds over the ramp, G = μ∞ + Σ μ_k exp(-t/τ_k), whatever the shape."""
-    mu, tau = np.array(entry.mu[1:]), np.array(entry.eta) / np.array(entry.mu[1:])
+    stays, (mu, eta) = entry.law().equilibrium.mu, np.array([(b.law.mu, b.eta) for b in entry.law().flowing]).T
+    tau = eta / mu
     opened, ended = ((tau * (np.exp(-(t - RAMP) / tau) - np.exp(-t / tau)) / RAMP) @ mu for t in (RAMP, END))
-    return (entry.mu[0] + ended) / (entry.mu[0] + opened)
+    return (stays + ended) / (stays + opened)
 
 
 @pytest.mark.parametrize("region", ["cortex", "corpus_callosum"])

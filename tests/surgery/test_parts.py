@@ -117,5 +117,5 @@ def test_strain_measures_of_a_known_stretch():
     assert strain.mps == pytest.approx(np.full(10, (1.25**2 - 1) / 2))
     e = np.log(1.25)
     assert strain.oss == pytest.approx(np.full(10, 2 / 3 * np.sqrt(6) * e))
-    fitted = np.where(np.arange(10) < 4, 0.22, 0.3)
-    assert strain.beyond(fitted).tolist() == [True] * 4 + [False] * 6
+    least, most = np.where(np.arange(10) < 4, 0.85, 0.75), np.where(np.arange(10) > 6, 1.2, 1.3)
+    assert strain.beyond(least, most).tolist() == [True] * 4 + [False] * 3 + [True] * 3

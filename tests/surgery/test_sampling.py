@@ -13,7 +13,7 @@ from ngbrain.surgery.sampling import AMOUNT, NEIGHBOURHOOD, Part, Sampler, Sites
 
 SIDE = 0.02
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
-EVERYWHERE = {"tissue": Part(ngs.CF(1.0), 0.1, 1e3)}
+EVERYWHERE = {"tissue": Part(ngs.CF(1.0), (0.9, 1.1), 1e3)}
 
 
 def body_of(law=None):
@@ -105,8 +105,8 @@ def test_a_restart_has_the_rate_of_a_run():
 def test_each_region_is_held_to_the_range_of_its_own_law():
     body = body_of()
     left = ngs.IfPos(SIDE / 4 - ngs.x, 1.0, 0.0)
-    narrow, wide = Part(left, 0.08, 1e3), Part(1.0 - left, 0.12, 1e3)
-    sampler = Sampler(body, CLEFT, {"narrow": narrow, "wide": wide, "elsewhere": Part(ngs.CF(0.0), 0.0, 1e3)})
+    narrow, wide = Part(left, (0.92, 1.08), 1e3), Part(1.0 - left, (0.88, 1.12), 1e3)
+    sampler = Sampler(body, CLEFT, {"narrow": narrow, "wide": wide, "elsewhere": Part(ngs.CF(0.0), (1.0, 1.0), 1e3)})
     deform(body, uniaxial(1.1))
     body.tissue_forces()
     sample, ml = sampler(1.0), 1e6 * SIDE**3
@@ -127,7 +127,7 @@ def test_tissue_is_counted_that_is_compressed_so_far_that_surfaces_fold(stretch,
 
 def test_what_no_part_is_of_is_not_sampled():
     body = body_of()
-    half = Sampler(body, CLEFT, {"left": Part(ngs.IfPos(SIDE / 2 - ngs.x, 1.0, 0.0), 0.1, 1e3)})
+    half = Sampler(body, CLEFT, {"left": Part(ngs.IfPos(SIDE / 2 - ngs.x, 1.0, 0.0), (0.9, 1.1), 1e3)})
     assert np.sum(half.sites.volume) == pytest.approx(SIDE**3 / 2, rel=0.3)
     assert half(0.0).strain.stretch.shape == (len(half.sites.volume), 3)
 

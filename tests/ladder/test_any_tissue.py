@@ -1,0 +1,109 @@
+"""Loaded bodies of any tissue of the catalogue: bars against the laboratory's points of tissue, and against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngbrain import ladder
+from ngbrain.ladder.bodies import Bench, _times, solve
+from ngbrain.ladder.rungs import axes_of, cheapest
+from ngbrain.ladder.waves import modulus
+from ngbrain.materials import CATALOGUE, constants, fourier, lab
+from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
+
+HEIGHT, AREA = 0.04, 0.02 * 0.03
+BAR = Piece(size=(0.02, 0.03, HEIGHT), cell=HEIGHT)
+FREE = (Given(boundary="bottom", along="z"), Given(boundary="left", along="x"), Given(boundary="front", along="y"))
+FORCE = Ask(boundary="top", tolerance=0.5)
+KEPT = 0.4999
+
+
+def stretched(name, stretch, **more):
+    """A bar whose sides are free, to a stretch along its height."""
+    pulled = Given(boundary="top", by=(0, 0, (stretch - 1) * HEIGHT), along="z")
+    parts = {"stuff": (Stuff(constants=name, poisson=KEPT),), "given": (*FREE, pulled), "ask": (FORCE,)}
+    return Loading(piece=BAR, **(parts | more))
+
+
+def model_of(scene, **levels):
+    return {**cheapest(axes_of(scene)), "space": "solid", **levels}
+
+
+@pytest.mark.parametrize(
+    ("name", "stretch"),
+    [
+        ("budday2017:cortex", 0.92),
+        ("budday2017:corona_radiata:neohooke:tension", 1.08),
+        ("budday2017:cortex:demiray:compression", 0.92),
+        ("budday2017:cortex:gent:compression", 0.92),
+        ("laksari2012:brain", 0.8),
+        ("franceschini2006:brain", 1.08),
+    ],
+)
+def test_a_bar_has_the_stress_of_its_law(name, stretch):
+    scene = stretched(name, stretch)
+    found = solve(Bench(scene), model_of(scene, strain="finite", pressure="unknown")).answers[0]
+    wanted = float(lab.stress(constants(name).law(), "uniaxial", stretch)) * AREA
+    print(name, found / wanted - 1)
+    assert found == pytest.approx(wanted, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [("miller1997:brain", "prony"), ("miller2002:brain", "prony"), ("griffiths2024:cortex", "flowing")],
+)
+def test_a_bar_relaxes_as_its_law(name, level):
+    asks = (replace(FORCE, when="ramp"), FORCE)
+    scene = stretched(name, 0.93, course=Course(ramp=2.0, elapsed=20.0), ask=asks)
+    bench, model = Bench(scene), model_of(scene, strain="finite", pressure="unknown", time=level)
+    found = solve(bench, model).answers
+    times = _times(bench, model, 20.0)
+    stress = lab.history(constants(name).law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
+    wanted = stress[[np.argmin(np.abs(times - 2.0)), -1]] * AREA
+    print(name, found / wanted - 1)
+    assert found == pytest.approx(wanted, rel=1e-3) and abs(found[1]) < 0.8 * abs(found[0])
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_bar_of_anything_has_its_small_strain_force(name):
+    """E ε A with Young's modulus E of μ₀ and of the bulk modulus that is the source's or assumed."""
+    scene = stretched(name, 0.999, stuff=(Stuff(constants=name),))
+    found = solve(Bench(scene), model_of(scene)).answers[0]
+    entry = constants(name)
+    nu, mu = entry.poisson or 0.49, entry.initial_modulus
+    K = entry.bulk or 2 * mu * (1 + nu) / (3 * (1 - 2 * nu))
+    assert scene.stuff[0].bulk == pytest.approx(K)
+    assert found == pytest.approx(-1e-3 * 9 * K * mu / (3 * K + mu) * AREA, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_modulus_of_waves_is_that_of_the_law(name):
+    omega, stuff = 2 * np.pi * np.array([0.1, 50.0]), Stuff(constants=name)
+    wanted = fourier(constants(name).law())(omega) * np.ones(2)
+    assert [modulus(stuff, float(w), True) for w in omega] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_hereditary_tissue_has_no_richer_memory():
+    times = {name: axes_of(stretched(name, 0.9)).get("time") for name in ("miller2002:brain", "griffiths2024:cortex")}
+    assert times["miller2002:brain"].levels == ("instantaneous", "relaxed", "prony")
+    assert times["griffiths2024:cortex"].levels[-1] == "flowing"
+    assert "time" not in axes_of(stretched("budday2017:cortex", 0.9))
+
+
+def test_what_is_assumed_is_said():
+    own, named = Stuff(mu=1000.0), Stuff(constants="pearcy2022:dura", region="dura")
+    scene = stretched("bennion2022:brain", 0.999, stuff=(own, named, Stuff(region="x", constants="bennion2022:brain")))
+    said = ladder.solve(scene, model=model_of(scene))["warnings"]
+    assert said == [
+        "stuff#1 (.*): poisson is not given: 0.49 is assumed, nearly incompressible",
+        "stuff#2 (dura): pearcy2022:dura (human cranial dura mater): a linear law for small strain, taken as Neo-Hooke's; "
+        "measured in tension alone",
+        "stuff#2 (dura): poisson is not given: 0.49 is assumed, nearly incompressible",
+    ]
+    heavy = stretched("bennion2022:brain", 0.999, stuff=(Stuff(mu=1e3, poisson=0.4),), course=Course(gravity=(0, 0, 1)))
+    (line,) = ladder.solve(heavy, model=model_of(heavy))["warnings"]
+    assert line == "stuff#1 (.*): density_kg_m3 is not given: 1040 is assumed"
+    shaken = replace(heavy, course=Course(frequency=50.0), stuff=(replace(heavy.stuff[0], density=1e3),))
+    (line,) = ladder.solve(shaken, model=model_of(shaken))["warnings"]
+    assert line == "stuff#1 (.*): it neither relaxes nor has a loss: waves in it do not fade"
