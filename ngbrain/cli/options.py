@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
     demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
     invert, predict, loaded, stiff = _invert(verbs), _predict(verbs), _solve(verbs), _calibrate(verbs)
+    _materials(verbs)
     folders = (
         (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
         (loaded, "solved"), (stiff, "calibrated"),
@@ -273,6 +274,18 @@ def _calibrate(verbs: Any) -> argparse.ArgumentParser:
         help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
     )
     return parser
+
+
+def _materials(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "materials",
+        help="published constants of tissues, by the names that scenes take",
+        description="List the published constants that scenes take by name, or say all about one.",
+    )
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="one of them, or a part of several names; all by default"
+    )
+    parser.set_defaults(quiet=False, output=None)
 
 
 def _positive(text: str) -> int:

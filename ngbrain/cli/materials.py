@@ -1,0 +1,167 @@
+"""The verb `materials`: what the catalogue of published constants holds, and how a scene takes one of them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ngbrain.errors import InputError
+from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous
+from ngbrain.materials.catalogue import Published, suggest
+from ngbrain.materials.families import relaxation_time, shear_modulus
+from ngbrain.materials.viscous import viscous
+from ngbrain.scene import NEARLY_INCOMPRESSIBLE
+from ngbrain.scene.loading import POISSON
+from ngbrain.units import to_kPa
+
+NAMES = {"NeoHooke": "Neo-Hooke", "Polynomial": "polynomial"}
+"""Class of a law → its name, where that is another."""
+SYMBOLS = {"mu": "μ", "alpha": "α", "b": "b", "jm": "J_m"}
+"""Constant of a law → its symbol; those of `mu` are in Pa."""
+EVIDENCE = {
+    "source": "numbers read at the source",
+    "transcription": "numbers from others' public code",
+    "refit": "fitted for this package to the source's curves",
+    "recalled": "recalled: look the numbers up before you quote them",
+}
+SNIPPET = """\
+In a scene of `ngbrain retract`:
+
+[[tissue]]
+region = {region:<18} # of a scan "grey", "white", "ventricle.*"; of the idealised head "cortex", "white", "ventricle.*"
+constants = "{name}"
+bulk_ratio = {ratio:<14.6g} # bulk modulus / initial shear modulus: {whence}
+
+In a loaded body of `ngbrain solve`:
+
+[[stuff]]
+region = ".*"
+constants = "{name}"
+{poisson}
+density_kg_m3 = 1040.0
+"""
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Print the list, or one entry."""
+    name = arguments.name
+    if name in CATALOGUE:
+        print(details(CATALOGUE[name]))
+        return
+    found = [entry for known, entry in CATALOGUE.items() if not name or name.casefold() in known]
+    if not found:
+        raise InputError("NAME", repr(name), suggest(name))
+    print(listed(found))
+
+
+def listed(entries: list[Published]) -> str:
+    """A line each: name, law, tissue, shear modulus at once and in the end, source."""
+    rows = [("name", "law", "tissue", "μ₀ kPa", "μ∞ kPa", "DOI")]
+    for entry in entries:
+        law = viscous(entry.law())
+        left = _kPa(shear_modulus(law.equilibrium)) if law.branches else "-"
+        rows.append((entry.name, described(law), tissue(entry), _kPa(entry.initial_modulus), left, entry.doi))
+    widths = [max(len(row[i]) for row in rows) for i in range(5)]
+    lines = ["  ".join(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True)) for row in rows]
+    return "\n".join(
+        [
+            *lines,
+            "",
+            "μ₀: shear modulus at rest, of a sudden small strain; μ∞: what is left of it in the end, of laws that relax.",
+            "`ngbrain materials NAME` says all about one of them, and how a scene takes it.",
+        ]
+    )
+
+
+def described(law: Viscous) -> str:
+    """A law in a few words.
+
+    >>> described(viscous(CATALOGUE["miller2002:brain"].law()))
+    'Ogden, 2 hereditary branches (Prony)'
+    """
+    kind = {"Maxwell branches": len(law.flowing), "hereditary branches (Prony)": len(law.hereditary)}
+    return ", ".join([_named(law.equilibrium), *(f"{count} {words}" for words, count in kind.items() if count)])
+
+
+def tissue(entry: Published) -> str:
+    """Species and region."""
+    region = entry.region.replace("_", " ")
+    return region if entry.species == "none" else f"{entry.species} {region}"
+
+
+def details(entry: Published) -> str:
+    """All that is known of an entry, and what to paste into a scene."""
+    law, modulus = viscous(entry.law()), f"{_kPa(entry.initial_modulus)} kPa at rest"
+    if law.branches:
+        modulus += f", of a sudden strain; {_kPa(shear_modulus(law.equilibrium))} kPa in the end"
+    volume = [f"K = {entry.bulk:.4g} Pa"] if entry.bulk else []
+    volume += [f"Poisson's ratio {entry.poisson:g}"] if entry.poisson else []
+    rows = [
+        ("tissue", tissue(entry)),
+        ("law", described(law)),
+        ("energy", (type(_plain(law.equilibrium)).__doc__ or "").partition("\n")[0].rstrip(".")),
+        *(("constants" if i == 0 else "", line) for i, line in enumerate(_constants(law))),
+        ("shear modulus", modulus),
+        ("volume", ", ".join(volume) or "not in the source"),
+        ("measured", f"{entry.protocol}; stretches {entry.stretch[0]:g} to {entry.stretch[1]:g}"),
+        ("source", f"{entry.source}, https://doi.org/{entry.doi}"),
+        ("evidence", EVIDENCE[entry.evidence]),
+        ("convention", "" if entry.convention == "as here" else entry.convention),
+        ("note", entry.note),
+        ("caution", "; ".join(entry.cautions)),
+    ]
+    lines = [f"  {name:<15}{text}" for name, text in rows if text]
+    ratio = entry.bulk / entry.initial_modulus if entry.bulk else NEARLY_INCOMPRESSIBLE
+    nu = f"poisson = {entry.poisson or POISSON:<17g} # {'the source has it' if entry.poisson else 'nearly incompressible'}"
+    snippet = SNIPPET.format(
+        name=entry.name,
+        region='"ventricle.*"' if entry.region == "ventricles" else '"white"',
+        ratio=ratio,
+        whence="the source's" if entry.bulk else "nearly incompressible",
+        poisson="# poisson left out: K is the source's" if entry.bulk else nu,
+    )
+    return "\n".join([entry.name, *lines, "", snippet]).rstrip()
+
+
+def _kPa(modulus: Any) -> str:  # noqa: N802
+    """To three digits, without a power of ten."""
+    return f"{float(f'{to_kPa(float(modulus)):.3g}'):.10g}"
+
+
+def _plain(law: Law) -> Law:
+    return _plain(law.law) if isinstance(law, Scaled) else law
+
+
+def _named(law: Law) -> str:
+    name = type(_plain(law)).__name__
+    return NAMES.get(name, name)
+
+
+def _constants(law: Viscous) -> list[str]:
+    """A line for each part; of a Prony series the law of a sudden strain, and what relaxes of it."""
+    stays = law.equilibrium
+    if isinstance(stays, Scaled):
+        shares = [branch.law.factor for branch in law.hereditary if isinstance(branch.law, Scaled)]
+        series = zip(shares, law.hereditary, strict=True)
+        return [
+            f"at once: {_values(stays.law)}",
+            *(f"branch {k}: g = {g:g}, τ = {branch.tau:g} s" for k, (g, branch) in enumerate(series, 1)),
+        ]
+    found = [("stays: " if law.branches else "") + _values(stays)]
+    for k, branch in enumerate(law.branches, 1):
+        eta = f"η = {branch.eta:g} Pa s, " if isinstance(branch, Maxwell) else ""
+        found.append(f"branch {k}: {_values(branch.law)}, {eta}τ = {float(relaxation_time(branch)):.4g} s")
+    return found
+
+
+def _values(law: Law) -> str:
+    """Constants of a law with their symbols."""
+    found = []
+    for name, value in vars(law).items():
+        if isinstance(value, dict):
+            found += [f"c{i}{j} = {c:g} Pa" for (i, j), c in value.items()]
+        else:
+            many = isinstance(value, list | tuple)
+            shown = ", ".join(f"{each:.6g}" for each in value) if many else f"{value:.6g}"
+            found.append(f"{SYMBOLS[name]} = {shown}" + (" Pa" if name == "mu" else ""))
+    return ", ".join(found)
