@@ -6,7 +6,6 @@ The processes (`ngbrain.worker`) never import the caller's `__main__`: a script 
 
 from __future__ import annotations
 
-import logging
 import os
 import pickle
 import queue
@@ -20,6 +19,7 @@ from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from typing import Any
 
 from ngbrain.errors import SolverError
+from ngbrain.progress import LOG
 from ngbrain.threads import threads
 from ngbrain.worker import START
 
@@ -76,7 +76,7 @@ def run(
             return _side_by_side(tasks, workers, tell, finished)
         except _NotSent as reason:
             words = "%s; what was to be computed side by side is computed in this process, one after the other"
-            logging.getLogger("ngbrain").warning(words, reason)
+            LOG.warning(words, reason)
     return _here(tasks, max(workers, 1), tell, finished)
 
 

@@ -36,6 +36,13 @@ def waits(seconds, *, tell):
     time.sleep(seconds)
 
 
+def ticks(seconds, *, tell):
+    """It tells all the time."""
+    for _ in range(int(10 * seconds)):
+        tell(os.getpid())
+        time.sleep(0.1)
+
+
 def exits(*, tell):
     os._exit(7)
 

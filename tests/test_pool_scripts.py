@@ -50,20 +50,23 @@ except TypeError as error:
 LONG = """
 import signal, sys, threading
 from concurrent.futures import ThreadPoolExecutor
-from dying import waits
+from dying import ticks, waits
 from ngbrain import pool
 
+how = sys.argv[1] if sys.argv[1:] else ""
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell begins without
 
 def compute():
+    if how == "serial thread":
+        pool.run([("a", ticks, (60,))], 1)
     pool.run([("a", waits, (60,)), ("b", waits, (60,))], 2, lambda pid: print(pid, flush=True))
 
 print("begun", flush=True)
-if sys.argv[1:] == ["thread"]:
+if how.endswith("thread"):
     thread = threading.Thread(target=compute)
     thread.start()
     thread.join()
-elif sys.argv[1:] == ["executor"]:
+elif how == "executor":
     with ThreadPoolExecutor() as executor:
         executor.submit(compute).result()
 else:
@@ -212,8 +215,22 @@ def interrupted(process, moment, everybody, twice=False):
 
 @pytest.mark.parametrize(
     ("where", "everybody"),
-    [("main", True), ("main", False), ("thread", True), ("thread", False), ("executor", True)],
-    ids=["Ctrl-C", "kill -INT", "Ctrl-C in a thread", "kill -INT in a thread", "Ctrl-C in an executor's thread"],
+    [
+        ("main", True),
+        ("main", False),
+        ("thread", True),
+        ("thread", False),
+        ("executor", True),
+        ("serial thread", False),
+    ],
+    ids=[
+        "Ctrl-C",
+        "kill -INT",
+        "Ctrl-C in a thread",
+        "kill -INT in a thread",
+        "Ctrl-C in an executor's thread",
+        "kill -INT beside one process",
+    ],
 )
 @pytest.mark.parametrize("moment", [SEVERAL[0], pytest.param(SEVERAL[1], marks=pytest.mark.slow), SEVERAL[3]])
 def test_ctrl_c_ends_everything(moment, where, everybody):

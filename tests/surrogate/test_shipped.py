@@ -128,7 +128,7 @@ def test_twice_the_noise_that_bounds_are_found_with_is_still_within_the_training
 
 def test_no_torch():
     """Neither for the command line nor for the operator."""
-    code = "import sys, ngbrain.cli as _, ngbrain.surrogate.shipped as s; s.Operator.shipped('waves')"
+    code = "import sys, ngbrain.cli.predict as _, ngbrain.surrogate.shipped as s; s.Operator.shipped('waves')"
     done = subprocess.run(
         [sys.executable, "-c", code + "; print('torch' in sys.modules)"], capture_output=True, text=True, check=True
     )
