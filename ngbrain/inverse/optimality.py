@@ -31,6 +31,9 @@ TIED = 1e-6
 """Weight, in squared deviations of the data, of changes on the boundary: an edge between points is held by little else."""
 FAINT = 1e-3
 """The same of a component that is never measured: with 2 % noise a change as large as the waves costs as much as a few data."""
+SEEN = 1e-12
+"""Share of the largest squared value at the data below which an unknown counts as not seen: at a node, or beside it by as much as
+single precision rounds, functions of other nodes are nothing but round-off."""
 REFINEMENTS = 6
 ROUGH = 1e-6
 
@@ -168,8 +171,9 @@ class Optimality:
 
 def _column_scale(square: sp.csr_array, matrix: sp.csr_array) -> Array:
     """Units of the waves' unknowns: a standard deviation of the data; of a pressure, what weighs as much in the matrix."""
-    seen = square.diagonal()
-    sigma = 1 / np.sqrt(np.median(seen[seen > 0]))
+    squares = square.diagonal()
+    seen = squares > SEEN * squares.max()
+    sigma = 1 / np.sqrt(np.median(squares[seen]))
     weights = np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=0)).ravel())
-    typical = np.median(weights[seen > 0])
-    return np.where(seen > 0, sigma, sigma * typical / weights)
+    typical = np.median(weights[seen])
+    return np.where(seen, sigma, sigma * typical / weights)
