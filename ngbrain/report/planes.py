@@ -56,10 +56,8 @@ class Plane:
         for spine in axes.spines.values():
             spine.set_visible(False)
         if self.shape:
-            x, y = (self.at[:, k].reshape(self.shape, order="F") for k in (0, 1))
-            return axes.pcolormesh(
-                x, y, shown.reshape(self.shape, order="F"), shading="nearest", rasterized=True, **look
-            )
+            x, y = (_cell_corners(self.at[:, k].reshape(self.shape, order="F")) for k in (0, 1))
+            return axes.pcolormesh(x, y, shown.reshape(self.shape, order="F"), rasterized=True, **look)
         assert self.triangles is not None
         known = self.triangles[np.isfinite(shown)[self.triangles].all(axis=1)]
         if not len(known):
@@ -67,6 +65,15 @@ class Plane:
         return axes.tripcolor(
             *self.at.T, np.nan_to_num(shown), triangles=known, shading="gouraud", rasterized=True, **look
         )
+
+
+def _cell_corners(centres: Floats) -> Floats:
+    """A coordinate (m + 1, n + 1) of the corners of cells from that of their centres (m, n).
+
+    Matplotlib, given centres, asks that a coordinate grows along every line, which round-off keeps a constant one from.
+    """
+    wide = np.pad(centres, 1, mode="reflect", reflect_type="odd")
+    return np.asarray((wide[1:, 1:] + wide[1:, :-1] + wide[:-1, 1:] + wide[:-1, :-1]) / 4)
 
 
 def planes(data: WaveData) -> list[Plane]:
