@@ -8,6 +8,7 @@ import time
 import ngsolve as ngs
 
 from ngbrain import pool
+from ngbrain.mesh import block
 
 
 def lives(answer, *, tell):
@@ -71,3 +72,9 @@ def raises_particularly(*, tell):
 def prints(*, tell):
     print("from a task")
     os.write(1, b"and from below\n")
+
+
+def points(*, tell):
+    """Of a mesh that is made there."""
+    mesh = block((0.1, 0.2, 0.3), 0.1)  # its coordinates are gone with it
+    return mesh.ngmesh.Coordinates().copy()

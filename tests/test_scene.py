@@ -76,7 +76,7 @@ def test_a_file_in_si_units(demo):
     demo["blade"] = {"width_mm": 10, "edge_radius_mm": 1.5, "tip_mm": 4.0, "thickness_mm": 2.0}
     scene = Scene.from_dict(demo)
     assert scene.blade == Blade(width=0.010, edge_radius=0.0015, tip=0.004, thickness=0.002)
-    assert scene.cleft.target == pytest.approx(np.array(demo["cleft"]["target_mm"]) / 1000, rel=1e-15)
+    assert scene.cleft.target == pytest.approx(np.array(demo["cleft"]["target_mm"]) / 1000, rel=1e-12)
     assert (scene.cleft.approach, scene.cleft.across) == (None, None)
     assert (scene.retraction.opening, scene.retraction.ramp, scene.retraction.elapsed) == (0.005, 10.0, 900.0)
     assert [tissue.region for tissue in scene.tissues] == ["cortex", "white", "ventricle.*"]
@@ -165,14 +165,16 @@ def test_a_given_force_alone_or_over_time(demo):
     held, let_go = (Model.program(scene, asked) for asked in scene.protocols)
     assert held == Force("force", (0.0, 10.0, 900.0), (0.0, 0.2941995, 0.2941995)) and held.working_s == 890
     assert (
-        let_go.times == (0, 10, 20, 30, 900) and let_go.at(15) == held.at(10) == 2 * held.at(5) and let_go.at(800) == 0
+        let_go.times == (0, 10, 20, 30, 900)
+        and [let_go.at(15), 2 * held.at(5)] == pytest.approx([held.at(10)] * 2)
+        and let_go.at(800) == 0
     )
 
 
 def test_any_length_survives_the_way_to_millimetres_and_back(rng):
     for width in [*rng.uniform(1e-3, 1e-1, 2000), *(k * 1e-4 for k in range(20, 500)), math.pi * 1e-2]:
         blade = Blade(width=float(width), edge_radius=1e-3)
-        assert blade.width == pytest.approx(width, rel=3e-16, abs=0)
+        assert blade.width == pytest.approx(width, rel=1e-15, abs=0)
         assert Blade(width=blade.shown("width") / 1000).width == blade.width
 
 

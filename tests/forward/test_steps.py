@@ -92,7 +92,8 @@ def test_no_step_is_longer_than_asked_for_while_it_pushes(make_body, plate):
     _, rows = run(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control)
     steps = np.diff(rows[:, 0])
     pushed = rows[1:, 0] <= 4.0
-    assert 0.4 < steps[pushed].max() <= 0.5 and 100 < steps[~pushed].max() <= 400
+    room = 1 + 1e-9  # by which a step may be stretched to end at an event; differences of times are far more exact
+    assert 0.4 < steps[pushed].max() <= 0.5 * room and 100 < steps[~pushed].max() <= 400 * room
 
 
 @pytest.mark.parametrize(("rate", "dt"), [(1.0, 2.0), (-1.0, 1.0), (0.0, 4.0)])

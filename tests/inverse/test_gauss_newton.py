@@ -4,11 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.inversion import of_end
+from ngbrain.inverse.optimality import _column_scale
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.regularise import total_variation
 from ngbrain.inverse.weights import Discrepancy, Given
@@ -111,6 +113,14 @@ def test_a_step_that_overshoots_is_halved():
         told += found.history
     assert np.all(np.diff(values) < 0)
     assert max(entry.step for entry in told) < 0.05
+
+
+def test_round_off_at_nodes_counts_as_not_seen():
+    """Of data at nodes, the functions of other nodes are 0 there, or what single or double precision leaves of them."""
+    matrix = sp.csr_array(np.arange(1.0, 17).reshape(4, 4) ** 2)
+    exact, *rounded = (sp.csr_array(sp.diags_array([4.0, 9.0, *rest])) for rest in ([0, 0], [0, 1e-31], [4e-29, 2e-14]))
+    for square in rounded:
+        assert _column_scale(square, matrix) == pytest.approx(_column_scale(exact, matrix))
 
 
 def test_where_waves_have_no_solution_a_step_is_halved():

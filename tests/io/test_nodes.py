@@ -39,7 +39,7 @@ def corner_volumes(grid: QuadraticGrid) -> np.ndarray:
 def test_midpoints_lie_between_the_vertices_vtk_expects(cube):
     corners = cube.points[cube.connectivity[:, :4]]
     middles = cube.points[cube.connectivity[:, 4:]]
-    assert np.allclose(middles, corners[:, VTK_EDGES].mean(axis=2), rtol=0, atol=1e-15)
+    assert np.allclose(middles, corners[:, VTK_EDGES].mean(axis=2), rtol=0, atol=1e-12)
 
 
 def test_nodes_are_numbered_as_ngsolve_numbers_vertices_and_edges(cube):
@@ -47,7 +47,7 @@ def test_nodes_are_numbered_as_ngsolve_numbers_vertices_and_edges(cube):
     assert len(cube.points) == mesh.nv + mesh.nedge
     assert np.array_equal(cube.points[: mesh.nv], [v.point for v in mesh.vertices])
     ends = np.array([[v.nr for v in e.vertices] for e in mesh.edges])
-    assert np.allclose(cube.points[mesh.nv :], cube.points[ends].mean(axis=1), rtol=0, atol=1e-15)
+    assert np.allclose(cube.points[mesh.nv :], cube.points[ends].mean(axis=1), rtol=0, atol=1e-12)
 
 
 def test_tetrahedra_are_positive_and_fill_the_volume(cube):

