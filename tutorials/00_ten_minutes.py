@@ -10,6 +10,7 @@
 # %%
 import os
 
+import matplotlib.pyplot as plt
 import numpy as np
 from ngsolve import TaskManager
 
@@ -81,11 +82,18 @@ def press(law, initial_modulus):
     return np.array(t), np.array(force)
 
 
-t, force = press(white.law(), white.initial_modulus)
-_, mine_force = press(mine, 600.0)
-_, stiff_force = press(NeoHooke(600.0), 600.0)
-for name, f in (("Griffiths white matter", force), ("my law, relaxing", mine_force), ("elastic", stiff_force)):
-    print(f"{name:<24} peak {1e3 * f.max():6.1f} mN, after a minute {f[-1] / f.max():.2f} of it")
+curves = {
+    "Griffiths white matter": press(white.law(), white.initial_modulus),
+    "my law, relaxing": press(mine, 600.0),
+    "Neo-Hooke, elastic": press(NeoHooke(600.0), 600.0),
+}
+figure, axes = plt.subplots(figsize=(6.5, 3.4), layout="constrained")
+for name, (t, force) in curves.items():
+    print(f"{name:<24} peak {1e3 * force.max():6.1f} mN, after a minute {force[-1] / force.max():.2f} of it")
+    axes.plot(t, 1e3 * force, label=name)
+axes.set(xlabel="time (s)", ylabel="force on the plate (mN)", title="Pressed by 2 mm in 2 s, then held", ylim=(0, None))
+axes.legend(frameon=False)
+plt.show()
 
 # %% [markdown]
 # ## A whole operation
@@ -99,6 +107,7 @@ scene = ngbrain.Scene.shipped("idealised_fast")
 print(scene.title, [protocol.name for protocol in scene.protocols], f"opening {1e3 * scene.retraction.opening:.0f} mm")
 
 # %% The number.
+t, force = curves["Griffiths white matter"]
 left = force[-1] / force.max()
 print(f"left after a minute: {left:.3f}")
 assert abs(left - 0.455) < 0.01, left

@@ -12,11 +12,13 @@
 # %%
 import os
 
+import matplotlib.pyplot as plt
 import ngsolve as ngs
 import numpy as np
 
 import ngbrain
 from ngbrain.image import mni152
+from ngbrain.image.segment import NAMES
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned
@@ -61,6 +63,36 @@ print(f"smallest angle between faces {smallest_angles(corners).min():.1f} degree
 white = head.mixtures(mesh, order=2)["brain"]["white"]
 share = ngs.Integrate(white * ngs.dx("brain", intrules=white.space.GetIntegrationRules()), mesh)
 print(f"white matter at the quadrature points: {1e6 * share:.0f} ml, in the labels {volumes['white']:.0f} ml")
+
+# %% [markdown]
+# ## In one picture
+# The coronal plane through the target: the scan, its labels, and the elements that the plane cuts.
+
+# %%
+t1, labels, affine = scan.volume.data, head.labels.data, scan.volume.affine
+spacing, origin = 1e3 * scan.volume.spacing[0], 1e3 * affine[:3, 3]
+x, z = (origin[k] + spacing * np.arange(t1.shape[k]) for k in (0, 2))
+layer = round((1e3 * cleft.target[1] - origin[1]) / spacing)
+edges = [x[0] - spacing / 2, x[-1] + spacing / 2, z[0] - spacing / 2, z[-1] + spacing / 2]
+points = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2) / 1e3
+number = mesh(points[:, 0], np.full(len(points), cleft.target[1]), points[:, 1])["nr"].reshape(len(z), len(x))
+shade = np.random.default_rng(0).random(mesh.ne)[number]
+
+figure, axes = plt.subplots(1, 3, figsize=(10, 4.4), layout="constrained", sharey=True)
+axes[0].imshow(t1[:, layer].T, cmap="gray", origin="lower", extent=edges)
+kinds = axes[1].imshow(
+    labels[:, layer].T, cmap=plt.get_cmap("viridis", 5), vmin=-0.5, vmax=4.5, origin="lower", extent=edges
+)
+axes[2].imshow(np.where(number < 0, np.nan, shade), cmap="Blues", vmin=-0.2, vmax=1.2, origin="lower", extent=edges)
+bar = figure.colorbar(kinds, ax=axes[1], ticks=range(5), location="bottom")
+bar.ax.set_xticklabels(NAMES, fontsize=8)
+way = np.array([cleft.target, cleft.entry]) * 1e3
+for ax, title in zip(axes, ("T1", "tissue labels", "elements"), strict=True):
+    ax.plot(way[:, 0], way[:, 2], color="tab:red")
+    ax.set(title=title, xlabel="x, to the right (mm)", xlim=(-80, 80), ylim=(-80, 90))
+axes[0].set_ylabel("z, up (mm)")
+figure.suptitle(f"y = {1e3 * cleft.target[1]:.0f} mm; red: the way to the target")
+plt.show()
 
 # %% [markdown]
 # ## What is lost

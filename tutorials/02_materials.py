@@ -8,6 +8,7 @@
 # within 3 %; with cubes that stick to their plates **1.43 kPa** and **-14.4** (the last cell checks both).
 
 # %%
+import matplotlib.pyplot as plt
 import ngsolve as ngs
 import numpy as np
 
@@ -62,8 +63,7 @@ for name, found in fits.items():
     print(f"{name:<14} R² " + "  ".join(f"{mode} {r2:.3f}" for mode, r2 in found.r2.items()) + f"   {numbers}")
 best = fits["Ogden"]
 print("95 % intervals:", {key: tuple(round(end, 1) for end in ends) for key, ends in best.confidence.items()})
-figure = lab.plot({name: found.law for name, found in fits.items()}, data)
-figure
+lab.plot({name: found.law for name, found in fits.items()}, data)
 
 # %% [markdown]
 # Neo-Hooke cannot be stiffer in compression than in tension; Mooney-Rivlin can, for a tenth more of an assembly's time;
@@ -144,9 +144,16 @@ print("pulled along and pressed along:", lab.stress(white, "uniaxial", [1.08, 0.
 tissue = constants("griffiths2024:white_matter").law()
 hereditary = Prony(Ogden(1380.0, -25.0), g=[970 / 1380, 250 / 1380], tau=[2.26, 1199.0])
 times = np.concatenate([[0.0], np.geomspace(0.01, 1.0, 60)])
-for name, material in (("quasi-linear", hereditary), ("finite", tissue)):
-    left = [s[-1] / s[0] for s in (lab.relaxation(material, "uniaxial", 1 - e, times) for e in (0.01, 0.05, 0.1))]
-    print(f"{name:<13} left after 1 s at 1, 5, 10 %:", np.round(left, 3))
+figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained", sharey=True)
+for ax, (name, material) in zip(axes, {"quasi-linear": hereditary, "finite": tissue}.items(), strict=True):
+    left = {strain: lab.relaxation(material, "uniaxial", 1 - strain, times) for strain in (0.01, 0.05, 0.1)}
+    print(f"{name:<13} left after 1 s at 1, 5, 10 %:", np.round([s[-1] / s[0] for s in left.values()], 3))
+    for (strain, s), dash in zip(left.items(), ("-", "--", ":"), strict=True):
+        ax.plot(times, s / s[0], dash, label=f"pressed by {100 * strain:.0f} %")
+    ax.set(title=name, xlabel="time (s)")
+axes[0].set_ylabel("stress / stress at once")
+axes[1].legend(frameon=False)
+plt.show()
 
 # %% [markdown]
 # ## Frequency

@@ -8,6 +8,7 @@
 # 0.1 %. The last cell checks it.
 
 # %%
+import matplotlib.pyplot as plt
 import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
@@ -101,6 +102,16 @@ exact = ((4 / outer + outer**-4) - (4 / stretches + stretches**-4)) / 2
 print("P/μ", np.round(pressures, 4), "\nexact", exact.round(4))
 assert np.allclose(pressures, exact, rtol=2e-4)
 
+inner = np.linspace(1, 2.6, 100)
+outer = (1 + (inner**3 - 1) / 8) ** (1 / 3)
+figure, axes = plt.subplots(figsize=(5.5, 3.2), layout="constrained")
+axes.plot(inner, ((4 / outer + outer**-4) - (4 / inner + inner**-4)) / 2, color="0.5", label="closed form")
+axes.plot(stretches, pressures, "o", label="finite elements, volume prescribed")
+axes.axhline(0.8164, color="tab:red", lw=0.8, ls="--", label="largest pressure, .8164 μ")
+axes.set(xlabel="stretch of the cavity", ylabel="pressure / μ", title="A hollow sphere, radii 1 and 2")
+axes.legend(frameon=False)
+plt.show()
+
 blown = Static(mesh, rubber, symmetry, [CavityPressure("cavity", 0.85)], form="P4/P3", kinematics=Axisymmetric())
 try:
     blown.solve()
@@ -147,6 +158,16 @@ for form in ("P1", "P2", "P2/P1", "P4/P3"):
     record = body.solve()
     rises[form] = body.u(mesh(48, 60))[1]
     print(f"{form:<6} {body.fes.ndof:6d} unknowns, {record.tried:3d} Newton iterations: {rises[form]:.4f} mm")
+
+points = np.array([vertex.point for vertex in mesh.vertices])
+triangles = [[v.nr for v in element.vertices] for element in mesh.Elements()]
+moved = body.u(mesh(*points.T))
+figure, axes = plt.subplots(figsize=(5.5, 4.2), layout="constrained")
+axes.triplot(*points.T, triangles, color="0.8", lw=0.5)
+colours = axes.tripcolor(*(points + moved).T, triangles, moved[:, 1], shading="gouraud", cmap="viridis")
+axes.set(xlabel="x (mm)", ylabel="y (mm)", title="Cook's membrane, at rest (grey) and loaded", aspect="equal")
+figure.colorbar(colours, label="rise (mm)")
+plt.show()
 
 # %% The number.
 assert rises["P1"] < 0.85 * 6.935  # volume locks what has no pressure

@@ -10,8 +10,8 @@
 # %%
 import dataclasses
 import os
-from pathlib import Path
 
+import matplotlib.pyplot as plt
 import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
@@ -154,8 +154,6 @@ for name, row in table.items():
 # `ngbrain invert DATA.npz` prints these numbers and writes a page with the waves, their fit, what is left over, and the maps.
 
 # %%
-import matplotlib.pyplot as plt  # noqa: E402
-
 panels = {"truth": np.real(data.truth["shear"]), "algebraic": algebraic["storage"], "inversion": found.maps["storage"]}
 figure, axes = plt.subplots(1, 3, figsize=(9, 3.1), layout="constrained")
 for ax, (name, values) in zip(axes, panels.items(), strict=True):
@@ -163,8 +161,7 @@ for ax, (name, values) in zip(axes, panels.items(), strict=True):
     image = ax.imshow(box, origin="lower", extent=[0, 1e3 * SIDE] * 2, vmin=2.5, vmax=6.5, cmap="viridis")
     ax.set(title=name, xlabel="x (mm)", ylabel="y (mm)" if name == "truth" else "")
 figure.colorbar(image, ax=axes, label="storage modulus G′ (kPa)", extend="both")
-if not FAST:
-    figure.savefig(Path(__file__).with_name("figures") / "stiffness.png", dpi=110)
+plt.show()
 
 # %% The numbers.
 errors = {name: [row[key]["relative_l2_error"] for key in ("storage", "loss")] for name, row in table.items()}

@@ -9,8 +9,8 @@
 
 # %%
 import os
-from pathlib import Path
 
+import matplotlib.pyplot as plt
 import ngsolve as ngs
 import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
@@ -102,16 +102,13 @@ for name, (contrast, block, rms) in table.items():
 # The middle plane. `ngbrain invert DATA.npz` does the same and writes a page; larger bodies go zone by zone (`--subzones`).
 
 # %%
-import matplotlib.pyplot as plt  # noqa: E402
-
 figure, axes = plt.subplots(1, 4, figsize=(11, 3.1), layout="constrained")
 for ax, (name, modulus) in zip(axes, maps.items(), strict=True):
     plane = data.structured.box(1e-3 * np.abs(modulus))[:, :, len(line) // 2].T
     image = ax.imshow(plane, origin="lower", extent=[0, 1e3 * SIDE] * 2, vmin=2, vmax=7, cmap="viridis")
     ax.set(title=name, xlabel="x (mm)", ylabel="y (mm)" if name == "truth" else "")
 figure.colorbar(image, ax=axes, label="|G*| (kPa)", extend="both")
-if not FAST:
-    figure.savefig(Path(__file__).with_name("figures") / "stiffness_in_space.png", dpi=110)
+plt.show()
 
 # %% The numbers.
 (wanted, *_), (ours, block, rms), algebraic = table["truth"], table["inversion"], table["algebraic"]

@@ -11,6 +11,7 @@
 # %%
 import warnings
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
@@ -54,6 +55,15 @@ print(f"five stages, a minute between: peak {steps.pressure.max() / hold.pressur
 for recovery in (5, 60, 600):
     ratio = dose_left(six.curve, 60 * recovery) / dose(hold.curve)
     print(f"dose of as much work, if it decays in {recovery:3d} min while released: {ratio:.2f}")
+
+figure, axes = plt.subplots(figsize=(7.5, 3.2), layout="constrained")
+for name, course in (("six holds with rests", six), ("one hold", hold), ("five stages", steps)):
+    axes.plot(to_minutes(course.t), to_mmHg(course.pressure), label=name)
+axes.set(
+    xlabel="time (min)", ylabel="pressure on the tissue (mmHg)", title="Opened by a tenth of the depth", ylim=(0, None)
+)
+axes.legend(frameon=False)
+plt.show()
 
 # %% [markdown]
 # For as much work rests cost a little dose: every opening starts from a pressure above the one that the last hold ended with.

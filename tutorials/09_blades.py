@@ -10,7 +10,9 @@
 # %%
 import os
 from dataclasses import replace
-from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
 
 import ngbrain
 from ngbrain.forward.steps import StepControl
@@ -79,9 +81,6 @@ for name, row in read.items():
 # a `[blade]` of your own, on your mesh, gives pressures over time and injury measures.
 
 # %%
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-
 at = np.arange(len(read))
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 for k, (key, label) in enumerate({"pressure": "mean", "tip_pressure": "last 5 mm at the tip"}.items()):
@@ -92,8 +91,7 @@ axes.set_xticks(at, list(read))
 axes.set(ylabel="pressure on the wall (mmHg)", title="Opened by 2 mm")
 axes.spines[["top", "right"]].set_visible(False)
 axes.legend(frameon=False)
-if not FAST:
-    figure.savefig(Path(__file__).with_name("figures") / "blades.png", dpi=110)
+plt.show()
 
 # %% The numbers.
 two, tube = (read[name].pressure / read["one spatula"].pressure for name in ("two spatulas", "tube"))

@@ -14,6 +14,7 @@
 # %%
 import os
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
@@ -66,6 +67,26 @@ print(
     f"half of all errors should be within {half:.2f} deviations; of these points {np.mean(off < half * deviation):.0%} are"
 )
 
+
+def show(panels, label, side, **look):
+    """Square maps side by side, in one colour scale."""
+    look = {"vmin": min(map(np.min, panels.values())), "vmax": max(map(np.max, panels.values())), **look}
+    figure, axes = plt.subplots(
+        1, len(panels), figsize=(2.6 * len(panels) + 0.8, 2.9), layout="constrained", sharey=True
+    )
+    for ax, (title, values) in zip(axes, panels.items(), strict=True):
+        n = round(len(values) ** 0.5)
+        image = ax.imshow(values.reshape(n, n), origin="lower", extent=[0, 1e3 * side] * 2, **look)
+        ax.set(title=title, xlabel="x (mm)")
+    axes[0].set_ylabel("y (mm)")
+    figure.colorbar(image, ax=axes, label=label)
+    plt.show()
+
+
+show({"truth": true, "predicted": found.maps["youngs"]}, "E / mean", SIDE)
+errors = {"true error": 100 * off, "stated deviation": 100 * deviation}
+show(errors, "of the mean (%)", SIDE, cmap="magma", vmin=0)
+
 # %% [markdown]
 # Errors of ultrasound are not independent from point to point: they have the grain of its speckle, here 0.8 mm across the beam and
 # half of that along it. Half of the training had such noise.
@@ -97,6 +118,7 @@ boxed = shaken(shear, 0.0, spot.poisson, {"top": (0, -0.01 * SIDE)}, 51, sides, 
 boxed = predict(as_data(axial(boxed, 0.01), SIDE, 0.0, spot.poisson, "elastic"))
 for name, each in (("10 % noise", noisy), ("sides held", boxed)):
     print(f"{name}: trusted: {each.trusted}; {each.warning}")
+show({"10 % noise": noisy.maps["youngs"], "sides held": boxed.maps["youngs"]}, "E / mean", SIDE)
 
 # %% [markdown]
 # What no displacement can tell, it cannot tell either: had the frequency of a wave been misstated by a fifth, tissue 1.44 times as
@@ -121,6 +143,8 @@ truth = waves.truth_views[first]
 before, after = (np.linalg.norm(each[first] - truth) / np.linalg.norm(truth) for each in (start.maps, refined.maps))
 print(f"{first}: the operator is off by {100 * before:.1f} %, the inversion that starts there by {100 * after:.1f} %")
 print(f"solves of that inversion: {refined.solves.factorisations} factors")
+found_maps = {"truth": truth, "operator": start.maps[first], "inversion": refined.maps[first]}
+show({name: values / 1e3 for name, values in found_maps.items()}, f"{first} modulus (kPa)", SIDES["waves"])
 
 # %% [markdown]
 # ## Check

@@ -10,6 +10,8 @@
 # %%
 import os
 
+import matplotlib.pyplot as plt
+
 import ngbrain
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
 
@@ -85,6 +87,24 @@ struck = Loading(
 blow = ngbrain.solve(struck, richest=bounds)
 show(blow)
 impedance = 0.02**2 * (1040 * 1e3) ** 0.5 * 1e-3 / 0.03
+
+# %% [markdown]
+# ## Three climbs in one picture
+# Each point is a model that was solved; a climb ends where its estimate is below the tolerance that was asked for (dashed).
+
+# %%
+figure, axes = plt.subplots(figsize=(6.5, 3.6), layout="constrained")
+for name, result, tolerance, colour in (
+    ("touch", touch, 10, "C0"),
+    ("press, held for an hour", press, 15, "C1"),
+    ("blow", blow, 10, "C2"),
+):
+    missing = [100 * max(rung["missing"]) for rung in result["rungs"]]
+    axes.loglog([rung["ndof"] for rung in result["rungs"]], missing, "o-", color=colour, label=name)
+    axes.axhline(tolerance, color=colour, ls="--", lw=0.8)
+axes.set(xlabel="unknowns of the model", ylabel="estimated error of the answer (%)")
+axes.legend(frameon=False)
+plt.show()
 
 # %% [markdown]
 # In the same way `hold="touching"` says that a boundary is pushed by a rigid face along which tissue may slide, and from which it

@@ -12,6 +12,7 @@
 import os
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
@@ -97,6 +98,26 @@ def pressure(scene: Scene, factors: dict[str, float]) -> float:
 foretold, truly = pressure(found.scene, {}), pressure(scene, TRUTH)
 published = None if FAST else pressure(scene, {})
 print(f"3 mm: {foretold:.1f} mmHg foretold, {truly:.1f} truly, published tissue {published or 'not computed'}")
+
+# %%
+figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
+for at, (name, factor) in enumerate(TRUTH.items()):
+    band = found.factors[name]
+    axes[0].errorbar(
+        at, band.value, [[band.value - band.low], [band.high - band.value]], fmt="o", capsize=5, color="C0"
+    )
+    axes[0].plot(at + 0.12, factor, "kx")
+axes[0].plot([], [], "kx", label="truth")
+axes[0].plot([], [], "o", color="C0", label="found, 95 % interval")
+axes[0].axhline(1, color="0.7", lw=0.8)
+axes[0].set_xticks(range(len(TRUTH)), list(TRUTH))
+axes[0].set(ylabel="stiffness / published stiffness", xlim=(-0.5, 1.5), ylim=(0.5, 2))
+axes[0].legend(frameon=False)
+pressures = {"predicted": foretold, "this patient": truly} | ({"published tissue": published} if published else {})
+axes[1].bar_label(axes[1].bar(list(pressures), list(pressures.values()), 0.5), fmt="%.1f")
+axes[1].margins(y=0.15)
+axes[1].set(ylabel="peak pressure on the wall (mmHg)", title="Opened by 3 mm")
+plt.show()
 
 # %%
 for name, factor in TRUTH.items():
