@@ -11,13 +11,14 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ngbrain import datasets
     from ngbrain.scene import Scene
     from ngbrain.scene.loading import Loading
     from ngbrain.threads import set_threads
 
 __version__ = version("ngbrain")
 
-__all__ = ["Loading", "Scene", "__version__", "set_threads", "solve"]
+__all__ = ["Loading", "Scene", "__version__", "datasets", "set_threads", "solve"]
 
 _HOME = {"Loading": "scene.loading", "Scene": "scene", "set_threads": "threads"}
 

@@ -30,6 +30,7 @@ def parser() -> argparse.ArgumentParser:
     demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
     invert, predict, loaded, stiff = _invert(verbs), _predict(verbs), _solve(verbs), _calibrate(verbs)
     _materials(verbs)
+    _data(verbs)
     folders = (
         (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
         (loaded, "solved"), (stiff, "calibrated"),
@@ -286,6 +287,16 @@ def _materials(verbs: Any) -> None:
         "name", nargs="?", metavar="NAME", help="one of them, or a part of several names; all by default"
     )
     parser.set_defaults(quiet=False, output=None)
+
+
+def _data(verbs: Any) -> None:
+    parser = verbs.add_parser("data", help="sample data: what there is, or some of it as files")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="what to write; without a name all are listed")
+    parser.add_argument(
+        "-o", dest="output", type=Path, default=Path(), metavar="DIR", help="where the files go (this folder)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace files that are there")
+    parser.add_argument("-q", dest="quiet", action="store_true", help="do not say what was written")
 
 
 def _positive(text: str) -> int:
