@@ -16,13 +16,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import InputError, require
+from ngbrain.errors import InputError, MissingExtra, require
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume, upright
 from ngbrain.io.whole import whole
@@ -143,7 +144,9 @@ def interactive(
     'Colours, from blue to red: cortex, white, ventricle_left, ventricle_right'
     >>> view.write("head.html")  # doctest: +SKIP
     """
-    package = require("webgui_jupyter_widgets", "viz")
+    package = find_spec("webgui_jupyter_widgets")  # of which a file is read; importing it would need more packages
+    if package is None or package.origin is None:
+        raise MissingExtra("webgui_jupyter_widgets", "viz")
     with np.errstate():  # importing the webgui turns numpy's warnings off
         from ngsolve.webgui import Draw
 
@@ -163,7 +166,7 @@ def interactive(
         options = {**ends, "settings": {"Colormap": {"ncolors": max(len(names), 2)}}, **options}
         caption = "Colours, from blue to red: " + ", ".join(names)
     drawn = Draw(field, mesh, **{**options, "show": False})
-    return View(drawn.GetData(), Path(str(package.__file__)).parent / "js" / "webgui.js", caption)
+    return View(drawn.GetData(), Path(package.origin).parent / "js" / "webgui.js", caption)
 
 
 def _image(picture: bytes) -> Any:
