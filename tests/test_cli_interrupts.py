@@ -71,7 +71,15 @@ def test_ctrl_c(work, grace, times):
     interrupted(work, grace, times)
 
 
-def test_nothing_is_left_of_it(capsys, monkeypatch):
+@pytest.fixture
+def heard():
+    """Ctrl-C is heard, also where the tests themselves run in the background of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_nothing_is_left_of_it(heard):
     handler = signal.getsignal(signal.SIGINT)
     with interrupts.interruptible("stopped"):
         assert signal.getsignal(signal.SIGINT) != handler

@@ -49,8 +49,6 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     if scene.ask:
         LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
-    for text in scene.warnings:
-        LOG.warning("warning: %s", text)
     from ngbrain.report import Report
 
     report, written = Report(folder), list[Path]()
@@ -62,6 +60,9 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
             result["verb"] = arguments.verb
             write_json(folder / "result.json", result)
             written.append(report.write())
+            if len(written) == 1:
+                for text in scene.warnings:
+                    LOG.warning("warning: %s", text)
             if len(written) == 1 and not arguments.quiet:
                 later = " (checks under way)" if UNDER_WAY in result["check_status"].values() else ""
                 progress.say("\n".join([*_summary(result["answers"]), f"report: {written[0]}{later}"]))

@@ -149,8 +149,8 @@ def test_parts_are_tissues_by_name_without_the_ventricles():
     )
     parts = Model(replace(Scene.shipped("idealised_fast"), tissues=tissues), head, mesh, None, None).parts()
     assert [(name, part.fitted, part.modulus) for name, part in parts.items()] == [
-        ("grey", 0.1, 2380.0),
-        ("white", math.inf, 700.0),
+        ("grey", (0.9, 1.1), 2380.0),
+        ("white", (0.0, math.inf), 700.0),
     ]
     where = [[part.where(mesh(x, 0.5, z)) for part in parts.values()] for x, z in ((0.2, 0.5), (0.8, 0.5), (0.2, 1.5))]
     assert where == [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]
