@@ -491,6 +491,7 @@ def main() -> None:
     for name, method in found.items():
         if name in arguments.skip:
             continue
+        shared["last"] = name == list(found)[-1]
         print(json.dumps(shared | {"method": name, "begun": True}), flush=True)
         cpu = time.process_time()
         if name.endswith("device") and gpu.backend == "host" and not arguments.reference:
@@ -498,12 +499,19 @@ def main() -> None:
         else:
             try:
                 record = {"converged": True, "reason": ""} | method()
-                if record["error"] is None or record["error"] > record.pop("error_allowed", ERROR_ALLOWED):
+                if record["error"] is None or not record["error"] <= record.pop("error_allowed", ERROR_ALLOWED):
                     record |= {"converged": False, "reason": record["reason"] or f"error {record['error']:.1e}"}
             except ImportError as error:  # a later part of the pack may bring it
-                record = {"error": None, "converged": False, "missing": True, "reason": str(error)}
+                record = {
+                    "error": None,
+                    "converged": False,
+                    "missing": True,
+                    "reason": str(error).splitlines()[0][:300],
+                }
             except Exception as error:  # each library has its own kinds
                 record = {"error": None, "converged": False, "reason": f"{type(error).__name__}: {error}"[:300]}
+        if record["error"] != record["error"]:
+            record["error"] = None  # JSON has no NaN
         print(json.dumps(shared | {"method": name, "cpu_s": time.process_time() - cpu} | record), flush=True)
 
 

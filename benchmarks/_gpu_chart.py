@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 from _front import figure
 
 Record = dict
@@ -17,7 +19,7 @@ MISSING = "not measured: no GPU was at hand"
 
 def chart(records: list[Record], png: str) -> None:
     """Draw what was measured, failures as crosses; on a reference device nothing counts as measured."""
-    plt, made, axes = figure(11, 7.5, 3, 2)
+    plt, made, axes = figure(11, 10, 3, 2)
     rows = [r | {"method": r["method"].rpartition(": ")[2]} for r in records]
     bandwidth = max(
         (r["bytes_per_s"] for r in rows if r.get("bytes_per_s") and r["device"] not in ("", "host")), default=None
@@ -27,7 +29,8 @@ def chart(records: list[Record], png: str) -> None:
     applying(axes.flat[3], [r for r in rows if r["problem"].startswith("stiffness")])
     inverting(axes.flat[4], [r for r in rows if r["problem"].startswith("inversion")])
     axes.flat[5].axis("off")
-    axes.flat[5].text(0, 1, "\n".join(machine(rows)), va="top", fontsize=8, wrap=True)
+    about = [*machine(rows), "* measured in GNU Octave on another machine"]
+    axes.flat[5].text(-0.1, 1, "\n".join(textwrap.fill(part, 52) for part in about), va="top", fontsize=7)
     made.suptitle("Solving on a GPU and on the processor", fontsize=11)
     made.savefig(png, dpi=130)
     plt.close(made)
@@ -66,6 +69,9 @@ def solving(axis: object, problem: str, rows: list[Record], bandwidth: float | N
             limit = [r["iterations"] * 12 * r["entries"] / bandwidth for r in good]
             axis.plot([r["ndof"] for r in good], limit, ":", color=shade, label="limit of the memory's bandwidth")
     axis.set(title=problem, xlabel="unknowns", ylabel="seconds to set up and solve")
+    sizes = sorted({r["ndof"] for r in rows if r["ndof"]})
+    axis.set_xticks(sizes, [f"{size / 1000:.0f} 000" for size in sizes])
+    axis.minorticks_off()
     absent(axis, [r for r in rows if r["method"].endswith("device") and counts(r) and not r.get("missing")])
 
 
@@ -94,7 +100,7 @@ def inverting(axis: object, rows: list[Record]) -> None:
         axis.text(
             r["solve_s"],
             k,
-            f" {r['solve_s']:.3g} s" + (f", 1/{1 / ratio:.0f} of MatNLI's" if ratio else ""),
+            f" {r['solve_s']:.3g} s" + (f", 1/{1 / ratio:.0f} of MatNLI's*" if ratio else ""),
             va="center",
             fontsize=7,
         )
@@ -107,7 +113,7 @@ def inverting(axis: object, rows: list[Record]) -> None:
 def absent(axis: object, rows: list[Record], legend: bool = True) -> None:
     """Say where no GPU was measured."""
     if legend and axis.get_legend_handles_labels()[0]:
-        axis.legend(fontsize=6.5, frameon=False)
+        axis.legend(fontsize=6.5, frameon=False, loc="upper left", bbox_to_anchor=(0, -0.16))
     axis.grid(alpha=0.25)
     if not rows:
         axis.text(0.5, 0.02, MISSING, transform=axis.transAxes, ha="center", fontsize=7, color="#D55E00")

@@ -72,7 +72,8 @@ common = {"problem": sys.argv[1], "n": int(sys.argv[2]), "order": 1, "ndof": 5, 
 for method in ("good", "hangs", "crashes", "missing", "last"):
     if method in skip:
         continue
-    record = common | {"method": method}
+    record = common | {"method": method, "last": method == "last"}
+    print("CUDA Device Query...")
     print(json.dumps(record | {"begun": True}), flush=True)
     if method == "hangs":
         time.sleep(60)
@@ -94,4 +95,28 @@ def test_methods_that_hang_or_crash_are_recorded_and_the_others_run(gpu, tmp_pat
     assert found == {"good": "", "hangs": "more than 0.5 s", "crashes": "out of memory", "missing": "", "last": ""}
     again = gpu.Measurements(file)
     assert sorted(again.done(jobs[0])) == ["crashes", "good", "hangs", "last"]  # what was missing runs again
+    assert not again.complete(jobs[0])
     assert gpu.measure(jobs, again, tmp_path / "site", -1) == ["waves 3"]  # no time is left
+    (tmp_path / "_gpu_cells.py").write_text(SCRIPT.replace('"missing": method == "missing"', '"missing": False'))
+    gpu.measure(jobs, again, tmp_path / "site", 60)
+    assert again.complete(jobs[0])
+    (tmp_path / "_gpu_cells.py").write_text("raise SystemExit('a problem that is complete is not set up again')")
+    assert gpu.measure(jobs, again, tmp_path / "site", 60) == []
+    assert all(r["method"] != gpu.SET_UP for r in again.records)
+
+
+def test_the_choice_of_a_device_rests_on_what_was_measured(gpu):
+    from ngbrain.solvers.device import CROSSING
+
+    assert gpu.crossing(json.loads((BENCHMARKS / "gpu.json").read_text())) == CROSSING
+
+
+def test_crossing_of_two_powers(gpu):
+    def waves(method, n, seconds):
+        common = {"problem": "waves", "n": n, "ndof": 2 * n, "converged": True, "setup_s": 0.0}
+        return common | {"method": method, "solve_s": seconds}
+
+    sizes = (1000, 4000, 16000)
+    records = [waves("cudss, device", n, n / 1000) for n in sizes]
+    records += [waves("direct, processor, threads 1", n, (n / 1000) ** 2 / 2.5) for n in sizes]
+    assert gpu.crossing(records) == 2500

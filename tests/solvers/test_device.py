@@ -191,8 +191,6 @@ def test_no_factor_is_said(name):
 
 def test_auto_is_the_processor_below_what_was_measured(cudss, monkeypatch):
     auto = Device.named("auto")
-    assert device_module.CROSSING is None
-    assert auto.for_unknowns(10**7) == (CPU, "device auto: the processor, as the speed of a GPU has not been measured")
     monkeypatch.setattr(device_module, "CROSSING", 1000)
     assert auto.for_unknowns(999)[0] is CPU and "only from 1000 unknowns on" in auto.for_unknowns(999)[1]
     chosen, note = auto.for_unknowns(1000)
@@ -205,4 +203,6 @@ def test_auto_is_the_processor_below_what_was_measured(cudss, monkeypatch):
 def test_an_inversion_says_what_auto_was():
     data = Phantom.named("CV-G", 11).measured(0.02).data()
     found = invert(data, uniform=False, rounds=1, device="auto")
-    assert "device auto: the processor, as the speed of a GPU has not been measured" in found.notes
+    assert any(
+        note.startswith("device auto: the processor, as a GPU is faster only from 23000") for note in found.notes
+    )
