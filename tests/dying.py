@@ -20,6 +20,11 @@ def dies(*, tell):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def interrupted(*, tell):
+    """By Ctrl-C, which every process of a terminal hears."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
 def outlives(seconds, *, tell):
     """Threads at first, and when there has been time for the other tasks to end."""
     seen = []

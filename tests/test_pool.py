@@ -1,7 +1,9 @@
 """Tasks in processes: answers by name; one whose process dies is named."""
 
+import signal
+
 import pytest
-from dying import dies, exhausts, exits, lives, outlives, prints, raises, raises_particularly
+from dying import dies, exhausts, exits, interrupted, lives, outlives, prints, raises, raises_particularly
 
 from ngbrain import pool
 from ngbrain.errors import InputError, SolverError
@@ -62,6 +64,15 @@ def test_an_exception_comes_back_as_it_was_and_says_where_from():
     with pytest.raises(ZeroDivisionError) as caught:
         pool.run([("the first", raises, (ZeroDivisionError("by nothing"),))], 2)
     assert "raise error" in caught.value.__notes__[0]
+
+
+def test_ctrl_c_that_only_a_task_heard_is_one():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell begins without
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            pool.run([("the first", interrupted, ()), ("the second", outlives, (60.0,))], 2)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_what_a_task_prints_is_no_answer(capfd):
