@@ -131,10 +131,9 @@ def _side_by_side(
 
 def _next(inbox: queue.SimpleQueue[Any]) -> Any:
     while True:
-        try:
+        with suppress(queue.Empty):
             return inbox.get(timeout=POLL)
-        except queue.Empty:
-            _heed()
+        _heed()
 
 
 def _heed() -> None:
