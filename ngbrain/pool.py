@@ -157,8 +157,11 @@ class _Worker:
         self._inbox, self._ended, self.task = inbox, False, ""
 
     def begin(self, sent: bytes) -> None:
-        """Send it the tasks and listen; both in a thread, as it is seconds until it reads."""
-        threading.Thread(target=self._listen, args=(sent,), daemon=True).start()
+        """Send it the tasks and listen, in a thread, as it is seconds until it reads. Raises `_NotSent` where there can be none."""
+        try:
+            threading.Thread(target=self._listen, args=(sent,), daemon=True).start()
+        except RuntimeError as error:  # of a program whose main thread has ended, in Python 3.12
+            raise _NotSent(f"nobody can listen to another process ({error})") from error
 
     def send(self, what: Any) -> None:
         """A reply."""

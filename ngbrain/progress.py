@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
@@ -99,7 +100,8 @@ class Progress:
             LOG.info(self._line(time.monotonic()))
 
     def __enter__(self) -> Self:
-        threading.Thread(target=self._log, daemon=True).start()
+        with suppress(RuntimeError):  # of a program whose main thread has ended, in Python 3.12
+            threading.Thread(target=self._log, daemon=True).start()
         return self
 
     def __exit__(
