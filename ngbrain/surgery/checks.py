@@ -70,7 +70,7 @@ def other_elements(model: Model, folder: Path | None, resume: bool, tell: Tell) 
 
 
 def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Answer:
-    """With every exponent at -4.7 and the same moduli and times."""
+    """With Ogden's law of exponent -4.7 in all tissue that stiffens, and the same moduli and times."""
     tissues = tuple(tissue.with_alpha(MILLER_ALPHA) for tissue in model.scene.tissues)
     return _held(replace(model, scene=replace(model.scene, tissues=tissues)), MILLER, folder, resume, tell)
 
