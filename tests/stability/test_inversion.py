@@ -53,7 +53,7 @@ def test_measured_waves_skip_no_cycle():
     """Without loss they find the modulus, or say that they cannot go on; none ends elsewhere."""
     found = [ended(0.0, start, from_waves) for start in FAR]
     there = [value for value in found if value is not None]
-    assert there == pytest.approx([1.0] * len(there), abs=0.01) and len(there) >= 4
+    assert there == pytest.approx([1.0] * len(there), abs=0.01) and len(there) >= 3
 
 
 @pytest.fixture(scope="module")
