@@ -41,6 +41,7 @@ def test_the_last_task_gets_the_threads_that_are_left():
     assert found["long"][1] == 2  # whatever it saw beside the other
 
 
+@pytest.mark.one_thread
 def test_one_process_has_one_thread():
     assert pool.run([("short", lives, (1,)), ("long", outlives, (0.0,))], 1)["long"] == [1, 1]
 

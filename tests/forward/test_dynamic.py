@@ -236,6 +236,7 @@ def test_from_a_millisecond_to_an_hour_in_one_run(make_body, plate):
 CONTROLS = {"even": StepControl(0.01, dt_max=0.01), "by error": ErrorControl(0.1, touch=2e-3, shortest=1e-5)}
 
 
+@pytest.mark.one_thread
 @pytest.mark.parametrize(("law", "control"), [(HEREDITARY, "by error"), (FLOWING, "even")])
 def test_restart_goes_on_with_the_same_bits(law, control, plate, tmp_path):
     def begun():

@@ -119,6 +119,7 @@ def test_a_step_is_second_order_in_time(make_body, plate):
     assert errors[0] < 0.02 and np.all(rates > 1.7), (errors, rates)
 
 
+@pytest.mark.one_thread
 def test_restart_goes_on_to_the_same_bits(make_body, plate):
     def made():
         drive = plate(*PRESS)

@@ -119,6 +119,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
         assert felt == pytest.approx(forced.motion.at(t), rel=1e-3)
 
 
+@pytest.mark.one_thread
 @pytest.mark.parametrize("until", [2.0, 10.0, 40.0, 52.0])
 def test_restart_goes_on_with_the_same_bits(relaxing, until):
     whole = pressing(relaxing)

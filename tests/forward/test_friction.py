@@ -53,6 +53,7 @@ def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(
     assert energy > 0 and np.log2(np.divide(rests[:-1], rests[1:])) == pytest.approx([2, 2], abs=0.1)
 
 
+@pytest.mark.one_thread
 def test_no_friction_is_what_there_was():
     ends = []
     for coefficient in (None, 0.0):
@@ -66,6 +67,7 @@ def test_no_friction_is_what_there_was():
 MASS = {"density": {".*": 1000.0}, "scheme": GeneralizedAlpha(0.0)}
 
 
+@pytest.mark.one_thread
 @pytest.mark.parametrize("kind, mass, stop", [(Body, {}, 1.0), (Body, {}, 1.4), (DynamicBody, MASS, 1.4)])
 def test_restart_goes_on_with_the_same_bits(kind, mass, stop):
     def made():

@@ -136,6 +136,7 @@ def test_springs_exert_their_force():
     assert body.force("bottom")[1] == pytest.approx(30 * 0.01, rel=1e-8)
 
 
+@pytest.mark.one_thread
 def test_a_second_solve_starts_from_rest_and_gives_the_same_bits():
     body = pressed(0.02)
     body.solve()

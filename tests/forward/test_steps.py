@@ -18,6 +18,7 @@ LAWS = {
 HALF_AN_HOUR = ((0, 4, 1800), (0, 3e-3, 3e-3))
 
 
+@pytest.mark.one_thread
 @dataclass(frozen=True)
 class Looking(StepControl):
     """Looks at the error and does nothing about it."""
@@ -115,6 +116,7 @@ def test_the_first_step_goes_no_further_either():
     assert control.proposed(Progress(touching=False), lambda ahead: 1.0 * ahead) == 0.1
 
 
+@pytest.mark.one_thread
 def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
     def made():
         drive = plate(*HALF_AN_HOUR)

@@ -89,6 +89,7 @@ def test_what_is_too_rough_for_a_residual_is_not_used(pressed):
     assert body.factorise(y, r) and not body.partial
 
 
+@pytest.mark.one_thread
 def test_restart_makes_the_same_factors_again(pillar, make_body):
     def made():
         contact = Contact("top", lambda x: drive.level - x[2], 1e7, 2e-5, share=0.95)

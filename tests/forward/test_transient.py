@@ -93,6 +93,7 @@ def test_a_step_that_keeps_failing_ends_the_run(make_body, plate):
             transient.step()
 
 
+@pytest.mark.one_thread
 def test_restart_goes_on_with_the_same_bits(make_body, plate):
     control = StepControl(1.0, dt_max=10)
     drive = plate(*PRESS)

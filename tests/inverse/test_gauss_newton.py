@@ -166,6 +166,7 @@ def test_both_starts_end_alike():
     assert uniform(one).x == pytest.approx(from_waves(other).x, abs=0.1)
 
 
+@pytest.mark.one_thread
 def test_the_same_every_time():
     assert np.array_equal(uniform(small()).x, uniform(small()).x)
 

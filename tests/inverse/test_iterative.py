@@ -161,6 +161,7 @@ def test_what_is_determined_is_drawn_once():
     assert normal.determined(np.random.default_rng(3)) == whole and len(normal.iterations) == 1
 
 
+@pytest.mark.one_thread
 def test_resumed_from_a_checkpoint_has_the_same_bits(tmp_path):
     whole, search = problem(weight=1e4)
     straight = Iterative(whole, most=5).descend(search.start, 3)

@@ -85,6 +85,7 @@ def test_weights_follow_the_data():
     assert found.weights["storage"] < 1e4 and found.level.ratio < 2 and found.history[0].weights["storage"] == 1e5
 
 
+@pytest.mark.one_thread
 def test_nowhere_to_go_from_the_minimum_of_nothing():
     inversion = small()
     inversion.reduced.misfit.measured = inversion.reduced.at(inversion.start).state.data

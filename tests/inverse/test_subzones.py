@@ -75,6 +75,7 @@ def test_the_result_is_that_of_other_inversions(kept):
     assert result["solves"]["factorisations"] > 4 and result["model"]["form"] == "P3"
 
 
+@pytest.mark.one_thread
 def test_a_stopped_inversion_goes_on_and_one_process_answers_as_two_did(kept):
     found, folder, _ = kept
     files = sorted(path.name for path in folder.iterdir())
