@@ -21,8 +21,9 @@ from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.mesh import Sizes, smallest_angles
 from ngbrain.mesh.elements import Elements, Surface
-from ngbrain.mesh.from_labels import BRAIN, VENTRICLES, head
+from ngbrain.mesh.from_labels import head
 from ngbrain.mesh.levelset import LevelSet
+from ngbrain.mesh.outline import BRAIN, VENTRICLES
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import Scanned
 
@@ -34,14 +35,15 @@ def ours(scanned: Scanned, site: float, near: float, far: float) -> Elements:
     """The demo's cleft with elements of these sizes (mm)."""
     where = Scene.shipped("demo").cleft
     sizes = Sizes(site * 1e-3, near * 1e-3, far * 1e-3)
-    return head(scanned.brain, scanned.ventricles, where.slot(scanned), where.craniotomy, sizes)
+    return head(scanned.outlines, where.slot(scanned), where.craniotomy, sizes).elements
 
 
 def peer(scanned: Scanned, step: int) -> Elements:
     """Marching cubes in steps of so many voxels."""
     measure = require("skimage.measure", "mri")
     points, surfaces = [np.zeros((0, 3))], []
-    for name, outline, sides in (("skull", scanned.brain, (0, -1)), ("ventricle_wall", scanned.ventricles, (1, 0))):
+    shape = scanned.outlines
+    for name, outline, sides in (("skull", shape.brain, (0, -1)), ("ventricle_wall", shape.ventricles, (1, 0))):
         corners, triangles, *_ = measure.marching_cubes(outline.values, 0.0, step_size=step)
         corners = outline.origin + outline.spacing * corners.astype(float)
         a, b, c = (corners[triangles[:, k]] for k in range(3))
@@ -72,14 +74,15 @@ def record(method: str, size: str, scanned: Scanned, run: Callable[[], Elements]
         volumes = [made.volumes()[made.region == i].sum() for i in range(2)]
         if not min(volumes) > 0:
             raise ValueError("a region was left without tetrahedra")
-        wanted = [(level.values < 0).sum() * level.spacing**3 for level in (scanned.brain, scanned.ventricles)]
+        shape = scanned.outlines
+        wanted = [(level.values < 0).sum() * level.spacing**3 for level in (shape.brain, shape.ventricles)]
         slot = Scene.shipped("demo").cleft
         cut = slot.opening * slot.width * slot.slot(scanned).depth if method == OURS else 0.0
         out |= {
             "n_tets": len(made.tets),
             "ndof": 3 * len(made.points),
             "error": abs((sum(volumes) + cut) / wanted[0] - 1),
-            "error_mm": deviation(made, ("skull",), scanned.brain),
+            "error_mm": deviation(made, ("skull",), scanned.outlines.brain),
             "brain_volume_error": (sum(volumes) + cut) / wanted[0] - 1,
             "ventricle_volume_error": volumes[1] / wanted[1] - 1,
             "min_dihedral_deg": float(smallest_angles(made.points[made.tets]).min()),

@@ -31,7 +31,7 @@ from ngbrain.image.tissues import tissues
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import outlines
+from ngbrain.mesh.outline import outlines
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.units import to_mmHg
 
@@ -185,7 +185,7 @@ def records_of(
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
     labels = LabelMap(tissues(mni152()), TISSUES)
-    brain, *_ = outlines(labels)
+    brain = outlines(labels).brain
     middles = brain.outline().mean(axis=1)
     site = middles[np.linalg.norm(middles - SITE_FROM, axis=1).argmin()]
     inwards = -brain.normals(site[None])[0]

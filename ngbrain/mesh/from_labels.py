@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +12,10 @@ from ngbrain.mesh.cut import Slot, rim
 from ngbrain.mesh.elements import Elements, Surface
 from ngbrain.mesh.grading import Sizes as Field
 from ngbrain.mesh.levelset import LevelSet, Points
+from ngbrain.mesh.outline import BRAIN, VENTRICLES, Outlines, Repair, changes
 from ngbrain.mesh.shapes import Sizes
-from ngbrain.mesh.surfaces import triangulated
+from ngbrain.mesh.surfaces import Closed, triangulated
 
-BRAIN, VENTRICLES = "brain", "ventricles"
 GROWTH = 0.4
 """Growth of the element size (m) with distance (m) from the cleft."""
 HORNS = 9e-3
@@ -27,15 +26,16 @@ CLEARANCE = 1.5e-3
 """Tissue (m) that has to stay between the cleft and a ventricle, or a lesion with a surface of its own."""
 
 
-def head(
-    brain: LevelSet,
-    ventricles: LevelSet | None,
-    cleft: Cleft,
-    craniotomy: float,
-    sizes: Sizes,
-    lesions: Mapping[str, LevelSet] = MappingProxyType({}),
-) -> Elements:
-    """Tetrahedra between the outlines (None: no ventricles), with the cleft cut out by exact planes.
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """A mesh within surfaces, and where these are not the labels'."""
+
+    elements: Elements
+    repairs: tuple[Repair, ...]
+
+
+def head(shape: Outlines, cleft: Cleft, craniotomy: float, sizes: Sizes) -> Hull:
+    """Tetrahedra between the outlines, with the cleft cut out by exact planes.
 
     Regions `brain`, `ventricles` and lesions by their names, but for those that the cleft comes closer to than `CLEARANCE`,
     which are of `brain`; boundaries `skull` (the surface), `craniotomy` (a disc of that diameter, m, around the cleft),
@@ -45,9 +45,10 @@ def head(
 
     Raises `InputError` for a cleft that opens a ventricle or does not reach the surface, and where no mesh is found.
     """
+    brain = shape.brain
     slot = Slot.of(cleft, brain, sizes.site)
-    if ventricles is not None:
-        _clear(slot, ventricles)
+    if shape.ventricles is not None:
+        _clear(slot, shape.ventricles)
 
     def size(points: Points) -> np.ndarray:
         a, b, height = cleft.coordinates(points).T
@@ -56,8 +57,9 @@ def head(
         return np.clip(sizes.site + GROWTH * cleft.distance_to_walls(points), sizes.site, largest)
 
     fixed = np.concatenate([slot.points[: slot.mouth], rim(cleft, brain, craniotomy, sizes.near)])
-    outer, triangles = triangulated(brain, size, fixed)
-    outer = enclosing(brain, outer, triangles, slot.mouth)
+    skull = triangulated(brain, size, fixed)
+    outer, triangles = enclosing(brain, skull.points, skull.triangles, slot.mouth), skull.triangles
+    repairs = [*shape.repairs, *changes(BRAIN, skull)]
     # Points: the slot's, of which the first are the hull's first too; then the rest of the hull's; then those of what is inside.
     n, m = slot.mouth, len(slot.points)
     triangles = np.where(triangles < n, triangles, triangles + m - n)
@@ -70,19 +72,19 @@ def head(
     surfaces += [Surface(name, side, 0) for name, side in slot.sides.items()]
     if not _closed(np.concatenate([surface.triangles for surface in surfaces])):
         raise InputError("mesh sizes", "such that the surface does not close around the cleft", "smaller elements")
-    inner = {} if ventricles is None else {VENTRICLES: ventricles}
-    inner |= {name: lesion for name, lesion in lesions.items() if lesion(slot.points).min() >= CLEARANCE}
+    inner = {name: outline for name, outline in shape.inner.items() if outline(slot.points).min() >= CLEARANCE}
     for i, (name, outline) in enumerate(inner.items(), 1):
-        found, wall = walled_in(outline, size)
-        surfaces.append(Surface(wall_of(name), wall + len(points), i, 0))
-        points = np.concatenate([points, found])
-    return Elements.enclosed(points, surfaces, (BRAIN, *inner), sizes.far)
+        wall = walled_in(outline, size)
+        repairs += changes(name, wall)
+        surfaces.append(Surface(wall_of(name), wall.triangles + len(points), i, 0))
+        points = np.concatenate([points, wall.points])
+    return Hull(Elements.enclosed(points, surfaces, (BRAIN, *inner), sizes.far), tuple(repairs))
 
 
-def walled_in(outline: LevelSet, size: Field) -> tuple[Points, np.ndarray]:
-    """Vertices (n, 3) m and triangles (m, 3), outwards, around ventricles or a lesion, with its volume."""
-    points, triangles = triangulated(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
-    return enclosing(outline, points, triangles), triangles
+def walled_in(outline: LevelSet, size: Field) -> Closed:
+    """The surface of ventricles or a lesion, with their volume."""
+    wall = triangulated(outline, lambda points: np.minimum(size(points), HORNS), np.zeros((0, 3)))
+    return replace(wall, points=enclosing(outline, wall.points, wall.triangles))
 
 
 def wall_of(region: str) -> str:

@@ -18,8 +18,8 @@ from ngbrain.mesh.cleft import Cleft, frame
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Along
 from ngbrain.mesh.guard import guarded
-from ngbrain.mesh.hull import outlines
 from ngbrain.mesh.levelset import LevelSet
+from ngbrain.mesh.outline import outlines
 from ngbrain.mesh.routes import ROUTES, Made, meshed_by, told
 from ngbrain.mesh.shapes import Sizes
 
@@ -69,8 +69,8 @@ class Opening:
     def cleft(self, labels: LabelMap) -> Cleft:
         """Where it lies in a head of labels; raises what `cleft_in` raises."""
         ways = [None if way is None else np.array(way) for way in (self.approach, self.across)]
-        brain, ventricles, _ = outlines(labels)
-        return cleft_in(brain, ventricles, np.array(self.target), self.opening, self.width, *ways)
+        shape = outlines(labels)
+        return cleft_in(shape.brain, shape.ventricles, np.array(self.target), self.opening, self.width, *ways)
 
 
 def cleft_in(
@@ -123,11 +123,10 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
     modules = (sys.modules[__name__], cleft_module, cut, elements, *ROUTES["hull"].modules)
 
     def make() -> dict[str, np.ndarray]:
-        brain, ventricles, lesions = outlines(labels)
-        sizes = Sizes(near, far, far)
-        return from_labels.head(brain, ventricles, cleft, opening.craniotomy, sizes, lesions).arrays()
+        done = from_labels.head(outlines(labels), cleft, opening.craniotomy, Sizes(near, far, far))
+        return Made(done.elements, repairs=done.repairs).arrays()
 
-    return left, Made(Elements.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make)))
+    return left, Made.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make))
 
 
 def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:

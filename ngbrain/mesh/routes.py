@@ -26,8 +26,10 @@ from ngbrain.mesh import (
     indicators,
     lattice,
     levelset,
+    manifold,
     net,
     octree,
+    outline,
     reconnection,
     relocation,
     samples,
@@ -39,17 +41,36 @@ from ngbrain.mesh import (
 )
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Along, Graded, Sizes
+from ngbrain.mesh.outline import BRAIN, Repair
 from ngbrain.mesh.quality import Quality, volumes_ml
 
-_SNAPS = "snaps_"
+_REST = "rest"
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """A mesh, and of a lattice how many of its interfaces' points are `snapped` onto these and how many snaps were `rejected`."""
+    """A mesh, and what came of it.
+
+    snaps     of a lattice: how many points of interfaces are `snapped` onto these and how many snaps were `rejected`
+    repairs   of a hull: where its surfaces are not those of the labels
+    """
 
     elements: Elements
     snaps: Mapping[str, int] = field(default_factory=dict)
+    repairs: tuple[Repair, ...] = ()
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """For a file; `from_arrays` gives the same back."""
+        rest = {"snaps": dict(self.snaps), "repairs": [asdict(repair) for repair in self.repairs]}
+        return {**self.elements.arrays(), _REST: np.array(json.dumps(rest))}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Made:
+        """From what `arrays` gave."""
+        rest = json.loads(str(arrays[_REST]))
+        repairs = tuple(Repair(**{**repair, "at": tuple(repair["at"])}) for repair in rest["repairs"])
+        elements = Elements.from_arrays({name: array for name, array in arrays.items() if name != _REST})
+        return cls(elements, rest["snaps"], repairs)
 
 
 @dataclass(frozen=True)
@@ -72,11 +93,11 @@ class Route:
 
 ROUTES: Mapping[str, Route] = {
     "hull": Route(
-        lambda labels, size: Made(hull.hull(labels, size)),
+        lambda labels, size: _hulled(hull.hull(labels, size)),
         5e-3,
         17e-3,
         "sulci, hollows (filled), and surfaces between tissues: inside the hull a point takes the tissue of the label there",
-        (hull, from_labels, levelset, relocation, surfaces, conforming, reconnection),
+        (hull, from_labels, outline, levelset, manifold, relocation, surfaces, conforming, reconnection),
     ),
     "lattice": Route(
         lambda labels, size: _latticed(lattice.lattice(labels, size)),
@@ -93,6 +114,10 @@ ROUTES: Mapping[str, Route] = {
         (conforming, indicators, reconnection, relocation, samples, shares, volumes, zones),
     ),
 }
+
+
+def _hulled(done: from_labels.Hull) -> Made:
+    return Made(done.elements, repairs=done.repairs)
 
 
 def _latticed(done: lattice.Lattice) -> Made:
@@ -124,13 +149,7 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (labelmap, volume, elements, grading, *way.modules)
 
-    def make() -> dict[str, np.ndarray]:
-        done = way.make(labels, size)
-        return {**done.elements.arrays(), **{_SNAPS + name: np.array(n) for name, n in done.snaps.items()}}
-
-    arrays = kept("tissues", made_from, modules, make)
-    snaps = {name.removeprefix(_SNAPS): int(arrays.pop(name)) for name in list(arrays) if name.startswith(_SNAPS)}
-    return Made(Elements.from_arrays(arrays), snaps)
+    return Made.from_arrays(kept("tissues", made_from, modules, lambda: way.make(labels, size).arrays()))
 
 
 def told(size: Graded | Along) -> dict[str, Any]:
@@ -145,7 +164,7 @@ def described(made: Elements, labels: LabelMap) -> dict[str, Any]:
     The hull's own region stands for all labels that no other region has.
     """
     meshed, wanted = volumes_ml(made), labels.volumes_ml()
-    wanted[from_labels.BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(meshed) - {from_labels.BRAIN})
+    wanted[BRAIN] = sum(ml for name, ml in wanted.items() if name not in set(meshed) - {BRAIN})
     regions = {name: {"volume_ml": ml, "label_volume_ml": wanted[name]} for name, ml in meshed.items()}
     return {"regions": regions, "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())}}
 

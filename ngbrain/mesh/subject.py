@@ -27,10 +27,9 @@ from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.curving import Curving, bent
 from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
-from ngbrain.mesh.from_labels import VENTRICLES
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import LESION
 from ngbrain.mesh.opening import Opening, opened
+from ngbrain.mesh.outline import LESION, VENTRICLES
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
 
 OFF = 0.1

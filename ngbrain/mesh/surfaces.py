@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.grading import Sizes
 from ngbrain.mesh.levelset import LevelSet, Points
+from ngbrain.mesh.manifold import boundary, faults, mended, pieces
 
 CLOSE = 0.72
 """Samples are first this part of the element size apart; spread evenly they end up a size apart."""
@@ -15,33 +18,59 @@ ROUNDS = 12
 """of spreading."""
 PIECES = 2
 """The surface is spread over in pieces at least this much smaller than a size."""
-REFINEMENTS = 8
-"""How often places where the triangles do not close to a surface are sampled more finely,"""
 FINER = 0.7
-"""each time by this factor."""
+"""Where the triangles do not close to a surface, samples get closer to each other by this factor,"""
+FINEST = 0.75
+"""down to this part of a voxel: what is thinner is closed or cut (`ngbrain.mesh.manifold`)."""
+NEAR, APART = 2, 4
+"""Sizes around such a place within which they do, and within which they are spread anew."""
+SPECK = 1e-8
+"""Volume (m³) of a piece, or of a hole, below which it has no surface: a ball of 2.7 mm."""
 
 
-def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -> tuple[Points, np.ndarray]:
-    """Vertices (n, 3) m on φ = 0, the `fixed` ones first, and triangles (m, 3), outwards: closed and without crossings.
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """A closed surface without crossings.
+
+    points      (n, 3) m; triangles (m, 3), outwards
+    changed     (k, 4): middle (m) and volume (m³) of what was closed (above 0), and cut or left out (below 0), for it to be one
+    """
+
+    points: Points
+    triangles: np.ndarray
+    changed: np.ndarray
+
+
+def triangulated(surface: LevelSet, size: Sizes, fixed: Points, seed: int = 0) -> Closed:
+    """The surface φ = 0 as triangles, the `fixed` points (n, 3) m on it first among the vertices.
 
     The triangles are the facets of the samples' Delaunay tetrahedra that part those with a circumcentre inside from the
     others (the restricted Delaunay triangulation: Boissonnat & Oudot 2005, 10.1016/j.gmod.2005.01.004). They bound a
-    union of tetrahedra, so that they close and cannot cross, and approximate the surface where samples are dense.
-    Neighbours among `fixed` (along a curve, say) stay joined by an edge if nothing else lies within their smallest ball.
+    union of tetrahedra, so that they cannot cross, and approximate the surface where samples are dense. Where they are no
+    surface, samples are taken more finely; what still is none below a voxel, as where the level passes through a saddle,
+    is closed or cut there. Neighbours among `fixed` (along a curve, say) stay joined by an edge if nothing else lies within
+    their smallest ball.
 
-    Raises `InputError` if even finer samples give no surface.
+    Raises `InputError` for sizes so large that nothing is left.
     """
     dense, area = _dense(surface, size)
     h = size(dense)
-    for _ in range(REFINEMENTS):
-        points = _spread(surface, dense, area, h, fixed, np.random.default_rng(seed))
-        triangles = _facets(surface, points)
-        bad = _open(triangles, len(points))
+    finest = np.minimum(FINEST * surface.spacing, h)
+    points = _spread(surface, dense, area, h, fixed, np.random.default_rng(seed))
+    while True:
+        cells = _Cells.of(surface, points)
+        bad = faults(boundary(cells.tets, cells.neighbours, cells.inside)[0], len(points))
         if not len(bad):
-            return points, triangles
+            return Closed(points, cells.outwards(), np.zeros((0, 4)))
         reach, _ = cKDTree(points[bad]).query(dense)
-        h = np.where(reach < 2 * h, FINER * h, h)
-    raise InputError("mesh sizes", "such that the surface does not close", "smaller elements")
+        finer = np.where(reach < NEAR * h, np.maximum(FINER * h, finest), h)
+        if (finer == h).all():
+            return cells.closed(len(fixed))
+        anew = reach < APART * h
+        kept = ~anew[cKDTree(dense).query(points)[1]]
+        kept[: len(fixed)] = True
+        h = finer
+        points = _spread(surface, dense[anew], area[anew], h[anew], points[kept], np.random.default_rng(seed))
 
 
 def _dense(surface: LevelSet, size: Sizes) -> tuple[Points, np.ndarray]:
@@ -87,29 +116,61 @@ def _spread(
     return np.concatenate([fixed, free])
 
 
-def _facets(surface: LevelSet, points: Points) -> np.ndarray:
-    low, high = points.min(axis=0), points.max(axis=0)
-    corners = np.array(np.meshgrid(*np.stack([low, high], axis=1) * 1.0)).reshape(3, -1).T
-    around = (low + high) / 2 + 3 * (corners - (low + high) / 2)  # so that every facet of the surface has two sides
-    every = np.concatenate([points, around])
-    try:
-        delaunay = Delaunay(every)
-    except QhullError as error:
-        raise InputError("mesh sizes", "such that the surface has too few points", "smaller elements") from error
-    tets, neighbours = delaunay.simplices, delaunay.neighbors
-    inside = surface(_circumcentres(every[tets])) < 0
-    inside &= (tets < len(points)).all(axis=1)
-    facets = []
-    for k in range(4):
-        other = neighbours[:, k]
-        border = inside & ~((other >= 0) & inside[other])
-        three = np.delete(tets[border], k, axis=1)
-        a, b, c = (every[three[:, i]] for i in range(3))
-        d = every[tets[border, k]]
-        outwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-        three[~outwards] = three[~outwards][:, [0, 2, 1]]
-        facets.append(three)
-    return np.concatenate(facets)
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Delaunay tetrahedra (m, 4) of points and of corners around them, across which face is which, and which are inside."""
+
+    points: Points
+    count: int
+    tets: np.ndarray
+    neighbours: np.ndarray
+    inside: np.ndarray
+
+    @classmethod
+    def of(cls, surface: LevelSet, points: Points) -> _Cells:
+        low, high = points.min(axis=0), points.max(axis=0)
+        corners = np.array(np.meshgrid(*np.stack([low, high], axis=1) * 1.0)).reshape(3, -1).T
+        around = (low + high) / 2 + 3 * (corners - (low + high) / 2)  # so that every facet of the surface has two sides
+        every = np.concatenate([points, around])
+        try:
+            delaunay = Delaunay(every)
+        except QhullError as error:
+            raise InputError("mesh sizes", "such that the surface has too few points", "smaller elements") from error
+        tets = delaunay.simplices
+        inside = surface(_circumcentres(every[tets])) < 0
+        inside &= (tets < len(points)).all(axis=1)
+        return cls(every, len(points), tets, delaunay.neighbors, inside)
+
+    def outwards(self) -> np.ndarray:
+        """The triangles (k, 3) around what is inside."""
+        three, opposite = boundary(self.tets, self.neighbours, self.inside)
+        a, b, c = (self.points[three[:, i]] for i in range(3))
+        turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), self.points[opposite] - a) > 0
+        three[turned] = three[turned][:, [0, 2, 1]]
+        return three
+
+    def closed(self, fixed: int) -> Closed:
+        """Their surface, closed or cut where it is none, without specks, and without points that it does not use."""
+        volumes = np.abs(np.linalg.det(self.points[self.tets[:, 1:]] - self.points[self.tets[:, :1]])) / 6
+        inside = mended(self.tets, self.neighbours, self.inside, volumes, self.count)
+        for side in (True, False):
+            piece = pieces(self.neighbours, inside == side)
+            small = np.bincount(piece, volumes) < SPECK
+            small[0] = False
+            inside ^= small[piece]
+        triangles = replace(self, inside=inside).outwards()
+        used = np.union1d(np.arange(fixed), triangles)
+        return Closed(self.points[used], np.searchsorted(used, triangles), self._changed(inside, volumes))
+
+    def _changed(self, inside: np.ndarray, volumes: np.ndarray) -> np.ndarray:
+        """Middle and signed volume (k, 4) of each part that is on the other side than before."""
+        middles, found = self.points[self.tets].mean(axis=1), []
+        for side in (True, False):
+            piece = pieces(self.neighbours, (inside == side) & (self.inside != side))
+            total = np.bincount(piece, volumes)
+            where = np.stack([np.bincount(piece, volumes * x) for x in middles.T], axis=1) / total[:, None]
+            found.append(np.column_stack([where, total if side else -total])[1:])
+        return np.concatenate(found)
 
 
 def _circumcentres(tets: np.ndarray) -> Points:
@@ -120,27 +181,3 @@ def _circumcentres(tets: np.ndarray) -> Points:
     half = np.linalg.solve(edges, (edges**2).sum(axis=2, keepdims=True) / 2)[..., 0]
     half[flat] = 0
     return np.asarray(tets[:, 0] + half)
-
-
-def _open(triangles: np.ndarray, n: int) -> np.ndarray:
-    """Vertices at which the triangles are no surface: an edge without exactly two of them, or several fans; unused ones."""
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, count = np.unique(edges, axis=0, return_counts=True)
-    bad = set(unique[count != 2].ravel().tolist())
-    used = np.bincount(triangles.ravel(), minlength=n)
-    bad |= set(np.flatnonzero(used == 0).tolist())
-    # One fan around a vertex: the edges opposite to it form one closed path.
-    after: dict[int, dict[int, int]] = {}
-    for a, b, c in triangles.tolist():
-        for v, p, q in ((a, b, c), (b, c, a), (c, a, b)):
-            after.setdefault(v, {})[p] = q
-    for v, path in after.items():
-        start = at = next(iter(path))
-        steps = 0
-        while steps <= len(path) and at in path:
-            at, steps = path[at], steps + 1
-            if at == start:
-                break
-        if at != start or steps != used[v]:
-            bad.add(v)
-    return np.array(sorted(bad), int)

@@ -13,29 +13,29 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.image import Scan, Volume, mni152, read_scan
+from ngbrain.image.labelfile import TISSUES
+from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
 from ngbrain.image.tissues import tissues
 from ngbrain.io.cache import Arrays, kept
 from ngbrain.mesh import (
     Cleft,
     Elements,
-    LevelSet,
     Sizes,
     cut,
     elements,
     from_labels,
     idealised_head,
     levelset,
+    manifold,
+    outline,
     shapes,
     smallest_angles,
     surfaces,
 )
 from ngbrain.mesh.opening import cleft_in
+from ngbrain.mesh.outline import Outlines, outlines
 from ngbrain.scene import Body, Openable, Scene
-
-MARGIN = 8e-3
-"""Room (m) around a shape in the grid of its distance."""
-
 
 PART = "."
 """Between a region's name and the number of a part of it."""
@@ -90,25 +90,19 @@ class Scanned:
 
     scan: Scan
     labels: Volume
-    smoothing: float
-    brain: LevelSet = field(init=False)
-    ventricles: LevelSet = field(init=False)
+    outlines: Outlines = field(init=False)
     left_out = (
         "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
         "fibres, and differences between parts of grey and of white matter"
     )
 
     def __post_init__(self) -> None:
-        origin, spacing = self.labels.affine[:3, 3], float(self.labels.spacing[0])
-        parts = (self.labels.data > 0, self.labels.data == VENTRICLE)
-        self.brain, self.ventricles = (
-            LevelSet.of(part, origin, spacing, self.smoothing, MARGIN + 4 * self.smoothing) for part in parts
-        )
+        self.outlines = outlines(LabelMap(self.labels, TISSUES))
 
     @classmethod
-    def of(cls, scan: Scan, smoothing: float = 2e-3) -> Scanned:
+    def of(cls, scan: Scan) -> Scanned:
         """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
-        return cls(scan, tissues(scan), smoothing)
+        return cls(scan, tissues(scan))
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Middle of the brain and standard deviation along each axis (m)."""
@@ -129,16 +123,17 @@ class Scanned:
     ) -> Cleft:
         """By the shortest way to the surface, or along `approach`; the target must lie in tissue."""
         target = np.asarray(target, float)
-        return cleft_in(self.brain, self.ventricles, target, opening, width, approach, across)
+        shape = self.outlines
+        return cleft_in(shape.brain, shape.ventricles, target, opening, width, approach, across)
 
     def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """From the cache, or made by `from_labels.head`."""
         shape = {name: np.asarray(value).tolist() for name, value in vars(cleft).items()}
-        made_from = [self.labels.digest(), self.smoothing, shape, craniotomy, asdict(sizes), version("netgen-mesher")]
-        modules = (levelset, surfaces, cut, from_labels, elements)
+        made_from = [self.labels.digest(), shape, craniotomy, asdict(sizes), version("netgen-mesher")]
+        modules = (outline, levelset, surfaces, manifold, cut, from_labels, elements)
 
         def make() -> Arrays:
-            return from_labels.head(self.brain, self.ventricles, cleft, craniotomy, sizes).arrays()
+            return from_labels.head(self.outlines, cleft, craniotomy, sizes).elements.arrays()
 
         return Elements.from_arrays(kept("mesh", made_from, modules, make)).mesh()
 

@@ -17,7 +17,7 @@ from ngbrain.mesh.quality import volumes_ml
 
 @pytest.fixture(scope="module")
 def made():
-    return hull(nested((20.0, 15.0, 8.0)), Graded(7e-3, 7e-3))
+    return hull(nested((20.0, 15.0, 8.0)), Graded(7e-3, 7e-3)).elements
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".inp"])

@@ -10,6 +10,7 @@ from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft, Elements, LevelSet, Sizes, smallest_angles
 from ngbrain.mesh.cleft import frame
 from ngbrain.mesh.from_labels import head
+from ngbrain.mesh.outline import Outlines
 
 VOXEL = 2e-3
 SEMI_AXES = np.array([66.0, 84.0, 60.0]) * 1e-3
@@ -35,7 +36,8 @@ def scan():
     masks = [np.sum(((points - at) / axes) ** 2, axis=-1) <= 1 for at, axes in ((0, SEMI_AXES), (CENTRE, VENTRICLE))]
     brain, ventricles = (LevelSet.of(mask, np.full(3, axis[0]), VOXEL, 2e-3, 12e-3) for mask in masks)
     whole, inner = (mask.sum() * VOXEL**3 for mask in masks)
-    return SimpleNamespace(brain=brain, ventricles=ventricles, volume=whole, ventricle=inner)
+    shape = Outlines(brain, {"ventricles": ventricles}, ())
+    return SimpleNamespace(brain=brain, outlines=shape, volume=whole, ventricle=inner)
 
 
 def cleft_to(scan, target, opening=4e-3):
@@ -51,7 +53,7 @@ def cleft(scan):
 
 @pytest.fixture(scope="module")
 def made(scan, cleft):
-    return head(scan.brain, scan.ventricles, cleft, CRANIOTOMY, SIZES)
+    return head(scan.outlines, cleft, CRANIOTOMY, SIZES).elements
 
 
 def triangles(made, name):
@@ -112,7 +114,7 @@ def test_the_craniotomy_is_a_disc_less_the_slot(made, cleft):
 
 def test_surface_and_ventricle_follow_the_outlines(made, scan):
     # Moved outwards so that flat triangles enclose the volume: by the order of the sagitta of coarse ones.
-    for level, name, most in ((scan.brain, "skull", 1.5e-3), (scan.ventricles, "ventricle_wall", 4.5e-3)):
+    for level, name, most in ((scan.brain, "skull", 1.5e-3), (scan.outlines.ventricles, "ventricle_wall", 4.5e-3)):
         points = made.points[np.unique(triangles(made, name))]
         assert np.abs(level(points)).max() < most
 
@@ -131,7 +133,7 @@ def test_elements_are_sound(made):
 
 
 def test_the_same_bits_twice(made, scan, cleft):
-    again = head(scan.brain, scan.ventricles, cleft, CRANIOTOMY, SIZES).arrays()
+    again = head(scan.outlines, cleft, CRANIOTOMY, SIZES).elements.arrays()
     assert all(values.tobytes() == again[key].tobytes() for key, values in made.arrays().items())
 
 
@@ -156,7 +158,7 @@ def test_the_mesh_integrates_to_the_same(made):
 
 
 def test_finer_elements_near_the_cleft_are_as_fine_as_asked(scan, cleft):
-    fine = head(scan.brain, scan.ventricles, cleft, CRANIOTOMY, Sizes(3e-3, 8e-3, 20e-3))
+    fine = head(scan.outlines, cleft, CRANIOTOMY, Sizes(3e-3, 8e-3, 20e-3)).elements
     for name in ("wall_plus", "end_minus", "floor"):
         corners = fine.points[triangles(fine, name)]
         sides = np.sort(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2), axis=1)
@@ -170,16 +172,16 @@ def test_a_cleft_through_a_ventricle_is_refused(scan, height):
     out, across = frame(np.array([0, 0, 1.0]))
     depth = float(scan.brain.along(target[None], out, 0.1)[0])
     with pytest.raises(InputError, match=r"cleft\.target_mm is .* opens a ventricle"):
-        head(scan.brain, scan.ventricles, Cleft(target, out, across, depth, 4e-3, 12e-3), CRANIOTOMY, SIZES)
+        head(scan.outlines, Cleft(target, out, across, depth, 4e-3, 12e-3), CRANIOTOMY, SIZES)
 
 
 def test_a_craniotomy_over_the_edge_is_refused(scan, cleft):
     with pytest.raises(InputError, match=r"cleft\.craniotomy_mm is 110; wanted: less"):
-        head(scan.brain, scan.ventricles, cleft, 110e-3, SIZES)
+        head(scan.outlines, cleft, 110e-3, SIZES)
 
 
 def test_walls_that_do_not_end_on_the_surface_are_refused(scan):
     target = np.array([0, 0, 50e-3])
     cleft = Cleft(target, np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 30e-3, 30e-3, 12e-3)
     with pytest.raises(InputError, match=r"cleft\.approach"):
-        head(scan.brain, scan.ventricles, cleft, CRANIOTOMY, SIZES)
+        head(scan.outlines, cleft, CRANIOTOMY, SIZES)

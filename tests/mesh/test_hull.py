@@ -11,7 +11,8 @@ from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import hull, outlines, rounder
+from ngbrain.mesh.hull import hull, rounder
+from ngbrain.mesh.outline import outlines
 from ngbrain.mesh.quality import Quality, volumes_ml
 from ngbrain.mesh.routes import described, meshed, min_jacobian
 from ngbrain.mesh.transfer import on_voxels
@@ -26,7 +27,7 @@ def labels():
 
 @pytest.fixture(scope="module")
 def made(labels):
-    return hull(labels, EVEN)
+    return hull(labels, EVEN).elements
 
 
 def test_volumes_are_those_of_the_labels(labels, made):
@@ -56,7 +57,7 @@ def test_elements_are_sound_and_ngsolve_takes_them(made):
 
 def test_elements_are_fine_around_a_site(labels):
     site = np.array([0.025, 0.0, 0.0])
-    graded = hull(labels, Graded(2.5e-3, 9e-3, tuple(site), radius=5e-3))
+    graded = hull(labels, Graded(2.5e-3, 9e-3, tuple(site), radius=5e-3)).elements
     size = np.cbrt(8.49 * np.abs(graded.volumes()))
     away = np.linalg.norm(graded.points[graded.tets].mean(axis=1) - site, axis=1)
     near, far = size[away < 5e-3], size[away > 40e-3]
@@ -66,7 +67,7 @@ def test_elements_are_fine_around_a_site(labels):
 
 def test_flat_elements_become_round(labels):
     # A point of a good mesh pushed almost into the face opposite.
-    good = hull(labels, EVEN)
+    good = hull(labels, EVEN).elements
     inner = np.setdiff1d(good.tets.ravel(), good.triangles.ravel())[40]
     tet = good.tets[(good.tets == inner).any(axis=1)][0]
     to = good.points[tet[tet != inner]].mean(axis=0) - good.points[inner]
@@ -88,7 +89,7 @@ def test_ventricles_that_touch_the_surface_are_kept_under_it():
     away = np.linalg.norm(points, axis=-1)
     beside = np.linalg.norm(points - np.array([30.0, 0, 0]), axis=-1)
     numbers = np.where(away < 40, np.where(beside < 12, 2, 1), 0)
-    made = hull(LabelMap(Volume(numbers, affine), {1: "grey", 2: "ventricles"}), EVEN)
+    made = hull(LabelMap(Volume(numbers, affine), {1: "grey", 2: "ventricles"}), EVEN).elements
     wall = made.points[np.unique(made.triangles[made.boundary == made.boundaries.index("ventricle_wall")])]
     assert np.linalg.norm(wall, axis=1).max() < 38.7e-3 and Quality.of(made).dihedrals.min() > 3
 
@@ -105,7 +106,7 @@ def test_labels_with_faults_give_the_same_head(labels, made, fault):
         numbers[middle + 15 :, middle, middle] = 0
     else:
         numbers[middle + 25, middle, middle] = 3
-    other = hull(LabelMap(Volume(numbers, labels.volume.affine), labels.names), EVEN)
+    other = hull(LabelMap(Volume(numbers, labels.volume.affine), labels.names), EVEN).elements
     assert sum(volumes_ml(other).values()) == pytest.approx(sum(volumes_ml(made).values()), rel=1e-3)
     assert volumes_ml(other)["ventricles"] == pytest.approx(volumes_ml(made)["ventricles"], rel=2e-3)
     assert np.linalg.norm(other.points, axis=1).max() < 41 * MM
@@ -115,7 +116,7 @@ def test_labels_with_faults_give_the_same_head(labels, made, fault):
 def test_voxels_of_other_sizes(spacing):
     radii = (30.0, 20.0, 9.0)
     labels = nested(radii, spacing=spacing)
-    made = hull(labels, EVEN)
+    made = hull(labels, EVEN).elements
     wanted, found = labels.volumes_ml(), volumes_ml(made)
     print(spacing, found, wanted)
     assert sum(found.values()) == pytest.approx(sum(wanted.values()), rel=0.01)
@@ -123,12 +124,12 @@ def test_voxels_of_other_sizes(spacing):
 
 
 def test_an_oblique_grid_shows_the_same_head(labels, made):
-    other = hull(turned(labels, rotation(25.0, np.array([1.0, 2.0, 0.5]))), EVEN)
+    other = hull(turned(labels, rotation(25.0, np.array([1.0, 2.0, 0.5]))), EVEN).elements
     assert volumes_ml(other) == pytest.approx(volumes_ml(made), rel=0.01)
 
 
 def test_without_ventricles_there_is_one_region(labels):
-    made = hull(LabelMap(labels.volume, {1: "label_1", 2: "label_2", 3: "label_3"}), EVEN)
+    made = hull(LabelMap(labels.volume, {1: "label_1", 2: "label_2", 3: "label_3"}), EVEN).elements
     assert made.regions == ("brain",) and made.boundaries == ("skull",)
 
 

@@ -12,7 +12,7 @@ from ngbrain.image.tissues import tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.grading import Graded
-from ngbrain.mesh.hull import WALL
+from ngbrain.mesh.outline import WALL
 from ngbrain.mesh.quality import Quality, interfaces, volumes_ml
 from ngbrain.mesh.routes import ROUTES
 

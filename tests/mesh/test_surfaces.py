@@ -43,7 +43,9 @@ SHAPES = {
 def made(request):
     inside, size, euler = SHAPES[request.param]
     level = voxelised(inside)
-    return level, size, euler, *triangulated(level, size, NONE)
+    surface = triangulated(level, size, NONE)
+    assert not len(surface.changed)
+    return level, size, euler, surface.points, surface.triangles
 
 
 @pytest.fixture(scope="module")
@@ -93,11 +95,11 @@ def test_edges_are_as_long_as_asked(made):
 def test_the_same_bits_twice(made):
     level, size, _, points, triangles = made
     again = triangulated(level, size, NONE)
-    assert np.array_equal(points, again[0]) and np.array_equal(triangles, again[1])
+    assert np.array_equal(points, again.points) and np.array_equal(triangles, again.triangles)
 
 
 def test_another_seed_gives_other_points(ball):
-    first, second = (triangulated(ball, same(6e-3), NONE, seed=seed)[0] for seed in (0, 1))
+    first, second = (triangulated(ball, same(6e-3), NONE, seed=seed).points for seed in (0, 1))
     assert not np.array_equal(first, second)
 
 
@@ -105,7 +107,8 @@ def test_fixed_points_come_first_and_neighbours_stay_joined(ball):
     n = 24
     angle = 2 * np.pi * np.arange(n) / n
     ring = ball.project(RADIUS * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
-    points, triangles = triangulated(ball, same(5e-3), ring)
+    surface = triangulated(ball, same(5e-3), ring)
+    points, triangles = surface.points, surface.triangles
     assert np.array_equal(points[:n], ring)
     joined = set(map(tuple, edges(triangles).tolist()))
     assert all((i, (i + 1) % n) in joined for i in range(n))

@@ -128,7 +128,7 @@ def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     assert copy.cleft.out @ model.cleft.out > np.cos(np.radians(3))
     # The skull of one lies on that of the other, and at most places they agree on what is there.
     skull = np.array([copy.mesh[v].point for v in _vertices(copy.mesh, "skull")])
-    off = np.abs(model.head.brain(skull) - copy.head.brain(skull))
+    off = np.abs(model.head.outlines.brain(skull) - copy.head.outlines.brain(skull))
     print(f"skull off by {1e3 * off.mean():.2f} mm, at most {1e3 * off.max():.2f}")
     assert off.mean() < 0.2e-3 and off.max() < 1.5e-3
     places = centres(model.mesh)
@@ -152,10 +152,9 @@ def _label(head, points):
 )
 def test_targets_outside_the_tissue_are_refused(model, target, words):
     if target is None:
-        head = model.head
-        inside = head.ventricles.values.argmin()
-        at = np.unravel_index(inside, head.ventricles.values.shape)
-        target = head.ventricles.origin + head.ventricles.spacing * np.array(at)
+        ventricles = model.head.outlines.ventricles
+        at = np.unravel_index(ventricles.values.argmin(), ventricles.values.shape)
+        target = ventricles.origin + ventricles.spacing * np.array(at)
     with pytest.raises(InputError, match=rf"cleft\.target_mm is \(.*{words}"):
         model.head.cleft_to(np.array(target))
 

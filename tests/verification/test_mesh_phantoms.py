@@ -97,7 +97,7 @@ def test_volumes_areas_and_holes(phantom, route):
 
 def test_the_hull_of_nested_spheres():
     labels = painted(lambda *at: np.select([radius(*at) < 8, radius(*at) < 18], [2, 1]), "grey", "ventricles")
-    mesh = hull(labels, Graded(4 * MM, 4 * MM))
+    mesh = hull(labels, Graded(4 * MM, 4 * MM)).elements
     got = np.bincount(mesh.region, mesh.volumes() / MM**3)
     found, holes = measured(mesh)
     assert got == pytest.approx([BALL * (18**3 - 8**3), BALL * 8**3], rel=0.01)
