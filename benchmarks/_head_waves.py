@@ -11,8 +11,8 @@ from ngbrain.forward import harmonic, points
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation, inside
 from ngbrain.image import mni152
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.inverse import labels as inverse_labels
 from ngbrain.inverse.labels import by_label, shares

@@ -25,8 +25,8 @@ from ngbrain.errors import require
 from ngbrain.forward.material import Material
 from ngbrain.forward.static import Static
 from ngbrain.image import mni152
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh.elements import Elements

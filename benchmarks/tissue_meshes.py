@@ -20,8 +20,8 @@ from _command import main
 
 from ngbrain.errors import require
 from ngbrain.image import mni152
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements

@@ -9,6 +9,7 @@ import pytest
 import ngbrain
 from ngbrain.cli import main, options
 from ngbrain.cli.invert import DISCRETISATIONS, STARTS
+from ngbrain.image.labelschemes import SCHEMES
 from ngbrain.inverse.misfit import MISFITS
 from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quantities import UNKNOWNS
@@ -24,6 +25,7 @@ def test_names_are_those_of_the_library():
     assert tuple(DISCRETISATIONS) == options.DISCRETISATIONS and tuple(STARTS) == options.STARTS
     assert tuple(MISFITS) == options.MISFITS and tuple(PRIORS) == options.PRIORS
     assert tuple(UNKNOWNS) == options.UNKNOWNS and tuple(WEIGHTINGS) == options.WEIGHTINGS
+    assert tuple(SCHEMES) == options.SCHEMES
     assert tuple(ROUTES) == options.ROUTES and tuple(DEVICES) == options.DEVICES and SPREAD == options.SPREAD
 
 

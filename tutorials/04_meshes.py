@@ -23,8 +23,8 @@ from matplotlib.colors import to_rgb
 import ngbrain
 from ngbrain import viz
 from ngbrain.image import mni152
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.tissues import tissues
 from ngbrain.image.volume import Volume

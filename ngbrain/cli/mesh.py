@@ -16,15 +16,19 @@ from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.subject import Subject, write_subject
 from ngbrain.progress import Progress, terminal
 
+SHOWN = 3
+"""Changes of a region that are printed; all are in result.json."""
+EXIT_UNUSABLE = 3
 CUT = ("opening", "width", "craniotomy", "approach", "across")
 """Options of the cleft."""
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Read, mesh, write, report, print."""
+def run(arguments: argparse.Namespace) -> int:
+    """Read, mesh, write, report, print; returns the exit status, 3 where too much of the labels had to be changed."""
     with Progress(terminal(arguments.quiet), text="reading and labelling") as line:
         result = _meshed(arguments, line.tell)
     conclude(arguments.quiet, summary(result), cautions(result))
+    return EXIT_UNUSABLE if result["checks"]["changed_ml"] else 0
 
 
 def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
@@ -46,7 +50,8 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
     if arguments.atlas:
         subject = Subject.of_atlas(arguments.image, arguments.atlas, arguments.template, *arguments.names)
     elif arguments.labels:
-        subject = Subject.of_labels(arguments.image, *arguments.names)
+        names, others = arguments.names
+        subject = Subject.of_labels(arguments.image, names, others, not arguments.no_fill)
     else:
         subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
     for each in arguments.landmark:
@@ -80,8 +85,9 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
 
 
 def summary(result: dict[str, Any]) -> list[str]:
-    """The result as lines: volumes, elements."""
-    lines = [
+    """The result as lines: what was done to the labels, volumes, elements."""
+    lines = list(result["notes"])
+    lines += [
         f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml"
         for name, region in result["regions"].items()
     ]
@@ -91,12 +97,25 @@ def summary(result: dict[str, Any]) -> list[str]:
         lines.append(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
     if off := result.get("curved"):
         lines.append(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
-    return lines
+    few = {repair["region"] for repair in result["repairs"]} - set(result["checks"]["changed_ml"])
+    return lines + [_changed(result, name) for name in sorted(few)]
 
 
 def cautions(result: dict[str, Any]) -> list[str]:
-    """Regions that the mesh shows badly."""
-    return [
+    """Regions that the mesh shows badly, and those that were changed too much."""
+    changed = [f"do not use without a look: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
+    return changed + [
         f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
         for name, error in result["checks"]["regions_off"].items()
     ]
+
+
+def _changed(result: dict[str, Any], name: str) -> str:
+    """What was changed of a region, and where most of it."""
+    places = sorted((place for place in result["repairs"] if place["region"] == name), key=lambda place: -place["ml"])
+    told = [
+        f"{place['ml']:.2g} ml {place['kind']} at ({', '.join(f'{c:.0f}' for c in place['at_mm'])}) mm"
+        for place in places[:SHOWN]
+    ]
+    told += [f"{len(places) - SHOWN} more in result.json"] if len(places) > SHOWN else []
+    return f"{name} is not as in the labels by {sum(place['ml'] for place in places):.2g} ml: {'; '.join(told)}"

@@ -12,6 +12,7 @@ from ngbrain import __version__
 PLACE = "X,Y,Z"
 # Names that the library has in tables, which take a second to import; a test holds these to them.
 ROUTES = ("hull", "lattice", "conforming")
+SCHEMES = ("freesurfer", "synthseg", "muse", "spm", "cat", "fast", "ngbrain")
 DISCRETISATIONS = ("data", "fe")
 STARTS = ("auto", "waves", "all", "many")
 PRIORS = ("smooth", "edges", "matern")
@@ -105,8 +106,9 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
         type=_names,
         default=(None, {}),
         metavar="N=NAME,…",
-        help="what labels are called, or freesurfer, spm, ngbrain, with N=NAME,… of one's own behind it",
+        help=f"what labels are called, or one of {', '.join(SCHEMES)}, with N=NAME,… of one's own behind it",
     )
+    parser.add_argument("--no-fill", action="store_true", help="leave sulci that have no label empty")
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )

@@ -149,7 +149,7 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (labelmap, volume, elements, grading, *way.modules)
 
-    return Made.from_arrays(kept("tissues", made_from, modules, lambda: way.make(labels, size).arrays()))
+    return Made.from_arrays(kept("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
 
 
 def told(size: Graded | Along) -> dict[str, Any]:

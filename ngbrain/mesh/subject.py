@@ -14,8 +14,10 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.image.labelfile import TISSUES, read_labels
+from ngbrain.image.fluid import fluid_in_sulci, ventricles_in_fluid
+from ngbrain.image.labelfile import read_labels, read_named
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
 from ngbrain.image.tissues import by_atlas, structured, tissues
@@ -29,7 +31,7 @@ from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.opening import Opening, opened
-from ngbrain.mesh.outline import LESION, VENTRICLES
+from ngbrain.mesh.outline import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
 
 OFF = 0.1
@@ -44,6 +46,7 @@ class Subject:
     affine, shape  of the file's own grid, to which maps go back
     source   the file
     named    places (m) that the user has named
+    notes    what was done to the labels before, in sentences
     """
 
     labels: LabelMap
@@ -52,6 +55,7 @@ class Subject:
     shape: tuple[int, int, int]
     source: str
     named: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def place(self, text: str, field: str = "place") -> tuple[float, float, float]:
         """A point (m) in the file's field of view: "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
@@ -122,11 +126,20 @@ class Subject:
         path: str | os.PathLike[str],
         names: str | Mapping[int, str] | None = None,
         others: Mapping[int, str] | None = None,
+        fill: bool = True,
     ) -> Subject:
-        """From a map of labels; raises what `read_labels` raises."""
-        labels = read_labels(path, names, others)
+        """From a map of labels; raises what `read_labels` raises.
+
+        fill   put fluid into sulci that have no label (`ngbrain.image.fluid`); ventricles are told from other fluid in any case
+        """
+        labels, notes = read_named(path, names, others)
+        labels, ml = ventricles_in_fluid(labels)
+        notes += (f"ventricles are the fluid that lies deep in white matter, {ml:.1f} ml",) if ml else ()
+        if fill:
+            labels, ml = fluid_in_sulci(labels)
+            notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
         shape = labels.volume.data.shape
-        return cls(labels, None, labels.volume.affine, (shape[0], shape[1], shape[2]), str(path))
+        return cls(labels, None, labels.volume.affine, (shape[0], shape[1], shape[2]), str(path), notes=notes)
 
 
 def write_subject(
@@ -197,18 +210,23 @@ def write_subject(
         "source": subject.source,
         "route": route,
         "left_out": ROUTES[route].left_out + _within(made, clean),
+        "notes": list(subject.notes),
         "labels": ", ".join(f"{i} {name}" for i, name in clean.names.items()),
         "relabelled_voxels": tidying.moved,
         "topology": {name: asdict(topology) for name, topology in tidying.after.items()},
         **told,
         **cut,
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
+        "repairs": [_placed(repair) for repair in done.repairs],
         "needs": [str(need) for need in needs()],
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),
         "files": [path.name, labels.name, "result.json"],
-        "checks": {"regions_off": _off(told["regions"])},
+        "checks": {
+            "regions_off": _off(told["regions"]),
+            "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
+        },
         "versions": versions(),
         "seed": 0,
         "threads": 1,
@@ -216,6 +234,11 @@ def write_subject(
     }
     write_json(path.with_name("result.json"), result)
     return result, made
+
+
+def _placed(repair: Repair) -> dict[str, Any]:
+    at = [round(1e3 * coordinate, 1) for coordinate in repair.at]
+    return {"region": repair.region, "kind": repair.kind, "ml": repair.ml, "at_mm": at}
 
 
 def _summary(curving: Curving) -> dict[str, float]:

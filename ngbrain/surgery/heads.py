@@ -13,8 +13,8 @@ import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.image import Scan, Volume, mni152, read_scan
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
 from ngbrain.image.tissues import tissues
 from ngbrain.io.cache import Arrays, kept

@@ -7,7 +7,7 @@ from phantoms import nested, turned
 from regridded import rotation
 
 from ngbrain.errors import InputError
-from ngbrain.image.labelfile import read_labels
+from ngbrain.image.labelfile import read_labels, read_named
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
@@ -50,17 +50,21 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     aseg[:, :, :3], aseg[:, :, 3], aseg[0, 0, 5] = 16, 1035, 251
     found = read_labels(written(tmp_path / "aseg.nii", aseg.astype(np.int16), labels.volume.affine))
     assert found.regions == ("white", "ventricles", "brain_stem", "corpus_callosum", "grey")
-    plain = read_labels(written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine))
-    assert plain.regions == ("label_1", "label_2", "label_3")
-    some = written(tmp_path / "some.nii", (labels.volume.data + 1).astype(np.uint8), labels.volume.affine)
-    assert read_labels(some).regions == ("label_1", "label_2", "label_3", "label_4")
+    plain = written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine)
+    question = (
+        r"labels.nii: labels is numbered 1, 2, 3 without names; wanted: --names spm \(1 grey, 2 white, 3 csf\), cat or fast or "
+        r"ngbrain \(1 csf, 2 grey, 3 white\), freesurfer, synthseg, muse, or N=NAME"
+    )
+    with pytest.raises(InputError, match=question):
+        read_labels(plain)
     some = written(tmp_path / "some.nii", np.array([0, 2, 3, 4], np.uint8)[labels.volume.data], labels.volume.affine)
-    assert read_labels(some).regions == ("label_2", "label_3", "label_4")  # FreeSurfer's numbers, but of one side
-    assert read_labels(tmp_path / "labels.nii", "spm").regions == ("grey", "white", "csf")
+    with pytest.raises(InputError, match=r"some.nii: labels is numbered 2, 3, 4 without names"):
+        read_labels(some)  # FreeSurfer's numbers, but of one side
+    assert read_labels(plain, "spm").regions == ("grey", "white", "csf")
     with pytest.raises(
-        InputError, match=r"names is 'spn'; wanted: number = name for every label, or one of ngbrain, spm"
+        InputError, match=r"names is 'spn'; wanted: number = name for every label, or one of freesurfer, synthseg, muse"
     ):
-        read_labels(tmp_path / "labels.nii", "spn")
+        read_labels(plain, "spn")
     with pytest.raises(InputError, match=r"labels.nii: labels is without a name for \[3\]"):
         read_labels(tmp_path / "labels.nii", {1: "grey", 2: "white"})
 
@@ -70,13 +74,60 @@ def test_regions_of_ones_own_in_a_map_of_freesurfer(labels, tmp_path):
     aseg[:4] = 999
     path = written(tmp_path / "aseg.nii", aseg.astype(np.int16), labels.volume.affine)
     with pytest.raises(
-        InputError, match=r"aseg.nii: labels is FreeSurfer's but for 999; wanted: names freesurfer,999=NAME,…"
+        InputError,
+        match=r"aseg.nii: labels is numbered as by FreeSurfer.* but for 999; wanted: names freesurfer,999=NAME,…",
     ):
         read_labels(path)
     found = read_labels(path, "freesurfer", {999: "tumour"})
     assert found.regions == ("white", "ventricles", "tumour")
     assert read_labels(path, None, {999: "tumour"}).regions == found.regions
     assert found.volumes_ml()["tumour"] == pytest.approx(1e6 * (aseg == 999).sum() * labels.volume.voxel_volume)
+
+
+def test_numbers_of_muse_are_known(tmp_path):
+    row = np.array([0, 1, 4, 35, 38, 39, 51, 52, 59, 81, 95, 102], np.uint8)
+    found, notes = read_named(written(tmp_path / "muse.nii", row.reshape(2, 2, 3), np.diag([1e-3] * 3 + [1.0])))
+    assert found.regions == (
+        "csf", "ventricles", "brain_stem", "cerebellum", "deep_grey", "white", "corpus_callosum", "grey"
+    )  # fmt: skip
+    assert notes == ("numbers are taken for those of MUSE and Neuromorphometrics",)
+
+
+def test_scaled_integers_are_rounded_and_it_is_said(labels, tmp_path):
+    names = {1: "grey", 2: "white", 3: "ventricles"}
+    data = labels.volume.data * (1 + 7e-10)
+    found, notes = read_named(written(tmp_path / "scaled.nii", data, labels.volume.affine), names)
+    assert np.array_equal(found.volume.data, labels.volume.data)
+    assert notes == ("numbers up to 2e-09 off whole numbers are rounded",)
+    with pytest.raises(InputError, match=r"labels is not whole numbers, up to 0\.003 off"):
+        read_labels(written(tmp_path / "off.nii", labels.volume.data * 1.001, labels.volume.affine), names)
+
+
+def test_partial_volumes_take_the_nearest_tissue(tmp_path):
+    data = np.array([0.2, 0.8, 1.4, 1.6, 2.4, 3.0, 0.5, 3.9], np.float32).reshape(2, 2, 2)
+    path = written(tmp_path / "p0sub.nii", data, np.diag([1e-3] * 3 + [1.0]))
+    found, notes = read_named(path, "cat")
+    assert found.volume.data.ravel().tolist() == [0, 1, 1, 2, 2, 3, 0, 4] and found.regions == ("csf", "grey", "white")
+    assert notes == ("partial volumes take the nearest tissue",)
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "program"),
+    [(("c1s.nii", "c2s.nii", "c3s.nii"), ("grey", "white", "csf"), "spm"),
+     (("p1s.nii", "p2s.nii", "p3s.nii"), ("grey", "white", "csf"), "cat"),
+     (("s_pve_0.nii", "s_pve_1.nii", "s_pve_2.nii"), ("csf", "grey", "white"), "fast")],
+)  # fmt: skip
+def test_of_three_shares_side_by_side_the_largest_counts(names, order, program, tmp_path):
+    shares = np.array([[0.1, 0.6, 0.2, 0.1], [0.1, 0.2, 0.7, 0.1], [0.1, 0.1, 0.1, 0.8]], np.float32)
+    for name, share in zip(names, shares, strict=True):
+        written(tmp_path / name, share.reshape(2, 2, 1), np.diag([1e-3] * 3 + [1.0]))
+    for scheme in (None, program):
+        found, notes = read_named(tmp_path / names[1], scheme)
+        assert found.volume.data.ravel().tolist() == [0, 1, 2, 3] and found.regions == order
+        assert notes == (f"the largest share of {', '.join(names)} counts",)
+    (tmp_path / names[2]).unlink()
+    with pytest.raises(InputError, match=rf"labels is without {names[2]}; wanted: the shares of all three"):
+        read_labels(tmp_path / names[0])
 
 
 def test_a_name_of_what_is_outside_is_no_region(labels, tmp_path):
@@ -88,7 +139,8 @@ def test_a_name_of_what_is_outside_is_no_region(labels, tmp_path):
 def test_parcels_are_told_from_grey_values(tmp_path):
     box = np.indices((40, 40, 40)) // 8
     parcels = 1 + (25 * box[0] + 5 * box[1] + box[2])
-    found = read_labels(written(tmp_path / "parcels.nii", parcels.astype(np.int16), np.diag([1e-3] * 3 + [1.0])))
+    path = written(tmp_path / "parcels.nii", parcels.astype(np.int16), np.diag([1e-3] * 3 + [1.0]))
+    found = read_labels(path, {number: f"parcel_{number}" for number in range(1, 126)})
     assert len(found.regions) == 125 and found.numbered().max() == 125
     grey = np.random.default_rng(0).integers(0, 200, (40, 40, 40))
     with pytest.raises(
@@ -101,10 +153,13 @@ def test_parcels_are_told_from_grey_values(tmp_path):
     ("data", "words"),
     [
         (np.zeros((9, 9, 9), np.uint8), "labels is 0 everywhere"),
-        (np.full((9, 9, 9), 0.5, np.float32), "labels is not whole numbers"),
+        (
+            np.full((9, 9, 9), 1.375, np.float32),
+            "not whole numbers, up to 0.38 off; wanted: an integer .* or --names spm",
+        ),
         (np.full((9, 9, 9), -1, np.int16), "labels is from -1 to -1"),
-        (np.arange(729, dtype=np.int16).reshape(9, 9, 9), "labels is 728 different numbers"),
-        (np.full((9, 9, 9), np.nan, np.float32), "labels is not whole numbers"),
+        (np.arange(729, dtype=np.int16).reshape(9, 9, 9), "labels is 728 numbers that change from voxel to voxel"),
+        (np.full((9, 9, 9), np.nan, np.float32), "labels is not a finite number in 729 voxels; wanted: .* 0 outside"),
     ],
 )
 def test_what_is_no_map_of_labels(data, words, tmp_path):

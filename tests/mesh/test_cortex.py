@@ -206,7 +206,7 @@ def test_what_has_no_cortex_is_refused(names):
 @pytest.mark.slow
 def test_the_surfaces_of_a_head():
     from ngbrain.image import mni152
-    from ngbrain.image.labelfile import TISSUES
+    from ngbrain.image.labelschemes import TISSUES
     from ngbrain.image.tissues import tissues
 
     found = spherical_cortex(LabelMap(tissues(mni152()), TISSUES))

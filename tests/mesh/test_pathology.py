@@ -6,8 +6,8 @@ from phantoms import nested
 
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
-from ngbrain.image.labelfile import TISSUES
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume

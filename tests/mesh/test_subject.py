@@ -64,9 +64,22 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert result["regions"]["brain"]["volume_ml"] == pytest.approx(
         result["regions"]["brain"]["label_volume_ml"], rel=0.01
     )
-    assert "ventricles" not in result["left_out"] and result["checks"] == {"regions_off": {}}
-    result = told(("grey", "white", "ventricles"), tmp_path, inner=2.5)
+    assert "ventricles" not in result["left_out"] and result["checks"] == {"regions_off": {}, "changed_ml": {}}
+    assert result["repairs"] == []
+    labels = nested((20.0, 15.0))
+    points = labels.volume.to_world(np.argwhere(labels.volume.data >= 0))
+    beside = np.linalg.norm(points - [0, 0, 18e-3], axis=1).reshape(labels.volume.data.shape) < 3e-3
+    data = np.where(beside & (labels.volume.data > 0), 3, labels.volume.data)
+    subject = Subject(
+        LabelMap(Volume(data, labels.volume.affine), {1: "grey", 2: "white", 3: "ventricles"}),
+        None, labels.volume.affine, data.shape, "labels",
+    )  # fmt: skip
+    result, _ = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
     assert "ventricles, too thin or too close" in result["left_out"]
+    (repair,) = result["repairs"]
+    assert (repair["region"], repair["kind"]) == ("ventricles", "left out")
+    assert repair["ml"] == pytest.approx(1e-3 * (data == 3).sum()) and repair["at_mm"][2] == pytest.approx(18, abs=1.0)
+    assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
     result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=Graded(13e-3, 13e-3))
     assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
 
