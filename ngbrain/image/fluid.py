@@ -46,7 +46,9 @@ def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
     """
     if not any(name.startswith(GREY) for name in labels.regions):
         return labels, 0.0
-    data = labels.volume.data
+    every = labels.volume.data
+    box = ndimage.find_objects((every > 0).astype(np.uint8))[0]
+    data = every[box]  # the hull of a mask does not leave its box
     empty = _hull(data > 0, labels.volume.spacing) & (data == 0)
     fluid = [number for number, name in labels.names.items() if name.startswith(_FLUIDS)]
     pockets, count = ndimage.label(empty)
@@ -58,7 +60,8 @@ def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
         return labels, 0.0
     own = [number for number in fluid if labels.names[number] == FLUID]
     number = own[0] if own else max(int(data.max()), *labels.names) + 1
-    new = np.where(filled, number, data).astype(np.int32)
+    new = every.astype(np.int32)
+    new[box][filled] = number
     found = LabelMap(Volume(new, labels.volume.affine), {**labels.names, number: FLUID})
     return found, float(filled.sum()) * labels.volume.voxel_volume * 1e6
 

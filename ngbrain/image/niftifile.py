@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.volume import Volume
@@ -56,8 +57,5 @@ def on_grid(volume: Volume, affine: np.ndarray, shape: tuple[int, int, int]) -> 
     [5, 1]
     """
     to = np.linalg.solve(volume.affine, affine)
-    index = np.rint(np.indices(shape).reshape(3, -1).T @ to[:3, :3].T + to[:3, 3]).astype(np.int32)
-    inside = ((index >= 0) & (index < volume.data.shape)).all(axis=1)
-    found = np.zeros(len(index), volume.data.dtype)
-    found[inside] = volume.data[tuple(index[inside].T)]
-    return Volume(found.reshape(shape), affine)
+    found = ndimage.affine_transform(volume.data, to[:3, :3], to[:3, 3], shape, order=0, mode="grid-constant")
+    return Volume(found, affine)
