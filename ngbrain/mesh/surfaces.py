@@ -168,8 +168,9 @@ class _Cells:
         for side in (True, False):
             piece = pieces(self.neighbours, (inside == side) & (self.inside != side))
             total = np.bincount(piece, volumes)
-            where = np.stack([np.bincount(piece, volumes * x) for x in middles.T], axis=1) / total[:, None]
-            found.append(np.column_stack([where, total if side else -total])[1:])
+            some = np.flatnonzero(total[1:] > 0) + 1  # a tetrahedron may be flat
+            where = np.stack([np.bincount(piece, volumes * x)[some] for x in middles.T], axis=1) / total[some, None]
+            found.append(np.column_stack([where, total[some] if side else -total[some]]))
         return np.concatenate(found)
 
 
