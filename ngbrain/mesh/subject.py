@@ -12,6 +12,7 @@ from typing import Any
 
 import ngsolve as ngs
 import numpy as np
+from scipy import ndimage
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.fluid import fluid_in_sulci, ventricles_in_fluid
@@ -34,6 +35,8 @@ from ngbrain.mesh.opening import Opening, opened
 from ngbrain.mesh.outline import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
 
+AIR = 8e-3
+"""Room (m) around a head that is kept of a map of labels."""
 OFF = 0.1
 """Part of its volume by which a region of a mesh may be off before it is said."""
 
@@ -132,14 +135,14 @@ class Subject:
 
         fill   put fluid into sulci that have no label (`ngbrain.image.fluid`); ventricles are told from other fluid in any case
         """
-        labels, notes = read_named(path, names, others)
-        labels, ml = ventricles_in_fluid(labels)
+        file, notes = read_named(path, names, others)
+        labels, ml = ventricles_in_fluid(_boxed(file))
         notes += (f"ventricles are the fluid that lies deep in white matter, {ml:.1f} ml",) if ml else ()
         if fill:
             labels, ml = fluid_in_sulci(labels)
             notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
-        shape = labels.volume.data.shape
-        return cls(labels, None, labels.volume.affine, (shape[0], shape[1], shape[2]), str(path), notes=notes)
+        shape = file.volume.data.shape
+        return cls(labels, None, file.volume.affine, (shape[0], shape[1], shape[2]), str(path), notes=notes)
 
 
 def write_subject(
@@ -234,6 +237,18 @@ def write_subject(
     }
     write_json(path.with_name("result.json"), result)
     return result, made
+
+
+def _boxed(labels: LabelMap) -> LabelMap:
+    """The voxels of the head and some around it: files hold up to four times as many, and every step would take as much longer."""
+    box = ndimage.find_objects((labels.volume.data > 0).astype(np.uint8))[0]
+    pad = np.ceil(AIR / labels.volume.spacing).astype(int)
+    first = np.maximum([side.start for side in box] - pad, 0)
+    last = np.minimum([side.stop for side in box] + pad, labels.volume.data.shape)
+    affine = labels.volume.affine.copy()
+    affine[:3, 3] = labels.volume.to_world(first)
+    data = labels.volume.data[tuple(slice(*ends) for ends in zip(first, last, strict=True))]
+    return LabelMap(Volume(data, affine), labels.names)
 
 
 def _placed(repair: Repair) -> dict[str, Any]:
