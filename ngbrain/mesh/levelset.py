@@ -35,14 +35,22 @@ class LevelSet:
 
     @classmethod
     def of(
-        cls, mask: np.ndarray, origin: np.ndarray, spacing: float, smoothing: float, margin: float, around: float = 0.0
+        cls,
+        mask: np.ndarray,
+        origin: np.ndarray,
+        spacing: float,
+        smoothing: float,
+        margin: float,
+        around: float = 0.0,
+        volume: float | None = None,
     ) -> LevelSet:
-        """The smoothed outline of a mask (nx, ny, nz), `origin` (m) at its first voxel; it encloses the mask's volume.
+        """The smoothed outline of a mask (nx, ny, nz), `origin` (m) at its first voxel; it encloses a volume.
 
         smoothing   standard deviation (m) of the Gaussian that rounds the voxels' steps
         margin      room (m) around the mask
         around      standard deviation (m) of a Gaussian: the volume is kept within so much of every place, so that what is thin
                     stays, and does not make the rest thicker; 0 keeps it as a whole
+        volume      that is enclosed (m³); None: the mask's
         """
         box = [slice(*np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {i})))[[0, -1]] + [0, 1]) for i in range(3)]
         start = np.array([s.start for s in box])
@@ -51,9 +59,11 @@ class LevelSet:
         distance = ndimage.distance_transform_edt(~inner) - ndimage.distance_transform_edt(inner)
         distance -= 0.5 * np.sign(distance)  # the outline lies between voxels
         smooth = ndimage.gaussian_filter(distance.astype(np.float32), smoothing / spacing)
-        smooth -= _level(smooth, inner)
+        n = int(inner.sum())
+        wanted = n if volume is None else min(round(volume / spacing**3), inner.size - 1)
+        smooth -= _level(smooth, wanted)
         if around:
-            smooth = _levelled(smooth, inner, around / spacing)
+            smooth = _levelled(smooth, inner.astype(np.float32) * np.float32(wanted / n), wanted, around / spacing)
         return cls(smooth * np.float32(spacing), origin + (start - pad) * spacing, spacing)
 
     def solid(self) -> LevelSet:
@@ -107,22 +117,21 @@ class LevelSet:
         return np.where(found, s[j - 1] + share * self.spacing / 2, np.nan)
 
 
-def _level(smooth: np.ndarray, inner: np.ndarray) -> np.floating:
-    """The value below which there are as many voxels as in the mask."""
-    n = int(inner.sum())
+def _level(smooth: np.ndarray, n: int) -> np.floating:
+    """The value below which there are n voxels."""
     found: np.floating = np.partition(smooth.ravel(), n)[n]
     return found
 
 
-def _levelled(smooth: np.ndarray, inner: np.ndarray, around: float) -> np.ndarray:
-    """A distance (voxels) shifted from place to place so that as much is below 0 around each of them as in the mask.
+def _levelled(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> np.ndarray:
+    """A distance (voxels) shifted from place to place so that around each of them as much is below 0 as `inner` says, n voxels in all.
 
     Newton's method: what is missing over the outline's area, both as averages by a Gaussian.
     """
-    wanted = ndimage.gaussian_filter(inner.astype(np.float32), around)
+    wanted = ndimage.gaussian_filter(inner, around)
     for _ in range(LEVELS):
         share = (0.5 - smooth).clip(0, 1)
         area = ((share > 0) & (share < 1)).astype(np.float32)
         missing = wanted - ndimage.gaussian_filter(share, around)
         smooth = smooth - (missing / (ndimage.gaussian_filter(area, around) + FAINT)).clip(-STEP, STEP)
-    return smooth - _level(smooth, inner)
+    return smooth - _level(smooth, n)

@@ -90,14 +90,17 @@ class Outlines:
 def outlines(labels: LabelMap) -> Outlines:
     """Of the largest piece of what has a label, its holes filled, and of the ventricles and lesions in it.
 
-    Ventricles and lesions are at least `WALL` inside the head and apart from each other. The volumes are those of the voxels.
+    Ventricles and lesions are at least `WALL` inside the head and apart from each other. Volumes are those of the labels on
+    their own voxels, whatever upright ones of 1 mm make of them.
 
     Raises `InputError` where labels hold no head, and for a lesion that is too thin or touches what it cannot.
     """
     voxels = labels.upright()
+    own, upright = labels.volumes_ml(), voxels.volumes_ml()
     head, repairs = _head(voxels)
     origin, spacing = voxels.volume.affine[:3, 3], float(voxels.volume.spacing[0])
-    brain = LevelSet.of(head, origin, spacing, SMOOTHING, MARGIN).solid()
+    volume = head.sum() * spacing**3 * sum(own.values()) / sum(upright.values())
+    brain = LevelSet.of(head, origin, spacing, SMOOTHING, MARGIN, volume=volume).solid()
     inner: dict[str, LevelSet] = {}
     lesions = [name for name in voxels.regions if LESION.fullmatch(name)]
     for name in [VENTRICLES] * (VENTRICLES in voxels.regions) + lesions:
@@ -106,7 +109,8 @@ def outlines(labels: LabelMap) -> Outlines:
         repairs += _repairs(name, "left out", mask & ~kept, voxels.volume.affine)
         if not kept.any():
             continue
-        plain = LevelSet.of(kept, origin, spacing, SMOOTHING, MARGIN, AROUND)
+        volume = kept.sum() * spacing**3 * own[name] / upright[name]
+        plain = LevelSet.of(kept, origin, spacing, SMOOTHING, MARGIN, AROUND, volume)
         grid = plain.origin + spacing * np.indices(plain.values.shape).reshape(3, -1).T
         values = np.maximum(plain.values.ravel(), brain(grid) + WALL)
         for other in inner.values():
