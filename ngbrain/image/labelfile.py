@@ -172,9 +172,9 @@ def _guessed(
     rest = numbers - set(others)
     if not rest:
         return {}, []
-    if scheme := recognised(rest):
-        return scheme, [f"numbers are taken for those of {RECOGNISED[scheme][1]}"]
-    for scheme, (needed, whose) in RECOGNISED.items():
+    if known := recognised(rest):
+        return known[0], [f"numbers are taken for those of {known[1]}"]
+    for scheme, needed, whose in RECOGNISED:
         odd = strangers(rest, scheme)
         if needed <= rest and len(odd) <= _STRANGE:
             found = f"numbered as by {whose}, but for {', '.join(map(str, odd))}"

@@ -48,11 +48,12 @@ SCHEMES: Mapping[str, Mapping[int, str]] = {
     "fast": FAST,
     "ngbrain": TISSUES,
 }
-RECOGNISED = {
-    "freesurfer": ({2, 41}, "FreeSurfer, FastSurfer and SynthSeg"),
-    "muse": ({35, 38, 39, 51, 52}, "MUSE and Neuromorphometrics"),
-}
-"""Schemes that are told by their numbers: those that a map of a whole brain has, and whose they are, in words. Small numbers
+RECOGNISED = (
+    ("freesurfer", {2, 41}, "FreeSurfer, FastSurfer and SynthSeg"),
+    ("freesurfer", {5001, 5002}, "FreeSurfer's wmparc"),
+    ("muse", {35, 38, 39, 51, 52}, "MUSE and Neuromorphometrics"),
+)
+"""Schemes that are known by their numbers: those that a map of a whole brain has, and whose they are, in words. Small numbers
 mean something else in every program."""
 
 
@@ -69,15 +70,15 @@ def meaning(number: int, scheme: str) -> str | None:
     return SCHEMES[scheme].get(number)
 
 
-def recognised(numbers: set[int]) -> str | None:
-    """The only scheme that a whole brain's numbers can be of, None where there is none.
+def recognised(numbers: set[int]) -> tuple[str, str] | None:
+    """The only scheme that a whole brain's numbers can be of, and whose it is in words; None where there is none.
 
     >>> recognised({2, 41, 4, 43, 1035, 2035}), recognised({1, 2, 3})
-    ('freesurfer', None)
+    (('freesurfer', 'FreeSurfer, FastSurfer and SynthSeg'), None)
     """
-    for scheme, (needed, _) in RECOGNISED.items():
+    for scheme, needed, whose in RECOGNISED:
         if needed <= numbers and not strangers(numbers, scheme):
-            return scheme
+            return scheme, whose
     return None
 
 

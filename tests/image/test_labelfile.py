@@ -50,6 +50,10 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     aseg[:, :, :3], aseg[:, :, 3], aseg[0, 0, 5] = 16, 1035, 251
     found = read_labels(written(tmp_path / "aseg.nii", aseg.astype(np.int16), labels.volume.affine))
     assert found.regions == ("white", "ventricles", "brain_stem", "corpus_callosum", "grey")
+    wmparc = np.array([0, 3035, 5002, 43])[labels.volume.data]
+    wmparc[:, :, :3], wmparc[:, :, 3] = 5001, 2035
+    found, notes = read_named(written(tmp_path / "wmparc.nii", wmparc.astype(np.int16), labels.volume.affine))
+    assert found.regions == ("ventricles", "grey", "white") and notes[0].endswith("FreeSurfer's wmparc")
     plain = written(tmp_path / "labels.nii", labels.volume.data.astype(np.uint8), labels.volume.affine)
     question = (
         r"labels.nii: labels is numbered 1, 2, 3 without names; wanted: --names spm \(1 grey, 2 white, 3 csf\), cat or fast or "
