@@ -17,6 +17,7 @@ T = TypeVar("T")
 PA_PER_MMHG = 133.322
 MINUTE = 60.0
 N_PER_GF = 9.80665e-3
+UNITS_OF_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
 def mm(value: T) -> T:

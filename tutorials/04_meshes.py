@@ -28,7 +28,8 @@ from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.tissues import tissues
 from ngbrain.image.volume import Volume
-from ngbrain.io.exchange import read_mesh, write_mesh
+from ngbrain.io.exchange import write_mesh
+from ngbrain.io.foreign import read_mesh
 from ngbrain.mesh.cortex import cortex
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.indicators import Indicators

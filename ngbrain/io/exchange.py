@@ -1,4 +1,4 @@
-"""Tetrahedral meshes in the formats of other programs; lengths stay in m, names of regions and boundaries go along."""
+"""Tetrahedral meshes to the formats of other programs (`ngbrain.io.foreign` reads them); lengths stay in m, names go along."""
 
 from __future__ import annotations
 
@@ -64,51 +64,6 @@ def replaced(path: Path, suffix: str) -> Iterator[Path]:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
-
-
-def read_mesh(path: str | os.PathLike[str]) -> Elements:
-    """Tetrahedra, and triangles if there are any, of a mesh that meshio reads (Gmsh, VTU, Abaqus, …), with straight edges.
-
-    Names are those of physical groups or of cell sets; numbers of `region` or of physical groups without a name become
-    `region_1`, … The orientation of tetrahedra is put right. Lengths have to be in m.
-
-    Raises `InputError` for a file that cannot be read or holds no tetrahedra.
-    """
-    try:
-        mesh = meshio.read(path)
-    except (OSError, meshio.ReadError, ValueError, KeyError, IndexError, SystemExit) as error:
-        raise InputError("mesh file", str(path), f"a mesh that meshio reads ({error})") from error
-    tets, region, regions = _cells(mesh, "tetra", 4, "region")
-    if not len(tets):
-        raise InputError("mesh file", "without tetrahedra", "tetrahedra with four nodes", Path(path))
-    triangles, boundary, boundaries = _cells(mesh, "triangle", 3, "boundary")
-    x = mesh.points[tets]
-    positive = np.linalg.det(x[:, 1:] - x[:, :1]) > 0
-    tets[positive] = tets[positive][:, _POSITIVE]
-    return Elements(np.asarray(mesh.points, float), tets, region, triangles, boundary, regions, boundaries)
-
-
-def _cells(mesh: meshio.Mesh, kind: str, nodes: int, word: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Cells of a kind, the number of the name of each, and the names."""
-    cells, labels = [np.zeros((0, nodes), np.int32)], [np.zeros(0, object)]
-    named = {int(number): name for name, (number, _) in mesh.field_data.items() if np.size(number) == 1}
-    for i, block in enumerate(mesh.cells):
-        if block.type != kind:
-            continue
-        label = np.full(len(block.data), f"{word}_1", object)
-        for key in ("gmsh:physical", "region"):
-            if key in mesh.cell_data:
-                numbers = np.asarray(mesh.cell_data[key][i]).astype(int).ravel()
-                label = np.array([named.get(n, f"{word}_{n}") for n in numbers], object)
-                break
-        for name, members in mesh.cell_sets.items():
-            if members[i] is not None and len(members[i]):
-                label[np.asarray(members[i], int)] = name
-        cells.append(block.data.astype(np.int32))
-        labels.append(label)
-    every = np.concatenate(labels).astype(str)
-    names, number = np.unique(every, return_inverse=True)
-    return np.concatenate(cells), number.astype(np.int32), tuple(names.tolist())
 
 
 def _write_meshio(path: Path, elements: Elements) -> None:

@@ -16,7 +16,7 @@ from ngbrain.image.niftifile import on_grid, write_nifti
 from ngbrain.image.tissues import tissues
 from ngbrain.image.volume import Volume
 from ngbrain.io import load
-from ngbrain.io.exchange import read_mesh
+from ngbrain.io.foreign import read_mesh
 from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes import ROUTES

@@ -1,0 +1,327 @@
+"""Tetrahedral meshes from the files of other programs: Gmsh, Abaqus, VTK, FEBio, Netgen, Medit, XDMF."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import meshio
+import netgen.meshing as meshing
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.mesh.conforming import named
+from ngbrain.mesh.elements import Elements
+from ngbrain.units import UNITS_OF_LENGTH
+
+WIDTHS = (5e-3, 3.0)
+"""Smallest and largest width (m) that a body can have."""
+_CORNERS = {"tetra": 4, "tetra10": 4, "triangle": 3, "triangle6": 3}
+_MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
+    ".msh": meshio.gmsh.read,
+    ".inp": meshio.abaqus.read,
+    ".vtu": meshio.vtu.read,
+    ".vtk": lambda path: _vtk(path),
+    ".mesh": meshio.medit.read,
+    ".xdmf": meshio.xdmf.read,
+}
+"""Readers by suffix: `meshio.read` prints what it cannot read and ends the program."""
+SUFFIXES = (*_MESHIO, ".feb", ".vol", ".vol.gz")
+_OTHER_SOLIDS = ("hexahedron", "wedge", "pyramid")
+_NUMBERS = (
+    "region",
+    "gmsh:physical",
+    "gmsh:geometrical",
+    "medit:ref",
+    "cell_tags",
+    "CellEntityIds",
+    "MaterialIds",
+    "material",
+    "label",
+)
+"""Cell data that say which region a cell belongs to."""
+_MOST = 255
+"""Regions that a mesh may have."""
+_FLAT = 1e-12
+"""Volume of a tetrahedron over the cube of its longest edge, below which it is flat."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Cells (n, k) of one kind, and which of them each group has, by name."""
+
+    cells: np.ndarray
+    groups: Mapping[str, np.ndarray]
+
+    def once(self) -> _Cells:
+        """Each cell once, as formats write those of two groups twice."""
+        if not len(self.cells):
+            return self
+        _, first, number = np.unique(np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True)
+        number = number.reshape(-1)
+        return _Cells(self.cells[first], {name: np.unique(number[mine]) for name, mine in self.groups.items()})
+
+    def named(self, without: str) -> tuple[np.ndarray, tuple[str, ...]]:
+        """A number for each cell and their names: of groups that share cells the smallest, which says most, has them."""
+        names = sorted(self.groups, key=lambda name: (-len(self.groups[name]), name))
+        owner = np.full(len(self.cells), -1)
+        for i, name in enumerate(names):
+            owner[self.groups[name]] = i
+        kept = sorted((names[i] if i >= 0 else without, i) for i in np.unique(owner).tolist())
+        table = np.zeros(len(names) + 1, np.int32)
+        for place, (_, i) in enumerate(kept):
+            table[i] = place  # -1 is the last
+        return table[owner], tuple(name for name, _ in kept)
+
+
+def is_mesh(path: str | os.PathLike[str]) -> bool:
+    """Whether a file's name is that of a volume mesh.
+
+    >>> is_mesh("head.MSH"), is_mesh("head.nii.gz")
+    (True, False)
+    """
+    return Path(path).name.lower().endswith(SUFFIXES)
+
+
+def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
+    """A mesh of tetrahedra with straight edges, each cell once, in m.
+
+    Parameters
+    ----------
+    path
+        Gmsh (.msh 2.2 or 4.1), Abaqus (.inp), VTK (.vtu, .vtk), FEBio (.feb), Netgen (.vol, .vol.gz), Medit (.mesh), XDMF (.xdmf).
+    unit
+        Of the file's lengths: m, cm, mm or um.
+
+    Returns
+    -------
+    Elements
+        Regions are physical groups (by dimension and number), element sets, parts or materials; numbers without a name become
+        `region_1`, …. A cell of several groups is of the smallest of them. Boundaries have the names of the file's
+        groups of triangles; faces between regions and outside that are in none are called `outer_REGION` and `REGION_REGION`.
+        Only the corners of quadratic elements are kept.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read or holds no tetrahedra, or other solids too; for flat ones; for more than 255 regions; for
+        a unit in which no body is so large or small.
+
+    Examples
+    --------
+    >>> read_mesh("head.msh", "inch")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: head.msh: unit is 'inch'; wanted: m, cm, mm or um
+    """
+    path = Path(path)
+    scale = length(unit, path)
+    if not path.is_file():
+        raise InputError("mesh file", "missing", "a file", path)
+    if not is_mesh(path):
+        raise InputError("mesh file", f"called {path.name}", f"a name that ends in {', '.join(SUFFIXES)}", path)
+    own: dict[str, Callable[[Path], tuple[np.ndarray, _Cells, _Cells]]] = {
+        ".feb": _febio,
+        ".vol": _netgen,
+        ".gz": _netgen,
+    }
+    points, solid, flat = own.get(path.suffix.lower(), _meshio)(path)
+    if not len(solid.cells):
+        raise InputError("mesh file", "without tetrahedra", "tetrahedra with four nodes", path)
+    solid, flat = solid.once(), flat.once()
+    points = scale * np.asarray(points, float)
+    corners = points[solid.cells]
+    if not np.isfinite(corners).all():
+        raise InputError("mesh file", "with nodes that are not finite", "numbers", path)
+    check_width(np.concatenate(corners), unit, path)
+    volume = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+    longest = np.linalg.norm(corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]], axis=2).max(axis=1)
+    if bad := int((np.abs(volume) <= _FLAT * longest**3).sum()):
+        raise InputError("mesh file", f"with {bad} flat tetrahedra", "a volume above 0 in each", path)
+    tets = np.where((volume > 0)[:, None], solid.cells[:, [1, 0, 2, 3]], solid.cells)  # Netgen's orientation
+    region, regions = solid.named("region_1" if not solid.groups else "ungrouped")
+    if len(regions) > _MOST:
+        raise InputError("mesh file", f"with {len(regions)} regions", f"at most {_MOST}", path)
+    return _bounded(named(points, tets, region, regions), np.unique(tets), flat)
+
+
+def length(unit: str, path: Path) -> float:
+    """What a unit of length is in m."""
+    if unit not in UNITS_OF_LENGTH:
+        *most, last = UNITS_OF_LENGTH
+        raise InputError("unit", repr(unit), f"{', '.join(most)} or {last}", path)
+    return UNITS_OF_LENGTH[unit]
+
+
+def check_width(points: np.ndarray, unit: str, path: Path) -> None:
+    """`InputError` where points (n, 3) m are not those of a body, which names the units in which they would be."""
+    width = float(np.ptp(points, axis=0).max())
+    if not WIDTHS[0] <= width <= WIDTHS[1]:
+        number = width / UNITS_OF_LENGTH[unit]
+        others = [name for name, m in UNITS_OF_LENGTH.items() if WIDTHS[0] <= number * m <= WIDTHS[1]]
+        wanted = f"{1e3 * WIDTHS[0]:g} mm to {WIDTHS[1]:g} m" + (
+            f", as it is in {' or '.join(others)}" if others else ""
+        )
+        raise InputError("unit", f"{unit}, in which the body is {width:.3g} m wide", wanted, path)
+
+
+def _bounded(made: Elements, used: np.ndarray, flat: _Cells) -> Elements:
+    """With the file's names of boundaries; of its triangles those inside a region stay too, if they are faces."""
+    number, names = flat.named("boundary_1" if not flat.groups else "ungrouped_boundary")
+    at = np.minimum(np.searchsorted(used, flat.cells), len(used) - 1)
+    known = (used[at] == flat.cells).all(axis=1)
+    triangles, number = at[known].astype(np.int32), number[known]
+    place = {tuple(three): i for i, three in enumerate(np.sort(made.triangles, axis=1).tolist())}
+    rows = np.array([place.get(tuple(three), -1) for three in np.sort(triangles, axis=1).tolist()], int)
+    called = np.array(made.boundaries, object)[made.boundary]
+    called[rows[rows >= 0]] = np.array(names, object)[number[rows >= 0]]
+    faces = np.sort(made.tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    inner = np.flatnonzero(rows < 0)
+    if len(inner):
+        every = set(map(tuple, faces.tolist()))
+        inner = inner[[tuple(three) in every for three in np.sort(triangles[inner], axis=1).tolist()]]
+    called = np.concatenate([called, np.array(names, object)[number[inner]]]).astype(str)
+    boundaries, boundary = np.unique(called, return_inverse=True)
+    return Elements(
+        made.points,
+        made.tets,
+        made.region,
+        np.concatenate([made.triangles, triangles[inner]]),
+        boundary.reshape(-1).astype(np.int32),
+        made.regions,
+        tuple(boundaries.tolist()),
+    )
+
+
+def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
+    try:
+        mesh = _MESHIO[path.suffix.lower()](path)
+    except Exception as error:  # of whatever kind a damaged file leads it into
+        if "'gmsh:physical'" in str(error):
+            wanted = "elements of groups alone (in Gmsh: Mesh.SaveAll = 0)"
+            raise InputError("mesh file", "with elements in no physical group", wanted, path) from error
+        raise InputError("mesh file", f"unreadable ({type(error).__name__} {error})", "a whole file", path) from error
+    found = {block.type: len(block.data) for block in mesh.cells}
+    _tetrahedra_alone({kind: n for kind, n in found.items() if kind.startswith(_OTHER_SOLIDS)}, path)
+    return (
+        mesh.points,
+        _group(mesh, ("tetra", "tetra10"), 3, "region"),
+        _group(mesh, ("triangle", "triangle6"), 2, "boundary"),
+    )
+
+
+def _vtk(path: Path) -> meshio.Mesh:
+    """By meshio, which wants a line's end after the last binary data, where Gmsh leaves it out."""
+    with tempfile.NamedTemporaryFile(suffix=".vtk") as ended:
+        ended.write(path.read_bytes() + b"\n")
+        ended.flush()
+        return meshio.vtk.read(ended.name)
+
+
+def _tetrahedra_alone(others: Mapping[str, int], path: Path) -> None:
+    if others:
+        found = ", ".join(f"{n} of type {kind}" for kind, n in others.items())
+        raise InputError("mesh file", f"with other elements ({found})", "tetrahedra alone", path)
+
+
+def _group(mesh: meshio.Mesh, kinds: tuple[str, ...], dimension: int, word: str) -> _Cells:
+    """Cells of a dimension; a group's name goes with its number and its dimension."""
+    cells, groups, count = [np.zeros((0, dimension + 1), np.int64)], dict[str, list[np.ndarray]](), 0
+    key = _numbering(mesh)
+    tagged = mesh.field_data.items() if key == "gmsh:physical" else ()
+    names = {(int(tag), int(of)): name for name, (tag, of) in tagged}
+    for i, block in enumerate(mesh.cells):
+        if block.type not in kinds:
+            continue
+        data = np.asarray(block.data, np.int64)[:, : _CORNERS[block.type]]
+        free = np.ones(len(data), bool)
+        for name, members in mesh.cell_sets.items():
+            if not name.startswith("gmsh:") and members[i] is not None and len(members[i]):
+                mine = np.asarray(members[i], int)
+                groups.setdefault(name, []).append(count + mine)
+                free[mine] = False
+        if key:
+            numbers = np.asarray(mesh.cell_data[key][i]).astype(int).ravel()
+            for tag in np.unique(numbers[free]).tolist():
+                name = names.get((tag, dimension), f"{word}_{tag}")
+                groups.setdefault(name, []).append(count + np.flatnonzero(free & (numbers == tag)))
+        cells.append(data)
+        count += len(data)
+    return _Cells(np.concatenate(cells), {name: np.concatenate(mine) for name, mine in groups.items()})
+
+
+def _numbering(mesh: meshio.Mesh) -> str | None:
+    """The cell data that number regions: by its name, or the only ones with whole numbers, few of them."""
+
+    def whole(key: str) -> bool:
+        values = np.concatenate([np.asarray(part).reshape(len(part), -1) for part in mesh.cell_data[key]])
+        return values.shape[1] == 1 and bool((values == np.rint(values)).all()) and len(np.unique(values)) <= _MOST
+
+    for key in _NUMBERS:
+        if key in mesh.cell_data and any(np.any(part) for part in mesh.cell_data[key]):
+            return key
+    found = [key for key in mesh.cell_data if not key.startswith("gmsh:") and whole(key)]
+    return found[0] if len(found) == 1 else None
+
+
+def _febio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
+    """FEBio 2.5 to 4: nodes by their ids, parts, surfaces."""
+    try:
+        root = ElementTree.parse(path).getroot()
+        mesh = root.find("Mesh") if root.find("Mesh") is not None else root.find("Geometry")
+        if mesh is None:
+            raise ValueError("neither Mesh nor Geometry in it")
+        nodes = [node for part in mesh.findall("Nodes") for node in part.findall("node")]
+        points = np.array([[float(x) for x in (node.text or "").split(",")] for node in nodes]).reshape(-1, 3)
+        index = {node.get("id"): i for i, node in enumerate(nodes)}
+        solid, flat, others = dict[str, list[list[int]]](), dict[str, list[list[int]]](), dict[str, int]()
+        for part in mesh.findall("Elements"):
+            kind = part.get("type", "")
+            name = part.get("name") or part.get("part") or f"region_{part.get('mat', '1')}"
+            if kind.startswith("tet"):
+                solid.setdefault(name, []).extend(_nodes(cell, index, 4) for cell in part.findall("elem"))
+            elif kind.startswith(("hex", "penta", "pyra")):
+                others[kind] = others.get(kind, 0) + len(part)
+            elif kind.startswith("tri"):
+                flat.setdefault(name, []).extend(_nodes(cell, index, 3) for cell in part.findall("elem"))
+        for surface in mesh.findall("Surface"):
+            name = surface.get("name", "boundary_1")
+            flat.setdefault(name, []).extend(_nodes(cell, index, 3) for cell in surface if cell.tag.startswith("tri"))
+    except (ElementTree.ParseError, ValueError, KeyError, OSError) as error:
+        raise InputError("mesh file", f"unreadable ({error})", "a mesh of FEBio's", path) from error
+    _tetrahedra_alone(others, path)
+    return points, _stacked(solid, 4), _stacked(flat, 3)
+
+
+def _nodes(cell: ElementTree.Element, index: Mapping[str | None, int], count: int) -> list[int]:
+    return [index[node.strip()] for node in (cell.text or "").split(",")[:count]]
+
+
+def _stacked(parts: Mapping[str, list[list[int]]], corners: int) -> _Cells:
+    ends = np.cumsum([0, *map(len, parts.values())])
+    cells = np.array([cell for part in parts.values() for cell in part], np.int64).reshape(-1, corners)
+    groups = {name: np.arange(a, b) for name, a, b in zip(parts, ends[:-1].tolist(), ends[1:].tolist(), strict=True)}
+    return _Cells(cells, {name: mine for name, mine in groups.items() if len(mine)})
+
+
+def _netgen(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
+    mesh = meshing.Mesh()
+    try:
+        mesh.Load(str(path))
+    except Exception as error:  # Netgen raises its own exceptions
+        raise InputError("mesh file", f"unreadable ({error})", "a mesh of Netgen's", path) from error
+    solid, flat = mesh.Elements3D().NumPy(), mesh.Elements2D().NumPy()
+    regions = {mesh.GetMaterial(i) or f"region_{i}": solid["index"] == i for i in np.unique(solid["index"]).tolist()}
+    faces = {i: mesh.FaceDescriptor(i).bcname for i in np.unique(flat["index"]).tolist()}
+    walls = {
+        name: np.isin(flat["index"], [i for i, other in faces.items() if other == name]) for name in faces.values()
+    }
+    parts = ((solid["nodes"][:, :4], regions), (flat["nodes"][:, :3], walls))
+    first, second = (
+        _Cells(nodes.astype(np.int64) - 1, {name: np.flatnonzero(mine) for name, mine in groups.items()})
+        for nodes, groups in parts
+    )
+    return mesh.Coordinates().copy(), first, second
