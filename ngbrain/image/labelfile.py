@@ -20,6 +20,8 @@ _SCAN, _ROUGH = 64, 0.5
 """More numbers than that, which differ across more than this part of the faces between voxels, are grey values of a scan."""
 _STRANGE = 5
 """Numbers that a scheme does not have, up to which a map is taken for one of it with regions of one's own."""
+_TISSUES = 4
+"""Numbers up to that mean another tissue in every program, so that they are asked for."""
 _OFF = 1e-3
 """Distance from whole numbers that scaling leaves."""
 _SHARES = {
@@ -48,7 +50,8 @@ def read_labels(
         p3 of CAT, pve_0, pve_1, pve_2 of FAST), of which the largest share counts.
     names
         Number → region, or one of `ngbrain.image.labelschemes.SCHEMES`. None: as the numbers say, if they can only be those of
-        FreeSurfer, FastSurfer and SynthSeg, or of MUSE.
+        FreeSurfer, FastSurfer and SynthSeg, or of MUSE; else `label_5`, …, but for numbers up to 4, which mean another tissue in
+        every program.
     others
         Number → region, besides and before those of `names`: a lesion drawn into FreeSurfer's map, say.
 
@@ -183,7 +186,10 @@ def _guessed(
         found = f"{len(numbers)} numbers that change from voxel to voxel"
         raise InputError("labels", found, "regions: is it a scan?", path)
     few = ", ".join(map(str, sorted(rest)[:5])) + (", …" if len(rest) > 5 else "")
-    raise InputError("labels", f"numbered {few} without names", f"--names {choices(rest)}, or N=NAME,…", path)
+    if max(rest) <= _TISSUES:
+        raise InputError("labels", f"numbered {few} without names", f"--names {choices(rest)}, or N=NAME,…", path)
+    named = {number: f"label_{number}" for number in rest}
+    return named, [f"numbers {few} have no names, so that no ventricles are known: --names gives them some"]
 
 
 def _rough(data: np.ndarray) -> bool:

@@ -64,6 +64,9 @@ def test_numbers_of_freesurfer_are_known_and_others_are_not_guessed(labels, tmp_
     some = written(tmp_path / "some.nii", np.array([0, 2, 3, 4], np.uint8)[labels.volume.data], labels.volume.affine)
     with pytest.raises(InputError, match=r"some.nii: labels is numbered 2, 3, 4 without names"):
         read_labels(some)  # FreeSurfer's numbers, but of one side
+    own = written(tmp_path / "own.nii", np.array([0, 1, 7, 9], np.uint8)[labels.volume.data], labels.volume.affine)
+    found, notes = read_named(own)
+    assert found.regions == ("label_1", "label_7", "label_9") and "no ventricles are known" in notes[0]
     assert read_labels(plain, "spm").regions == ("grey", "white", "csf")
     with pytest.raises(
         InputError, match=r"names is 'spn'; wanted: number = name for every label, or one of freesurfer, synthseg, muse"
