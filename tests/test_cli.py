@@ -503,7 +503,7 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--site", "nose"], ["--site is 'nose'", "voxel:I,J,K", "centre of label_1"]),
+        (["--site", "nose"], ["--site is 'nose'", "voxel:I,J,K", "centre of brain"]),
         (["--site", "voxel:0,0,400"], ["--site is 'voxel:0,0,400'", "field of view of labels.nii.gz"]),
         (["--site", "1,2"], ["--site is '1,2'", "three numbers"]),
         (["--landmark", "here"], ["--landmark is 'here'", "NAME=voxel:I,J,K"]),
@@ -515,6 +515,7 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
         (["--cut", "0,0,12", "--curve", "--route", "lattice"], ["--curve is given with --cut"]),
         (["--curve", "-o", "head.msh"], ["-o is 'head.msh'", ".vtkhdf"]),
         (["--curve"], ["--curve", "hull", "lattice or conforming"]),
+        (["--names", "ngbrain,9=cyst", "--unit", "m"], ["--unit is given with an image"]),
         (["--names", "1=grey"], ["labels is without a name for [2, 3]"]),
         (["--names", "aseg"], ["names is 'aseg'", "freesurfer"]),
         (["-o", "head.stl"], ["-o is 'head.stl'", ".vtkhdf", ".feb"]),
@@ -532,7 +533,8 @@ def test_a_cut_at_a_landmark(route, tmp_path, capsys):
 def test_bad_meshes(tmp_path, capsys, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     labels_file("labels.nii.gz")
-    status, lines = run(capsys, "mesh", "labels.nii.gz", "--labels", "-q", *arguments)
+    names = [] if "--names" in arguments else ["--names", "1=csf,2=brain,3=ventricles"]
+    status, lines = run(capsys, "mesh", "labels.nii.gz", "--labels", "-q", *names, *arguments)
     assert status == 2 and len(lines) == 1 and all(word in lines[0] for word in words), lines
     assert [path.name for path in tmp_path.iterdir()] == ["labels.nii.gz"]
 

@@ -17,6 +17,7 @@ from ngbrain.inverse.weighting import WEIGHTINGS
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.solvers.device import DEVICES
 from ngbrain.surgery.calibrate import SPREAD
+from ngbrain.units import UNITS_OF_LENGTH
 
 VERBS = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
 
@@ -25,7 +26,7 @@ def test_names_are_those_of_the_library():
     assert tuple(DISCRETISATIONS) == options.DISCRETISATIONS and tuple(STARTS) == options.STARTS
     assert tuple(MISFITS) == options.MISFITS and tuple(PRIORS) == options.PRIORS
     assert tuple(UNKNOWNS) == options.UNKNOWNS and tuple(WEIGHTINGS) == options.WEIGHTINGS
-    assert tuple(SCHEMES) == options.SCHEMES
+    assert tuple(SCHEMES) == options.SCHEMES and tuple(UNITS_OF_LENGTH) == options.UNITS
     assert tuple(ROUTES) == options.ROUTES and tuple(DEVICES) == options.DEVICES and SPREAD == options.SPREAD
 
 

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.volume import Volume
+from ngbrain.io.foreign import is_mesh
+from ngbrain.io.surfacefile import is_surface
+from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.imported import write_imported
 from ngbrain.mesh.opening import Opening
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.subject import Subject, write_subject
@@ -19,6 +27,9 @@ from ngbrain.progress import Progress, terminal
 SHOWN = 3
 """Changes of a region that are printed; all are in result.json."""
 EXIT_UNUSABLE = 3
+ROUTE, UNIT = "hull", "mm"
+LABELS_OF = ("labels", "names", "structures", "atlas")
+"""Options that say what an image's labels are."""
 CUT = ("opening", "width", "craniotomy", "approach", "across")
 """Options of the cleft."""
 
@@ -47,13 +58,10 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
     if arguments.atlas and (arguments.labels or arguments.structures):
         found = f"given with --{'labels' if arguments.labels else 'structures'}"
         raise InputError("--atlas", found, "one of them: an atlas says what regions there are")
-    if arguments.atlas:
-        subject = Subject.of_atlas(arguments.image, arguments.atlas, arguments.template, *arguments.names)
-    elif arguments.labels:
-        names, others = arguments.names
-        subject = Subject.of_labels(arguments.image, names, others, not arguments.no_fill)
-    else:
-        subject = (Subject.of_structures if arguments.structures else Subject.of_scan)(arguments.image)
+    if is_mesh(arguments.images[0]):
+        return _imported(arguments, tell)
+    subject = _subject(arguments)
+    arguments.route = arguments.route or ROUTE
     for each in arguments.landmark:
         name, _, where = each.partition("=")
         if not (name and where):
@@ -76,11 +84,69 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
             raise
         option = "--cut" if name == "target" else f"--{name}"
         raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
+    return _reported(arguments, result, mesh, subject.labels, subject.t1, tell)
+
+
+def _imported(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
+    """A mesh of another program as it is: what would change it or needs labels is refused."""
+    _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "landmark", "radius"))
+    tell("reading")
+    result, mesh = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
+    return _reported(arguments, result, mesh, None, None, tell)
+
+
+def _subject(arguments: argparse.Namespace) -> Subject:
+    """What is to be meshed, by the kind of the files."""
+    parts = [_part(text) for text in arguments.images]
+    flat = [is_surface(path) for _, path in parts]
+    if any(flat):
+        if not all(flat):
+            raise InputError("IMAGE", str(parts[flat.index(False)][1]), "a closed surface, as the others are")
+        _alone(arguments, "surfaces", LABELS_OF, several=True)
+        return Subject.of_surfaces(parts, arguments.unit or UNIT, not arguments.no_fill)
+    _alone(arguments, "an image", ("unit",))
+    image = arguments.images[0]
+    if arguments.atlas:
+        return Subject.of_atlas(image, arguments.atlas, arguments.template, *arguments.names)
+    if arguments.labels:
+        names, others = arguments.names
+        return Subject.of_labels(image, names, others, not arguments.no_fill)
+    return (Subject.of_structures if arguments.structures else Subject.of_scan)(image)
+
+
+def _alone(arguments: argparse.Namespace, what: str, options: tuple[str, ...], several: bool = False) -> None:
+    """`InputError` for options that have no meaning beside what is given, and for more files than one unless `several`."""
+    for name in options:
+        if getattr(arguments, name) not in (None, False, [], (None, {})):
+            raise InputError(f"--{name}", f"given with {what}", "it left out: it has no meaning there")
+    if len(arguments.images) > 1 and not several:
+        raise InputError("IMAGE", f"{len(arguments.images)} files", "one, or closed surfaces alone")
+
+
+def _part(text: str) -> tuple[str, Path]:
+    """A surface's name and file: by FreeSurfer's names if none is given, else that of the file."""
+    name, equals, file = text.partition("=")
+    if equals and name and not Path(text).exists():
+        return name, Path(file)
+    path = Path(text)
+    words = re.split(r"[._-]", path.name.lower())
+    known = {"pial": "grey", "white": "white", "smoothwm": "white"}
+    return next((known[word] for word in words if word in known), path.name.split(".")[0]), path
+
+
+def _reported(
+    arguments: argparse.Namespace,
+    result: dict[str, Any],
+    mesh: Elements,
+    labels: LabelMap | None,
+    t1: Volume | None,
+    tell: Callable[[str], None],
+) -> dict[str, Any]:
     tell("report")
     from ngbrain.report import anatomy
 
     shown = 1e-3 * np.array(result["shown_mm"])
-    anatomy.build(arguments.output.with_name("report.html"), result, mesh, subject.labels, subject.t1, shown)
+    anatomy.build(arguments.output.with_name("report.html"), result, mesh, labels, t1, shown)
     return result
 
 
@@ -88,7 +154,8 @@ def summary(result: dict[str, Any]) -> list[str]:
     """The result as lines: what was done to the labels, volumes, elements."""
     lines = list(result["notes"])
     lines += [
-        f"{name:<20}{region['volume_ml']:>9.1f} ml, labels {region['label_volume_ml']:.1f} ml"
+        f"{name:<20}{region['volume_ml']:>9.1f} ml"
+        + (f", labels {region['label_volume_ml']:.1f} ml" if "label_volume_ml" in region else "")
         for name, region in result["regions"].items()
     ]
     quality = result["quality"]

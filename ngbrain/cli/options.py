@@ -13,6 +13,7 @@ PLACE = "X,Y,Z"
 # Names that the library has in tables, which take a second to import; a test holds these to them.
 ROUTES = ("hull", "lattice", "conforming")
 SCHEMES = ("freesurfer", "synthseg", "muse", "spm", "cat", "fast", "ngbrain")
+UNITS = ("m", "cm", "mm", "um")
 DISCRETISATIONS = ("data", "fe")
 STARTS = ("auto", "waves", "all", "many")
 PRIORS = ("smooth", "edges", "matern")
@@ -96,10 +97,17 @@ class _Template(argparse.Action):
 def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "mesh",
-        help="a volume mesh of a scan or of a map of labels",
+        help="a volume mesh of a scan, a map of labels or closed surfaces, or from another program's",
         epilog="A place is X,Y,Z in mm as the file places it, voxel:I,J,K of the file counted from 0, or a landmark's name.",
     )
-    parser.add_argument("image", metavar="IMAGE", help="a T1 scan, or with --labels a map of labels: NIfTI or MGH")
+    parser.add_argument(
+        "images",
+        metavar="IMAGE",
+        nargs="+",
+        help="a T1 scan (NIfTI, MGH, a folder of DICOM files or one of them); with --labels a map of labels; closed surfaces "
+        "[NAME=]FILE, the outer ones first (STL, PLY, OBJ, OFF, GIfTI, FreeSurfer's lh.pial); or a mesh of tetrahedra (Gmsh, "
+        "Abaqus, VTK, FEBio, Netgen, Medit, XDMF)",
+    )
     parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
     parser.add_argument(
         "--names",
@@ -108,13 +116,14 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
         metavar="N=NAME,…",
         help=f"what labels are called, or one of {', '.join(SCHEMES)}, with N=NAME,… of one's own behind it",
     )
+    parser.add_argument("--unit", choices=UNITS, help="of lengths in surfaces and meshes, which do not say it (mm)")
     parser.add_argument("--no-fill", action="store_true", help="leave sulci that have no label empty")
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )
     parser.add_argument("--atlas", metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
     parser.add_argument("--template", metavar="T1", help="what it was drawn on, with its skull or without")
-    parser.add_argument("--route", default="hull", choices=ROUTES, help="how (hull)")
+    parser.add_argument("--route", choices=ROUTES, help="how (hull)")
     parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
     parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")

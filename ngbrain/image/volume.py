@@ -14,6 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError, require
+from ngbrain.image.dicom import is_dicom, read_series
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
@@ -237,8 +238,8 @@ def _parsed(path: Path) -> Any:
     """The nibabel image in a file; its values are not looked at yet."""
     if not path.exists():
         raise InputError("image", "missing", _NIFTI, path)
-    if path.is_dir():
-        raise InputError("image", "a folder", _NIFTI, path)
+    if is_dicom(path):
+        return read_series(path)
     nibabel = require("nibabel", "mri")
     try:
         raw = path.read_bytes()

@@ -125,7 +125,7 @@ def _level(smooth: np.ndarray, n: int) -> np.floating:
 
 
 def _levelled(smooth: np.ndarray, inner: np.ndarray, n: int, around: float) -> np.ndarray:
-    """A distance (voxels) shifted from place to place so that around each of them as much is below 0 as `inner` says, n voxels in all.
+    """A distance (voxels) shifted from place to place so that as much is below 0 around each as in `inner`, n voxels in all.
 
     Newton's method: what is missing over the outline's area, both as averages by a Gaussian.
     """

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.image.enclosed import enclosed
 from ngbrain.image.fluid import fluid_in_sulci, ventricles_in_fluid
 from ngbrain.image.labelfile import read_labels, read_named
 from ngbrain.image.labelmap import LabelMap
@@ -24,8 +24,9 @@ from ngbrain.image.niftifile import on_grid, write_nifti
 from ngbrain.image.tissues import by_atlas, structured, tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume, read_scan
-from ngbrain.io import QuadraticGrid, save, versions, write_json
-from ngbrain.io.exchange import SUFFIXES, write_mesh
+from ngbrain.io import versions, write_json
+from ngbrain.io.surfacefile import read_surface
+from ngbrain.mesh import files
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.mesh.curving import Curving, bent
 from ngbrain.mesh.detail import needs
@@ -141,8 +142,36 @@ class Subject:
         if fill:
             labels, ml = fluid_in_sulci(labels)
             notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
-        shape = file.volume.data.shape
-        return cls(labels, None, file.volume.affine, (shape[0], shape[1], shape[2]), str(path), notes=notes)
+        return cls._of(labels, file.volume, str(path), notes)
+
+    @classmethod
+    def of_surfaces(
+        cls, parts: Sequence[tuple[str, str | os.PathLike[str]]], unit: str = "mm", fill: bool = True
+    ) -> Subject:
+        """From closed surfaces, named by what is inside, the outer ones first; raises what `read_surface` and `enclosed` raise.
+
+        They become a map of labels (`ngbrain.image.enclosed`), which is written on its own voxels.
+
+        unit   of lengths in files that do not say it; fill as of `of_labels`
+        """
+        surfaces = [(name, read_surface(path, unit)) for name, path in parts]
+        file = enclosed(surfaces)
+        points = np.concatenate([surface.points for _, surface in surfaces])
+        wide = " by ".join(f"{1e3 * side:.0f}" for side in np.ptp(points, axis=0))
+        units = "mm" if unit == "mm" else f"{unit} (mm in GIfTI and FreeSurfer's files)"
+        notes: tuple[str, ...] = (
+            f"lengths are in {units}: a body of {wide} mm",
+            "surfaces enclose "
+            + ", ".join(f"{1e6 * abs(surface.volume):.1f} ml ({name})" for name, surface in surfaces),
+        )
+        labels, ml = fluid_in_sulci(file) if fill else (file, 0.0)
+        notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
+        return cls._of(labels, file.volume, ", ".join(str(path) for _, path in parts), notes)
+
+    @classmethod
+    def _of(cls, labels: LabelMap, file: Volume, source: str, notes: tuple[str, ...]) -> Subject:
+        shape = file.data.shape
+        return cls(labels, None, file.affine, (shape[0], shape[1], shape[2]), source, notes=notes)
 
 
 def write_subject(
@@ -167,7 +196,7 @@ def write_subject(
     `curved` raise.
     """
     path, started = Path(path), time.monotonic()
-    stem, own = _stem(path), path.name.lower().endswith(".vtkhdf")
+    stem, own = files.stem(path), path.name.lower().endswith(files.OWN)
     if curve and not own:
         raise InputError("-o", repr(path.name), "a name that ends in .vtkhdf, as --curve is given")
     if curve and route == "hull":
@@ -176,7 +205,7 @@ def write_subject(
         )
     if curve and opening:
         raise InputError("--curve", "given with --cut", "one of them: what is curved would leave the walls' planes")
-    _writable(path)  # before the work, not after it
+    files.writable(path)  # before the work, not after it
     clean, tidying = tidied(LabelMap(_numbered(subject.labels), dict(enumerate(subject.labels.regions, 1))))
     if not clean.regions:
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
@@ -197,12 +226,8 @@ def write_subject(
             told["regions"][name]["volume_ml"] = 1e6 * float(volume)
         told["quality"]["min_jacobian"] = min_jacobian(mesh)
     else:
-        mesh = made.mesh() if own else None
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if mesh is not None:
-        save(path, QuadraticGrid(mesh), state={"route": route})
-    else:
-        write_mesh(path, made)
+        mesh = None
+    files.write(path, made, route, mesh)
     labels = path.with_name(f"{stem}_labels.nii.gz")
     write_nifti(labels, on_grid(_numbered(clean), subject.affine, subject.shape))
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
@@ -289,19 +314,3 @@ def _off(regions: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Relative errors of the volumes of regions that are off by more than `OFF`."""
     errors = {name: each["volume_ml"] / max(each["label_volume_ml"], 1e-9) - 1 for name, each in regions.items()}
     return {name: error for name, error in errors.items() if abs(error) > OFF}
-
-
-def _writable(path: Path) -> None:
-    """Try the folder, or the one that it would be made in."""
-    if path.is_dir():
-        raise InputError("-o", repr(str(path)), "a file, not a folder")
-    there = next(folder for folder in path.absolute().parents if folder.exists())
-    with tempfile.TemporaryFile(dir=there):
-        pass
-
-
-def _stem(path: Path) -> str:
-    for suffix in (".vtkhdf", *SUFFIXES):
-        if path.name.lower().endswith(suffix):
-            return path.name[: -len(suffix)]
-    raise InputError("-o", repr(path.name), "a name that ends in " + ", ".join((".vtkhdf", *SUFFIXES)))

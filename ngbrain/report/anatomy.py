@@ -36,20 +36,21 @@ def build(
     path: str | os.PathLike[str],
     result: Mapping[str, Any],
     elements: Elements,
-    labels: LabelMap,
+    labels: LabelMap | None,
     t1: Volume | None,
     at: Floats,
 ) -> Path:
     """Write the page to `path`.
 
     result   of the verb `mesh`
-    labels   on any voxels; t1 on upright ones of 1 mm, or None where there is no scan
+    labels   on any voxels, or None where the mesh was not made from any
+    t1       on upright voxels of 1 mm, or None where there is no scan
     at       point (3,) m that the slices go through
 
     Raises `MissingExtra` where matplotlib or jinja2 is not installed.
     """
     pictures = {
-        "slices": slices(elements, labels.upright(), t1, at),
+        **({"slices": slices(elements, labels.upright(), t1, at)} if labels else {}),
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }

@@ -1,0 +1,44 @@
+"""Where a mesh goes: a file of our own that keeps every bit, or one of another program's."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import ngsolve as ngs
+
+from ngbrain.errors import InputError
+from ngbrain.io import QuadraticGrid, save
+from ngbrain.io.exchange import SUFFIXES, write_mesh
+from ngbrain.mesh.elements import Elements
+
+OWN = ".vtkhdf"
+
+
+def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = None) -> None:
+    """Write a mesh in the format of the path's suffix, in a folder that is made if need be.
+
+    mesh   the same, curved, for a file of our own
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.name.lower().endswith(OWN):
+        save(path, QuadraticGrid(mesh or elements.mesh()), state={"route": route})
+    else:
+        write_mesh(path, elements)
+
+
+def writable(path: Path) -> None:
+    """Try the folder, or the one that it would be made in; raises `InputError` for a folder and `OSError` where nothing can be."""
+    if path.is_dir():
+        raise InputError("-o", repr(str(path)), "a file, not a folder")
+    there = next(folder for folder in path.absolute().parents if folder.exists())
+    with tempfile.TemporaryFile(dir=there):
+        pass
+
+
+def stem(path: Path) -> str:
+    """The name without its suffix; raises `InputError` for one that no mesh is written to."""
+    for suffix in (OWN, *SUFFIXES):
+        if path.name.lower().endswith(suffix):
+            return path.name[: -len(suffix)]
+    raise InputError("-o", repr(path.name), "a name that ends in " + ", ".join((OWN, *SUFFIXES)))

@@ -1,0 +1,69 @@
+"""A volume mesh of another program: read, checked, written, and what it is."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from ngbrain.io import versions, write_json
+from ngbrain.io.foreign import read_mesh
+from ngbrain.mesh import files
+from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.quality import Quality, volumes_ml
+from ngbrain.mesh.routes import min_jacobian
+
+ROUTE = "imported"
+
+
+def write_imported(
+    source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str = "mm"
+) -> tuple[dict[str, Any], Elements]:
+    """Read a mesh, write it in the format of the path's suffix, and result.json beside it.
+
+    Parameters
+    ----------
+    source
+        A file that `ngbrain.io.foreign.read_mesh` reads.
+    path
+        .vtkhdf or a suffix of `ngbrain.io.exchange`.
+    unit
+        Of the source's lengths.
+
+    Returns
+    -------
+    tuple[dict[str, Any], Elements]
+        The result and the mesh.
+
+    Raises
+    ------
+    InputError
+        As `read_mesh` does, and for another suffix.
+    """
+    path, started = Path(path), time.monotonic()
+    files.stem(path)
+    files.writable(path)
+    made = read_mesh(source, unit)
+    low, high = made.points.min(axis=0), made.points.max(axis=0)
+    wide = " by ".join(f"{1e3 * side:.0f}" for side in high - low)
+    files.write(path, made, ROUTE)
+    result = {
+        "verb": "mesh",
+        "source": str(source),
+        "route": ROUTE,
+        "notes": [f"lengths are in {unit}: a body of {wide} mm"],
+        "regions": {name: {"volume_ml": ml} for name, ml in volumes_ml(made).items()},
+        "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())},
+        "boundaries": sorted(made.boundaries),
+        "repairs": [],
+        "shown_mm": (500 * (low + high)).round(2).tolist(),
+        "files": [path.name, "result.json"],
+        "checks": {"regions_off": {}, "changed_ml": {}},
+        "versions": versions(),
+        "seed": 0,
+        "threads": 1,
+        "time_s": time.monotonic() - started,
+    }
+    write_json(path.with_name("result.json"), result)
+    return result, made
