@@ -4,9 +4,9 @@ For every wave find u with u = g where it is held and, for all v that are zero t
 
     ∫ ∂W/∂ε(ε(u)) : ε(v) - ω² ρ u·v  +  iω ∫_absorbing (z_p (u·n)(v·n) + z_s u_t·v_t)  =  ∫ f·v + ∫ t·v
 
-W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so its factor
-serves the adjoint too. Nearly incompressible bodies take the pressure p as one more unknown,
-W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
+W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so its factor serves
+the adjoint too. With motion through the plane (`AntiPlane`) u is one number and ∂W/∂ε:ε(v) = G ∇u·∇v. Nearly incompressible
+bodies take the pressure p as one more unknown, W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ngsolve.comp import IntegrationRuleSpace
 from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form
 from ngbrain.forward.factors import Factorised
-from ngbrain.forward.kinematics import PlaneStrain, Solid, kinematics_of
+from ngbrain.forward.kinematics import AntiPlane, PlaneStrain, Solid, kinematics_of
 from ngbrain.forward.patterns import boundaries
 from ngbrain.forward.solves import Solves
 from ngbrain.materials.base import Value, positive
@@ -76,7 +76,7 @@ class Absorbing:
 class Harmonic:
     """A body in which waves are looked for.
 
-    mesh       2-D (plane strain, or `kinematics=Axisymmetric()`) or 3-D
+    mesh       2-D (plane strain, or `kinematics` of `Axisymmetric()` or `AntiPlane()`) or 3-D
     law        of the strain, complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`,
                `TransverselyIsotropic`). A function of ω (rad/s) gives a law for each frequency.
     waves      the loads; those of one frequency share a factorisation
@@ -118,9 +118,14 @@ class Harmonic:
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
         self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
+        self.axes = "z" if isinstance(self.kinematics, AntiPlane) else "xyz"[: mesh.dim]
+        """The components of the displacement."""
         axes = self._check(held)
         dirichlet = {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
-        displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
+        if self.axes == "z":
+            displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
+        else:
+            displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
         if self.form.pressure is None:
             self.fes = displacement
         else:
@@ -194,7 +199,7 @@ class Harmonic:
         u, v = self.split(trial)[0], self.split(test)[0]
         for wall in self.absorbing if omega else ():
             normal = ngs.specialcf.normal(self.mesh.dim)
-            u_n, v_n = _dot(u, normal), _dot(v, normal)
+            u_n, v_n = (ngs.CF(0.0),) * 2 if self.axes == "z" else (_dot(u, normal), _dot(v, normal))
             squeezed = ngs.sqrt(self.density * (wall.bulk + 4 / 3 * wall.shear) * ngs.CF(1))
             sheared = ngs.sqrt(self.density * wall.shear * ngs.CF(1))
             work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (_dot(u, v) - u_n * v_n))
@@ -236,7 +241,7 @@ class Harmonic:
         """Patterns by axis, when all that was given makes sense."""
         if not self.waves:
             raise InputError("waves", "none", "one Wave or more")
-        names = "xyz"[: self.mesh.dim]
+        names = self.axes
         axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)
         if not set(axes) <= set(names):
             raise InputError("held", sorted(axes), f"patterns for axes among {', '.join(names)}")
@@ -261,8 +266,11 @@ class Harmonic:
             )
         for wave in self.waves:
             for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
-                if (size := _vector(value).dim) != self.mesh.dim:
-                    raise InputError("Wave", f"a vector of {size} components", f"{self.mesh.dim} components")
+                if (size := _vector(value).dim) != len(names):
+                    raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
+        if names == "z" and (self.form.pressure is not None or self.bulk is not None):
+            wanted = "neither with motion through the plane, which changes no volume"
+            raise InputError("bulk", f"{self.bulk}, form {self.form}", wanted)
         self.form.check(self.mesh)
         return axes
 
@@ -304,12 +312,16 @@ def vanishes(work: CoefficientFunction) -> bool:
 
 def _dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
     """a·b without a conjugate, which InnerProduct would take."""
+    if a.dim == 1:
+        return a * b
     first, *rest = (a[i] * b[i] for i in range(a.dim))
     return sum(rest, first)
 
 
 def _gradient(u: ngs.GridFunction) -> CoefficientFunction:
     """Of known waves, a component in each row: a gradient's form takes half the time that it takes with Grad(u)."""
+    if not u.components:
+        return ngs.grad(u)
     rows = tuple(ngs.grad(component) for component in u.components)
     return ngs.CF(rows, dims=(len(rows), len(rows)))
 

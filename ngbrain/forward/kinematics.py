@@ -1,4 +1,4 @@
-"""How a displacement of the mesh is a deformation in space: solids, plane strain, bodies of revolution."""
+"""How a displacement of the mesh is a deformation in space: solids, plane strain, anti-plane shear, bodies of revolution."""
 
 from __future__ import annotations
 
@@ -54,6 +54,24 @@ class Axisymmetric(Solid):
     def weight(self) -> CoefficientFunction:
         """2πr."""
         return 2 * pi * ngs.x
+
+
+@dataclass(frozen=True)
+class AntiPlane(Solid):
+    """A mesh in the plane, a metre thick, whose displacement is one number: motion along z, through the plane.
+
+    Volume does not change, so that neither bulk modulus nor pressure matters: of `Shearing`, W = G/2 |∇u|².
+    """
+
+    dim = 2
+
+    def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """F with F₃₁ = ∂u/∂x and F₃₂ = ∂u/∂y."""
+        return ngs.CF((1, 0, 0, 0, 1, 0, grad[0], grad[1], 1), dims=(3, 3))
+
+    def position(self, u: CoefficientFunction) -> CoefficientFunction:
+        """In the mesh's coordinates nothing moves."""
+        return ngs.CF((ngs.x, ngs.y))
 
 
 def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:

@@ -33,7 +33,7 @@ BOUNDARY = "boundary"
 
 
 class WaveModel:
-    """From a vector θ to complex displacements at points.
+    """From a vector θ to complex displacements at points (`dim` components).
 
     body     whose law is made of `fields`
     fields   name → real GridFunction; their unknowns one after the other, then the block `boundary`, are θ
@@ -58,7 +58,7 @@ class WaveModel:
                 raise InputError(f"fields.{name}", "complex", "a real field; storage and loss are one each")
         self.body, self.fields, self.points = body, dict(fields), np.asarray(points, float)
         displacement = body.fes.components[0] if body.mixed else body.fes
-        self.dim = body.mesh.dim
+        self.dim = len(body.axes)
         scalar = evaluation(ngs.H1(body.mesh, order=body.form.order), self.points)
         if scalar.shape[1] * self.dim != displacement.ndof:
             raise InputError("form", str(body.form), "components of the displacement in spaces of their own")

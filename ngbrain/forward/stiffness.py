@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.harmonic import Harmonic
-from ngbrain.forward.kinematics import PlaneStrain
+from ngbrain.forward.kinematics import AntiPlane, PlaneStrain
 from ngbrain.materials.linear import OfSmallStrain
 
 Array = np.ndarray
@@ -24,6 +24,8 @@ def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
     n = 2 if body.mesh.dim == 2 and isinstance(body.kinematics, PlaneStrain) else 3
     planes = [(i, j) for i in range(n) for j in range(i)]
     total = ngs.CF(0.0)
+    if isinstance(body.kinematics, AntiPlane):
+        planes = [(2, 0), (2, 1)]
     for i, j in planes:
         total = total + 2 / len(planes) * law.energy(unit(n, (i, j), 0.5) + unit(n, (j, i), 0.5))
     return total
@@ -65,7 +67,7 @@ def elastic(body: Harmonic, load: int, order: int) -> sp.csr_array:
     bulk = ngs.IfPos(bulk - NEARLY * shear, NEARLY * shear, bulk)
     slowest = np.pi**2 * ngs.Integrate(shear, mesh) / ngs.Integrate(1.0, mesh) ** (2 / mesh.dim)
     inertia = max(omega**2 * ngs.Integrate(ngs.CF(body.density), mesh), slowest)
-    space = ngs.VectorH1(mesh, order=order)
+    space = ngs.H1(mesh, order=order) if body.axes == "z" else ngs.VectorH1(mesh, order=order)
     trial, test = space.TnT()
     strain = body.strain(trial, ngs.Grad(trial)).MakeVariable()
     energy = bulk / 2 * ngs.Trace(strain) ** 2 + shear * ngs.InnerProduct(strain, strain)
