@@ -184,7 +184,7 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
 def test_outliers_are_left_out_where_that_is_asked_for(tmp_path, capsys):
     data, where = spoiled(plane(), 0.05, 1.0, seed=3)
     write_waves(tmp_path / "waves.npz", data)
-    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", "--drop-outliers", *ROUGH)
+    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *ROUGH)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     said = [note for note in result["notes"] if "far off a smooth field" in note]
     assert status == 0 and where.sum() == 2
@@ -192,7 +192,24 @@ def test_outliers_are_left_out_where_that_is_asked_for(tmp_path, capsys):
     assert int(said[0].split()[0]) in range(6, 16) and "of 360 displacements" in said[0]
 
 
-def test_outliers_are_kept_where_that_is_not_asked_for(tmp_path, capsys, monkeypatch):
+def test_waves_of_the_other_time_convention_are_refused_and_taken_where_that_is_said(tmp_path, capsys, monkeypatch):
+    taken = []
+
+    def caught(data, elements, **options):
+        taken.append(data)
+        raise SolverError("seen enough")
+
+    monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
+    data = plane()
+    write_waves(tmp_path / "waves.npz", data.conjugated())
+    status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *ROUGH)
+    assert status == 2 and len(errors) == 1 and "gain energy" in errors[0] and "--conjugate" in errors[0]
+    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", "--conjugate", *ROUGH)
+    assert status == 3
+    np.testing.assert_array_equal(taken[0].displacement, data.displacement)
+
+
+def test_outliers_are_kept_where_that_is_asked_for(tmp_path, capsys, monkeypatch):
     """What they do to an inversion: `stability/test_outliers`."""
     taken = []
 
@@ -203,7 +220,7 @@ def test_outliers_are_kept_where_that_is_not_asked_for(tmp_path, capsys, monkeyp
     monkeypatch.setattr("ngbrain.cli.invert.invert", caught)
     data, where = spoiled(plane(), 0.05, 1.0, seed=3)
     write_waves(tmp_path / "waves.npz", data)
-    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *ROUGH)
+    status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", "--no-drop-outliers", *ROUGH)
     assert status == 3 and where.sum() == 2
     np.testing.assert_array_equal(taken[0].displacement, data.displacement)
 

@@ -66,6 +66,12 @@ def test_what_is_not_to_be_used_says_so_and_is_a_failure(tmp_path, capsys, quiet
     assert "Do not use: " in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
+    write_waves(tmp_path / "waves.npz", Phantom.named("CV-G", 25).measured(0.01).data().conjugated())
+    status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
+    assert status == 2 and "gain energy" in errors[-1] and "--conjugate" in errors[-1]
+
+
 def pressed(**changes):
     data = few("compression", "validation")  # the first
     u = np.concatenate([np.full_like(data.displacement[0], np.nan), data.displacement[0]], axis=2)

@@ -20,7 +20,8 @@ from ngbrain.inverse.files import finite, write_inversion
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
-from ngbrain.inverse.outliers import without_outliers
+from ngbrain.inverse.outliers import cleaned
+from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.quality import where_strained
 from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
@@ -104,11 +105,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
     """The data without what is to be left out, and what that is."""
-    notes = []
+    notes = list[str]()
+    check_passive(data)
     if arguments.drop_outliers:
-        given, data = int(data.measured.sum()), without_outliers(data)
-        left_out = given - int(data.measured.sum())
-        notes.append(f"{left_out} of {given} displacements are far off a smooth field and left out")
+        data, notes = cleaned(data)
     if arguments.oss_snr is not None:
         strained = where_strained(data, arguments.noise, arguments.oss_snr)
         words = f"{int((data.mask & ~strained).sum())} of {int(data.mask.sum())} points are left out, around the part that is"
@@ -133,6 +133,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         misfit=arguments.misfit,
         start=started.maps if started else None,
         rounds=arguments.rounds,
+        drop_outliers=False,  # done before
         device=arguments.device,
         tell=tell,
     )
@@ -180,6 +181,7 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     if folder.exists() and not folder.is_dir():
         raise InputError("-o", str(folder), "a folder, or a name that is free")
     data = read_waves(arguments.data)
+    data = data.conjugated() if arguments.conjugate else data
     if data.affine is not None:
         require("nibabel", "mri")
     return data

@@ -144,9 +144,18 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
+def _add_conjugate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--conjugate",
+        action="store_true",
+        help="DATA is in the time convention e^{-iωt}, or its phase images are in reverse order: take the complex conjugate",
+    )
+
+
 def _invert(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser("invert", help="property maps from wave data")
     parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    _add_conjugate(parser)
     parser.add_argument(
         "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
     )
@@ -200,8 +209,9 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--drop-outliers",
-        action="store_true",
-        help="leave out displacements that are far off a smooth field",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="leave out displacements that are far off a smooth field (yes)",
     )
     parser.add_argument(
         "--oss-snr",
@@ -239,6 +249,7 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
 def _predict(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
     parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
+    _add_conjugate(parser)
     parser.add_argument(
         "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
     )

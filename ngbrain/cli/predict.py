@@ -16,6 +16,7 @@ from ngbrain.errors import InputError, require
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.files import write_maps
+from ngbrain.inverse.passive import check_passive
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
@@ -43,6 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
         line.tell("reading")
         data = read_waves(arguments.data)
+        data = data.conjugated() if arguments.conjugate else data
+        check_passive(data)
         if data.affine is not None:
             require("nibabel", "mri")
         line.tell("predicting")

@@ -8,6 +8,8 @@ elastic data the imaginary part is 0. Quasi-static loads say nothing here and ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import fft
@@ -21,6 +23,8 @@ from ngbrain.io.waves.grid import Grid
 
 STIFF = 10e3
 """Shear modulus (Pa) where the waves say none, as quasi-static ones."""
+PARTS = 3
+"""Of the points along each axis, whose loss tangents are compared."""
 _OCTAVE = 2.0
 _STEEPNESS = 1 / (2 * np.log(2))  # C of the filters: with centres an octave apart the ratio of two answers is k itself
 
@@ -50,35 +54,110 @@ def helmholtz(data: WaveData, field: SmoothField | None = None, window: float = 
     return _solved(data, [field.laplacian(data.points)], field.values(data.points), window)[0]
 
 
-def uniform_shear(data: WaveData) -> float:
-    """One shear modulus (Pa) for all: the median of |G| by algebraic inversion, `STIFF` where there is no wave.
+@dataclass(frozen=True)
+class UniformModulus:
+    """One complex shear modulus (Pa) for all tissue, and a sentence where it is not what the waves say but an assumption."""
 
-    In space the size of `uniform_modulus`.
+    value: complex
+    note: str = ""
+
+
+def uniform_shear(data: WaveData) -> float:
+    """The size (Pa) of `uniform_modulus`."""
+    return abs(uniform_modulus(data).value)
+
+
+def uniform_modulus(data: WaveData) -> UniformModulus:
+    """One shear modulus for all tissue, to start from and to choose elements by; a few bad points do not move it.
+
+    In the plane the median of |G| by `helmholtz`. In space it comes from the curl q = ∇×u: at every point
+    1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|², summed over loads and components, and of all points the weighted median of the real and of
+    the imaginary part. 1/G, not G, as noise is in ∇²q rather than in q: for G itself it would count as softness. A point weighs as
+    much as its own ρω² |q|, but no more than the median point: least squares over all points would be decided by the rim, where
+    derivatives of a smooth field are worst. Elastic data have the real part alone.
+
+    At rest, and where no wave is left over by noise, it is `STIFF`, and the note says so.
+    """
+    if data not in _UNIFORM:
+        _UNIFORM[data] = _uniform_modulus(data)
+    return _UNIFORM[data]
+
+
+_UNIFORM: WeakKeyDictionary[WaveData, UniformModulus] = WeakKeyDictionary()
+
+
+def _uniform_modulus(data: WaveData) -> UniformModulus:
+    kilopascal = f"{STIFF / 1e3:g} kPa"
+    if not np.any(data.frequency > 0):
+        return UniformModulus(STIFF, f"no load is a wave: the shear modulus starts from {kilopascal}, which is assumed")
+    if data.dim == 2:
+        found = np.abs(helmholtz(data)[data.mask])
+        found = found[np.isfinite(found) & (found > 0)]
+        if len(found):
+            return UniformModulus(complex(np.median(found)))
+    else:
+        softness = _median_softness(data)
+        if np.isfinite(softness) and softness.real > 0:
+            return UniformModulus(
+                complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real)
+            )
+    note = "no shear modulus follows from the waves, which do not bend as shear waves do"
+    return UniformModulus(STIFF, f"{note}: {kilopascal} is assumed for the start and for the size of elements")
+
+
+def _median_softness(data: WaveData) -> complex:
+    """1/G in space (1/Pa), see `uniform_modulus`; NaN where there is no curl."""
+    softness, weight, _ = _softness(data)
+    return _complex_median(softness, weight) if len(softness) else complex(np.nan)
+
+
+def _softness(data: WaveData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """1/G at points, their weights as `uniform_modulus` has them, and which points (indices) these are.
+
+    Of the curl, or of the displacement itself where it has one component or one was not measured.
+    """
+    field, moving, counts = smoothed(data), data.frequency > 0, np.flatnonzero(data.mask)
+    whole = len(data.components) > 1 and bool(np.isfinite(data.displacement[:, counts]).any(axis=1).all())
+    q, bent = field.curl() if whole else field.values(), field.curl_laplacian() if whole else field.laplacian()
+    q = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2 * q[moving][:, counts]
+    against = np.nansum(np.abs(q) ** 2, axis=(0, 2))
+    sums = np.nansum(np.conj(q) * bent[moving][:, counts], axis=(0, 2))
+    known = (against > 0) & np.isfinite(sums)
+    weight = np.sqrt(against[known])
+    weight = np.minimum(weight, np.median(weight)) if len(weight) else weight
+    return -sums[known] / against[known], weight, counts[known]
+
+
+def _complex_median(values: np.ndarray, weight: np.ndarray) -> complex:
+    return complex(_weighted_median(values.real, weight), _weighted_median(values.imag, weight))
+
+
+def loss_tangent(data: WaveData) -> tuple[float, float]:
+    """G''/G' that the waves suggest for all tissue, and its standard error from `PARTS` parts of the points along each axis.
+
+    By 1/G as for `uniform_modulus`, as noise does not change its imaginary part on average. Below 0 the waves gain energy.
+    NaN for data at rest or where no modulus follows.
     """
     if not np.any(data.frequency > 0):
-        return STIFF
-    if data.dim == 3:
-        return abs(uniform_modulus(data))
-    found = np.abs(helmholtz(data)[data.mask])
-    found = found[np.isfinite(found) & (found > 0)]
-    return float(np.median(found)) if len(found) else STIFF
+        return np.nan, np.nan
+    softness, weight, points = _softness(data)
+    if not len(softness):
+        return np.nan, np.nan
+    middle = _complex_median(softness, weight)
+    if not middle.real > 0:
+        return np.nan, np.nan
+    at = data.points[points]
+    part = np.minimum((PARTS * (at - at.min(axis=0)) / np.ptp(at, axis=0).clip(1e-300)).astype(int), PARTS - 1)
+    number = part @ PARTS ** np.arange(data.dim)
+    parts = [number == each for each in np.unique(number)]
+    tangents = np.array([-_weighted_median(softness.imag[each], weight[each]) / middle.real for each in parts])
+    return -middle.imag / middle.real, float(tangents.std(ddof=1) / np.sqrt(len(parts))) if len(parts) > 1 else np.inf
 
 
-def uniform_modulus(data: WaveData) -> complex:
-    """One shear modulus (Pa, complex) for all, of the curl q = ∇×u: 1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|², over all points.
-
-    Least squares for 1/G, as noise is in ∇²q rather than in q: for G itself noise would count as softness. The real part alone
-    for elastic data; `STIFF` where there is no wave, or none that noise leaves over.
-    """
-    field, moving = smoothed(data), data.frequency > 0
-    stretch = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2
-    counts = data.mask
-    q, bent = field.curl(data.points)[moving][:, counts], field.curl_laplacian(data.points)[moving][:, counts]
-    against = np.nansum(stretch**2 * np.abs(q) ** 2)
-    softness = -np.nansum(stretch * np.conj(q) * bent) / against if against else 0j
-    if not (np.isfinite(softness) and softness.real > 0):
-        return complex(STIFF)
-    return complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real)
+def _weighted_median(values: np.ndarray, weight: np.ndarray) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def helmholtz_of_curl(data: WaveData, field: SmoothField | None = None, window: float = 0.0) -> np.ndarray:

@@ -13,17 +13,18 @@ from ngsolve import CoefficientFunction
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic import Harmonic, LawOfFrequency, Wave
+from ngbrain.forward.kinematics import AntiPlane
 from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
 from ngbrain.forward.stiffness import definite, elastic
 from ngbrain.inverse.composition import Composition, Whole
 from ngbrain.inverse.discretise import Discretisation, all_measured, without_scale
 from ngbrain.inverse.parameters import Fields, Scaled, Transform, Unknown
-from ngbrain.inverse.quantities import MODULI, UNKNOWNS, Quantity, as_moduli, as_polar, quantities
+from ngbrain.inverse.quantities import EXPONENT, MODULI, UNKNOWNS, Quantity, as_moduli, as_polar, quantities
 from ngbrain.inverse.smoothing import SmoothField, fit_splines, moving_least_squares
 from ngbrain.io.waves import WaveData
-from ngbrain.materials.linear import OfSmallStrain, Shearing, TransverselyIsotropic
+from ngbrain.materials.linear import Shearing, TransverselyIsotropic
 from ngbrain.solvers.device import CPU, Device
 
 Array = np.ndarray
@@ -73,10 +74,11 @@ class Experiment:
             elements.mesh,
             law,
             loads,
-            bulk=self.squeeze * bulk,
+            bulk=None if bulk is None else self.squeeze * bulk,
             density=data.density,
             form=elements.form,
             held=elements.held,
+            kinematics=AntiPlane() if data.motion == "anti_plane" else None,
             quadrature=elements.quadrature,
             device=device,
         )
@@ -96,14 +98,18 @@ class Experiment:
     @property
     def _by_field(self) -> dict[str, Quantity]:
         """Name of each field → the quantity that it is, or is a part of."""
-        return {name: quantity for quantity in self.sought for name in self.composition.fields(quantity.name)}
+        return {name: quantity for quantity in self.sought for name in self._parts(quantity)}
+
+    def _parts(self, quantity: Quantity) -> tuple[str, ...]:
+        """Names of the fields that a quantity is made of: one number for all tissue has no parts by label."""
+        return (quantity.name,) if quantity.single else self.composition.fields(quantity.name)
 
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""
         theta = self.model.theta
         held = self.waves[:, self.model.driving]
         theta[self.model.blocks[BOUNDARY]] = np.concatenate([part for g in held for part in (g.real, g.imag)])
-        unknowns = {name: Unknown(*self._start(quantity)) for name, quantity in self._by_field.items()}
+        unknowns = {name: self._unknown(quantity) for name, quantity in self._by_field.items()}
         unknowns[BOUNDARY] = Unknown(theta[self.model.blocks[BOUNDARY]], Scaled(float(np.median(sigma))))
         fields = Fields(theta, self.model.blocks, unknowns)
         if without_scale(self.data):
@@ -116,8 +122,8 @@ class Experiment:
         at = evaluation(self.space, self.model.points)
         maps = {}
         for quantity in self.sought:
-            names = self.composition.fields(quantity.name)
-            found = self.composition.at_points({name: at @ theta[self.model.blocks[name]] for name in names})
+            parts = {name: at @ theta[self.model.blocks[name]] for name in self._parts(quantity)}
+            found = parts[quantity.name] if quantity.single else self.composition.at_points(parts)
             maps[quantity.name] = np.full(len(self.data.points), np.nan)
             maps[quantity.name][self.inside] = found if self.elements.nodal else quantity.transform.value(found)
         return as_moduli(maps)
@@ -139,15 +145,25 @@ class Experiment:
         for quantity in self.sought:
             truth = truths[quantity.name]
             field = truth if self.elements.nodal else fitted(quantity.transform.inverse(truth))
-            for name in self.composition.fields(quantity.name):
+            for name in self._parts(quantity):
                 theta[self.model.blocks[name]] = field
         return self.model.at(theta).data
 
     def _value(self, quantity: Quantity) -> CoefficientFunction:
-        names = self.composition.fields(quantity.name)
-        field = self.composition.function({name: self._fields[name] for name in names})
+        parts = {name: self._fields[name] for name in self._parts(quantity)}
+        field = parts[quantity.name] if quantity.single else self.composition.function(parts)
         # Nodal values are moduli on the grid of the data; elsewhere the field is the logarithm, positive everywhere.
         return field if self.elements.nodal else quantity.transform.function(field)
+
+    def _unknown(self, quantity: Quantity) -> Unknown:
+        start, transform = self._start(quantity)
+        if not quantity.single:
+            return Unknown(start, transform)
+        ones = self._uniform(replace(quantity, start=float(quantity.transform.value(np.array(1.0))))).vec.FV().NumPy()
+        if self.elements.nodal:
+            ones = np.ones_like(ones)
+            return Unknown(start[:1], transform, sp.csr_array(ones[:, None]))
+        return Unknown(quantity.transform.inverse(np.array([quantity.start])), transform, sp.csr_array(ones[:, None]))
 
     def _start(self, quantity: Quantity) -> tuple[Array, Transform]:
         start = self._uniform(quantity).vec.FV().NumPy().copy()
@@ -160,8 +176,11 @@ class Experiment:
         )
         return uniform
 
-    def _material(self) -> tuple[OfSmallStrain, CoefficientFunction | complex]:
+    def _material(self) -> tuple[LawOfFrequency, CoefficientFunction | complex | None]:
         data, value = self.data, self.values
+        if data.motion == "anti_plane":
+            G = data.shear_of(value["youngs"]) if "youngs" in value else value["storage"] + 1j * value["loss"]
+            return self._dispersing(_complex(G)), None
         if "youngs" in value:
             E = value["youngs"]
             bulk = data.bulk if data.poisson is None else E / (3 * (1 - 2 * data.poisson))
@@ -171,10 +190,20 @@ class Experiment:
         if data.poisson is not None:
             bulk = 2 * (1 + data.poisson) / (3 * (1 - 2 * data.poisson)) * G
         if data.symmetry == "isotropic":
-            return Shearing(G), bulk
+            return self._dispersing(G), bulk
         # Given, so that derivatives need not see into it; without, it is evaluated for each pair of trial and test function.
         fibre = ngs.CacheCF(self._fibre())
         return TransverselyIsotropic(G, value["zeta"], value["phi"], fibre), bulk
+
+    def _dispersing(self, G: CoefficientFunction) -> LawOfFrequency:
+        """Shear alone, with G at the lowest frequency and G (ω/ω₀)^a where an exponent a is looked for."""
+        if EXPONENT not in self.values:
+            return Shearing(G)
+        lowest, exponent = 2 * np.pi * float(self.data.frequency.min()), self.values[EXPONENT]
+        # At the lowest frequency without the factor: NGSolve takes exp(0 · a) for 0.
+        return lambda omega: Shearing(
+            G * ngs.exp(exponent * float(np.log(omega / lowest))) if omega > lowest * (1 + 1e-9) else G
+        )
 
     def _fibre(self) -> CoefficientFunction:
         fibre = self.data.fibre
@@ -262,7 +291,7 @@ class Experiment:
 
 
 def _of_material(data: WaveData, sought: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
-    names = [quantity.name for quantity in sought]
+    names = [quantity.name for quantity in sought if quantity.name != EXPONENT]
     kinds = [UNKNOWNS[kind](data, 1.0) for kind in (UNKNOWNS if data.rheology == "viscoelastic" else ("moduli",))]
     known = [[quantity.name for quantity in each] for each in kinds]
     wanted = ", or ".join(", ".join(each) for each in known)

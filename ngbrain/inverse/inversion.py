@@ -28,7 +28,17 @@ from ngbrain.inverse.quality import (
     resonance_distance,
     strain_of,
 )
-from ngbrain.inverse.unseen import bulk_effect, moduli_of_fibres, of_bulk, of_few, of_fibres, of_scale
+from ngbrain.inverse.quantities import EXPONENT
+from ngbrain.inverse.unseen import (
+    bulk_effect,
+    moduli_of_fibres,
+    of_bulk,
+    of_exponent,
+    of_few,
+    of_fibres,
+    of_one_slice,
+    of_scale,
+)
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -170,6 +180,7 @@ def row(name: str, experiment: Experiment, problem: Reduced, found: Found) -> Ro
     """One way of inverting, by where it ended."""
     unknowns: Fields = problem.unknowns  # type: ignore[assignment]
     maps = experiment.maps(unknowns, found.x)
+    maps.pop(EXPONENT, None)
     level, cpu_s = found.level, found.history[-1].cpu_s
     return Row(name, maps, level.misfit, level.expected, found.value, found.history, cpu_s, found.converged)
 
@@ -214,9 +225,17 @@ def concluded(
             "the data were computed in the elements that invert them: errors flatter, the more the less noise there is"
         )
     with experiment.model.solves.spent_on("checks"):
-        effect, mismatch = bulk_effect(experiment, unknowns.theta(best.x), noise), _mismatch(experiment)
-    notes += [*of_scale(data), of_bulk(effect), *of_frequency(data, median_shear(data, maps))]
-    checks["bulk_change_over_noise"] = effect
+        mismatch = _mismatch(experiment)
+        if experiment.body.bulk is not None:
+            effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
+            checks["bulk_change_over_noise"] = effect
+            notes.append(of_bulk(effect))
+    notes += [*of_scale(data), *of_frequency(data, median_shear(data, maps))]
+    if data.motion == "anti_plane":
+        notes += of_one_slice(data)
+    if EXPONENT in maps:
+        checks[EXPONENT] = float(np.nanmedian(maps.pop(EXPONENT)))
+        notes.append(of_exponent(data, float(checks[EXPONENT])))
     return Inversion(
         data=data,
         maps=maps,

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.errors import ConvergenceError, InputError, SolverError
+from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
@@ -22,11 +22,13 @@ from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.misfit import MisfitKind, misfit_of
+from ngbrain.inverse.outliers import cleaned
+from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of, overall, total
-from ngbrain.inverse.quantities import unknowns_of
+from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.space import ROUNDS, invert_in_space
-from ngbrain.inverse.starts import at_least_one, at_maps, compared, multiples_of
+from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -34,6 +36,7 @@ from ngbrain.progress import logged, reporting
 from ngbrain.solvers.device import Device
 
 Array = np.ndarray
+DISPERSIONS = ("auto", "power", "none")
 REGULARISERS = tuple(PRIORS)
 FIRST = 1e3
 """Weight to begin with; it settles where the data say."""
@@ -75,6 +78,8 @@ def invert(
     misfit: str | MisfitKind = "squares",
     start: Mapping[str, Array] | None = None,
     rounds: int | None = None,
+    dispersion: str = "auto",
+    drop_outliers: bool = True,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = logged,
 ) -> Inversion:
@@ -93,11 +98,15 @@ def invert(
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
+    dispersion   power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one exponent a that is found, ω₀ the lowest frequency, at which maps are;
+                 none: the same G* at all frequencies; auto: power for anti-plane waves of several frequencies, none otherwise
+    drop_outliers  whether gross errors are looked for before anything else and left out, see `without_outliers`
     device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
                  processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
 
-    Raises `InputError` for a regulariser, unknowns, misfit or weight that is none, negative noise, no rounds, data that cannot be
-    inverted, a device that is none or not there; `MissingExtra` for cuda without nvmath-python.
+    Raises `InputError` for waves that gain energy (`check_passive`), a regulariser, unknowns, misfit or weight that is none,
+    negative noise, no rounds, data that cannot be inverted, a device that is none or not there; `MissingExtra` for cuda without
+    nvmath-python.
 
     >>> import numpy as np
     >>> grid = np.array([[x, y] for y in range(12) for x in range(12)]) * 4e-3
@@ -116,6 +125,10 @@ def invert(
         at_least_one(rounds)
         settling = replace(settling, rounds=rounds)
     where = Device.named(device)
+    if dispersion not in DISPERSIONS:
+        raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
+    if data.dim == 3 and dispersion == "power":
+        raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     if data.dim == 3:
         if start is not None:
             raise InputError("start", "given", "nothing in space: there measured waves are the only start")
@@ -132,11 +145,17 @@ def invert(
             misfit=misfit,
             levels=(levels or ()) if uniform else (),
             rounds=ROUNDS if rounds is None else rounds,
+            drop_outliers=drop_outliers,
             device=device,
             tell=tell,
         )
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
-    sought, notes = unknowns_of(data, unknowns), list[str]()
+    check_passive(data)
+    data, notes = cleaned(data) if drop_outliers else (data, [])
+    sought = unknowns_of(data, unknowns)
+    if dispersion == "power" or (dispersion == "auto" and _disperses(data)):
+        sought = *sought, exponent(data)
+    notes += assumed_start(data)
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
     level, note = noise_level(data, noise)
@@ -186,6 +205,10 @@ def invert(
     )
 
 
+def _disperses(data: WaveData) -> bool:
+    return data.motion == "anti_plane" and data.rheology == "viscoelastic" and len(np.unique(data.frequency)) > 1
+
+
 class _Search:
     """Runs of one experiment from several starts and with several regularisers."""
 
@@ -209,7 +232,7 @@ class _Search:
         """With a regulariser, at the first weight."""
         space, regularisers = self.experiment.space, {}
         for name, block in self.unknowns.blocks.items():
-            if name != BOUNDARY:
+            if name not in (BOUNDARY, EXPONENT):
                 regularisers[name] = prior(space, self.unknowns.start[block])
         weights = dict.fromkeys(regularisers, FIRST)
         return Reduced(self.experiment.model, self.misfit, self.unknowns, regularisers, weights)

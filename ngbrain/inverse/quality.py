@@ -107,7 +107,7 @@ def strain_of(data: WaveData, relative: Relative) -> Strain:
     oss, snr = np.full((2, data.loads, len(data.points)), np.nan)
     never = ~known.any(axis=1)
     missing = [
-        f"component{'s' if lost.sum() > 1 else ''} {' and '.join(np.array(list('xyz'))[: data.dim][lost])} of load {load + 1}"
+        f"component{'s' if lost.sum() > 1 else ''} {' and '.join(np.array(list(data.components))[lost])} of load {load + 1}"
         for load, lost in enumerate(never)
         if lost.any()
     ]
@@ -123,10 +123,13 @@ def strain_of(data: WaveData, relative: Relative) -> Strain:
     for load in loads:
         where = known[load].all(axis=1)
         off = noise[load, where] if np.ndim(relative) else noise[load]
+        slope = gradient[load, where]
+        if data.motion == "anti_plane":  # the third row of a gradient in space
+            off, slope = (_third_row(each) for each in (off, slope))
         if data.frequency[load]:
-            mean, at = octahedral_amplitude(gradient[load, where])[1], strain_snr(gradient[load, where], off)[0]
+            mean, at = octahedral_amplitude(slope)[1], strain_snr(slope, off)[0]
         else:  # a cosine's mean is 2/π of its peak
-            still = gradient[load, where].real
+            still = slope.real
             mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, off)[0]
         oss[load, where], snr[load, where] = mean, at
     return Strain(oss, snr, note)
@@ -150,6 +153,13 @@ def where_strained(data: WaveData, noise: float | None, least: float) -> np.ndar
     if grid:
         strained = grid.flat(ndimage.binary_fill_holes(largest(grid.box(strained))))
     return np.asarray(data.mask & strained)
+
+
+def _third_row(gradient: np.ndarray) -> np.ndarray:
+    """(…, 1, 2) ∂u_z/∂x and ∂u_z/∂y as (…, 3, 3)."""
+    whole = np.zeros((*gradient.shape[:-2], 3, 3), gradient.dtype)
+    whole[..., 2:, :2] = gradient
+    return whole
 
 
 def _spacing(data: WaveData) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,18 +17,21 @@ from ngbrain.io.waves import WaveData
 LOSSY = 0.1
 FIBROUS = 0.5
 """Loss tangent, and ζ and φ, to start from."""
+EXPONENT, EXPONENTS = "exponent", (-1.0, 3.0)
+"""Of frequency, a in G*(ω) = G*(ω₀) (ω/ω₀)^a, and its bounds: soft tissue has 0 to 1."""
 MODULI = ("youngs", "storage", "loss", "mu", "magnitude")
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A property that is looked for: where it starts, and the bounds that it stays within."""
+    """A property that is looked for: where it starts, the bounds that it stays within, whether it is one number for all tissue."""
 
     name: str
     start: float
     floor: float = 0.0
     ceiling: float = np.inf
+    single: bool = False
 
     def within(self, values: np.ndarray) -> bool:
         """Whether all these lie between the bounds."""
@@ -82,6 +85,24 @@ def unknowns_of(data: WaveData, chosen: str) -> tuple[Quantity, ...]:
     return UNKNOWNS[chosen](data)
 
 
+def exponent(data: WaveData) -> Quantity:
+    """The exponent a of G*(x, ω) = G*₀(x) (ω/ω₀)^a, from the moduli that each frequency suggests by itself.
+
+    Raises `InputError` for data of one frequency, or with loads at rest.
+    """
+    each = np.unique(data.frequency)
+    if len(each) < 2 or not each[0]:
+        raise InputError("dispersion", "power", "waves of two frequencies or more, and none at rest")
+    moduli = []
+    for f in each:
+        chosen = data.frequency == f
+        moduli.append(
+            uniform_shear(replace(data, displacement=data.displacement[chosen], frequency=data.frequency[chosen]))
+        )
+    slope = float(np.polyfit(np.log(each), np.log(moduli), 1)[0])
+    return Quantity(EXPONENT, float(np.clip(slope, 0.1, 1.5)), *EXPONENTS, single=True)
+
+
 def as_moduli(values: Mapping[str, Value], library: Any = np) -> dict[str, Value]:
     """Storage and loss from magnitude and phase, where there are some; `library` has cos and sin of such values.
 
@@ -105,10 +126,6 @@ def as_polar(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _start(data: WaveData) -> tuple[float, float]:
     """Storage and loss modulus (Pa) that waves suggest."""
-    if data.dim == 2 or not np.any(data.frequency > 0):
-        stiff = uniform_shear(data)
-        check_frequency(data, stiff)
-        return stiff, LOSSY * stiff
-    modulus = uniform_modulus(data)
+    modulus = uniform_modulus(data).value
     check_frequency(data, abs(modulus))
     return modulus.real, max(modulus.imag, LOSSY * modulus.real)

@@ -51,7 +51,7 @@ class SmoothField(ABC):
         return self.derivative((0,) * len(self.axes), points)
 
     def gradient(self, points: np.ndarray | None = None) -> np.ndarray:
-        """∂u_i/∂x_j, (loads, n, d, d), i before j."""
+        """∂u_i/∂x_j, (loads, n, components, d), i before j."""
         along = np.stack([self.derivative(_orders(len(self.axes), j), points) for j in range(len(self.axes))], axis=-1)
         return along @ self.axes
 
@@ -116,7 +116,7 @@ class SplineField(SmoothField):
         at_home = points is None or np.array_equal(points, self.points)  # there one axis goes after the other
         points = self.points if points is None else np.asarray(points, float)
         where = None if at_home else self.grid.coordinates(points)
-        u = np.full((len(self.components), len(points), len(self.axes)), np.nan, complex)
+        u = np.full((len(self.components), len(points), len(self.components[0])), np.nan, complex)
         for load, fitted in enumerate(self.components):
             for i, one in enumerate(fitted):
                 if one:
@@ -273,12 +273,12 @@ class LeastSquaresField(SmoothField):
     def __init__(self, data: WaveData, degree: int) -> None:
         self.points, self.degree, self.axes = data.points, degree, np.eye(data.dim)
         self.powers = _powers(data.dim, degree)
-        self.noise = np.full((data.loads, data.dim), np.nan)
-        self.neighbours = np.zeros((data.loads, data.dim), int)
+        self.noise = np.full((data.loads, len(data.components)), np.nan)
+        self.neighbours = np.zeros(self.noise.shape, int)
         # Components that are measured at the same points share their fits: bits of the points → components.
         alike: dict[bytes, list[tuple[int, int]]] = {}
         known = data.measured & data.mask[None, :, None]
-        for load, i in np.ndindex(data.loads, data.dim):
+        for load, i in np.ndindex(self.noise.shape):
             if known[load, :, i].sum() >= 2 * len(self.powers):
                 alike.setdefault(known[load, :, i].tobytes(), []).append((load, i))
         if not alike:

@@ -24,10 +24,12 @@ from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import MisfitKind, misfit_of
+from ngbrain.inverse.outliers import cleaned
+from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import Relative, noise_level, noise_of, total
 from ngbrain.inverse.quantities import unknowns_of
-from ngbrain.inverse.starts import at_least_one, compared, multiples_of
+from ngbrain.inverse.starts import assumed_start, at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import logged, reporting
@@ -58,6 +60,7 @@ def invert_in_space(
     levels: Sequence[float] = (),
     rounds: int = ROUNDS,
     checkpoint: str | os.PathLike[str] | None = None,
+    drop_outliers: bool = True,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = logged,
 ) -> Inversion:
@@ -75,6 +78,7 @@ def invert_in_space(
     rounds       iterations of a start at most, those from the measured waves apart
     checkpoint   .npz that is written after each iteration; where it is there, the inversion goes on from it. Uniform fields
                  have files of their own beside it
+    drop_outliers  as for `invert`
     device       as for `invert`; a checkpoint may go on on another one
 
     `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
@@ -101,9 +105,11 @@ def invert_in_space(
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
     multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.named(device)
+    check_passive(data)
+    data, notes = cleaned(data) if drop_outliers else (data, [])
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     found_noise, note = noise_level(data, noise)
-    notes = [note] if note else []
+    notes += assumed_start(data) + ([note] if note else [])
     sure = total(found_noise, LEAST, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []

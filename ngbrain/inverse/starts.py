@@ -9,11 +9,13 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.consistent import fields_at, fitted
+from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.quantities import as_polar
 from ngbrain.inverse.regularise import smooth
+from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
 LOWER = 1e-6
@@ -41,6 +43,12 @@ def at_least_one(rounds: int) -> None:
     """`InputError` where there are no rounds to go."""
     if rounds < 1:
         raise InputError("rounds", rounds, "at least 1")
+
+
+def assumed_start(data: WaveData) -> list[str]:
+    """What to say where the modulus that a search starts from is assumed, not what the waves say."""
+    note = uniform_modulus(data).note
+    return [note] if note else []
 
 
 def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:

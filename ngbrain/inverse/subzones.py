@@ -172,6 +172,7 @@ def _alone(name: str, data: PartOfWaves, cells: Lattice, common: Common, *, tell
             labelled=common.labelled,
             rounds=common.rounds,
             checkpoint=checkpoint,
+            drop_outliers=False,  # by the body as a whole, if at all
             tell=_named(name, tell),
         )
         return Answer.of(found)

@@ -63,6 +63,23 @@ def of_scale(data: WaveData) -> list[str]:
     return notes
 
 
+def of_one_slice(data: WaveData) -> list[str]:
+    """What motion through a plane tells, and what it does not."""
+    return [
+        "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
+        "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size",
+    ]
+
+
+def of_exponent(data: WaveData, exponent: float) -> str:
+    """What an exponent of frequency means."""
+    low, high = data.frequency.min(), data.frequency.max()
+    return (
+        f"the maps are those of {low:g} Hz: G* goes with frequency to the power {exponent:.3g}, the same everywhere "
+        f"({(high / low) ** exponent:.3g} times as much at {high:g} Hz)"
+    )
+
+
 def of_few(determined: dict[str, float]) -> list[str]:
     """Fields of which the data determine next to nothing."""
     few = {name: number for name, number in determined.items() if number < FEW}

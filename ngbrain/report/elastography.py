@@ -72,13 +72,13 @@ def waves(data: WaveData, arrays: Mapping[str, Floats], load: int, flat: Sequenc
     """Measured, fitted, residual of every component of a load: real parts; in the plane imaginary ones too, if they count."""
     measured, predicted, residual = (arrays[name][load] for name in ("measured", "predicted", "residual"))
     rows = []
-    for i in range(data.dim):
+    for i, axis in enumerate(data.components):
         if np.isnan(measured[:, i]).all():
             continue
         for part, take in (("Re", np.real), ("Im", np.imag)):
             values = take(measured[:, i])
             if part == "Re" or (data.dim == 2 and _rms(values) > FAINT * _rms(measured[:, i])):
-                name = f"{part} $u_{'xyz'[i]}$ (µm)"
+                name = f"{part} $u_{axis}$ (µm)"
                 rows += [
                     (name, plane, 1e6 * values, 1e6 * take(predicted[:, i]), take(residual[:, i])) for plane in flat
                 ]

@@ -16,6 +16,7 @@ from ngbrain.io.waves.grid import Grid, hull
 SYMMETRIES = ("isotropic", "transversely_isotropic")
 RHEOLOGIES = ("elastic", "viscoelastic")
 ELEMENTS = ("q4", "q4p0")
+MOTIONS = ("in_plane", "anti_plane")
 TRUTHS = ("youngs", "shear", "mu", "zeta", "phi")
 _LARGEST = 2.0  # m, across all points
 _DENSITY = (100.0, 20000.0)  # kg/m³
@@ -29,12 +30,12 @@ class WaveData:
 
     Attributes:
         points: (n, d) m, d = 2 or 3.
-        displacement: (loads, n, d) complex, m; NaN where a component is not measured.
+        displacement: (loads, n, d) complex, m; NaN where a component is not measured. Of anti-plane motion (loads, n, 1).
         frequency: (loads,) Hz; 0 is quasi-static.
         density: kg/m³.
         symmetry: isotropic | transversely_isotropic.
         rheology: elastic | viscoelastic.
-        poisson: Poisson's ratio, above -1 and below 0.5; this or `bulk`.
+        poisson: Poisson's ratio, above -1 and below 0.5; this or `bulk`. Anti-plane viscoelastic data need neither.
         bulk: Pa, real or complex; this or `poisson`.
         fibre: (n, d) unit vectors, or one vector (d,) for all points; needed when transversely isotropic.
         element: q4 | q4p0 when the data were computed with these elements on the grid of the points, else None.
@@ -45,6 +46,7 @@ class WaveData:
             outside of the mask; None: not known.
         labels: (n,) whole numbers from 0 on, or None.
         truth: name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
+        motion: of points in the plane: in_plane (plane strain) or anti_plane, one component, through the plane; None in space.
         affine: (4, 4), indices of the image that the points are the voxels of → m; None: not from an image.
 
     Raises:
@@ -79,13 +81,21 @@ class WaveData:
     labels: np.ndarray | None = None
     truth: Mapping[str, np.ndarray] = field(default_factory=dict)
     affine: np.ndarray | None = None
+    motion: str | None = None
 
     def __post_init__(self) -> None:
-        for name, values in (("symmetry", SYMMETRIES), ("rheology", RHEOLOGIES), ("element", (None, *ELEMENTS))):
+        known = {
+            "symmetry": SYMMETRIES,
+            "rheology": RHEOLOGIES,
+            "element": (None, *ELEMENTS),
+            "motion": (None, *MOTIONS),
+        }
+        for name, values in known.items():
             if getattr(self, name) not in values:
                 hint = nearest(str(getattr(self, name)), [value for value in values if value])
                 raise InputError(name, repr(getattr(self, name)), hint)
         self._check_points()
+        self._check_motion()
         self._check_displacement()
         n = len(self.points)
         mask = np.ones(n, bool) if self.mask is None else _flags("mask", self.mask, n)
@@ -126,8 +136,20 @@ class WaveData:
             if near.min() <= 1e-9 * across:
                 raise InputError("points", f"twice the same, point {int(near.argmin())}", "every point once")
 
+    def _check_motion(self) -> None:
+        if self.motion and self.dim == 3:
+            raise InputError("motion", repr(self.motion), "left out for points in space")
+        if self.dim == 2:
+            self._set(motion=self.motion or "in_plane")
+        if self.motion == "anti_plane" and self.symmetry != "isotropic":
+            raise InputError(
+                "symmetry", self.symmetry, "isotropic: motion through one plane tells too little of fibres"
+            )
+
     def _check_displacement(self) -> None:
-        n, d = self.points.shape
+        n, d = len(self.points), len(self.components)
+        if np.ndim(self.displacement) == 3 and np.shape(self.displacement)[2] == 1 < d == 2:
+            raise InputError("motion", self.motion, "anti_plane for one component, the motion through the plane")
         u = _array("displacement", self.displacement, (None, n, d), "fiuc").astype(complex)
         if not len(u):
             raise InputError("displacement", "of no load", "at least one")
@@ -150,7 +172,8 @@ class WaveData:
     def _check_material(self) -> None:
         wanted = f"kg/m³, from {_DENSITY[0]:g} to {_DENSITY[1]:g}"
         self._set(density=_number("density", self.density, *_DENSITY, wanted))
-        if (self.poisson is None) == (self.bulk is None):
+        needless = self.motion == "anti_plane" and self.rheology == "viscoelastic" and self.poisson is self.bulk is None
+        if (self.poisson is None) == (self.bulk is None) and not needless:
             found = "missing" if self.poisson is None else "given twice, by bulk too"
             raise InputError("poisson", found, "either poisson or bulk (Pa)")
         if self.poisson is not None:
@@ -201,6 +224,11 @@ class WaveData:
     def dim(self) -> int:
         """2 or 3."""
         return self.points.shape[1]
+
+    @property
+    def components(self) -> str:
+        """Names of the displacement's components: xyz, xy, or z of anti-plane motion."""
+        return "z" if self.motion == "anti_plane" else "xyz"[: self.dim]
 
     @property
     def loads(self) -> int:
@@ -266,6 +294,10 @@ class WaveData:
         if self.bulk is None:
             return youngs / (2 * (1 + float(self.poisson or 0)))
         return 3 * self.bulk * youngs / (9 * self.bulk - youngs)
+
+    def conjugated(self) -> WaveData:
+        """The same waves from the other time convention, e^{-iωt}: complex conjugates of the displacement."""
+        return replace(self, displacement=np.conj(self.displacement))
 
     def with_noise(self, sigma: float | np.ndarray, seed: int) -> WaveData:
         """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.

@@ -21,8 +21,8 @@ from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
 from ngbrain.io.whole import whole
 
 _REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
-_OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine")
-_KEYS = (*_REQUIRED, *_OPTIONAL, *SAMPLED, "fibre_angle_deg", *(f"truth_{name}" for name in TRUTHS))
+_OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine", "motion")
+_KEYS = (*_REQUIRED, *_OPTIONAL, *SAMPLED, "fibre_angle_deg", "conjugate", *(f"truth_{name}" for name in TRUTHS))
 _WANTED = "wave data: .npz, .h5, .hdf5, .nii or .nii.gz"
 _HDF5 = (".h5", ".hdf5")
 _ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
@@ -31,10 +31,11 @@ _ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
 def read_waves(path: str | os.PathLike[str]) -> WaveData:
     """Read wave data; see `WaveData` for the fields, which are the keys of the file, SI units.
 
-    .npz, .h5, .hdf5: one array for each field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for
-    the truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`, and `samples` over
-    a period, or their `phase` and `encoding`, for `displacement` (`ngbrain.io.waves.samples`). Other keys are left alone,
-    but one that looks like a slip of these is refused. Nothing is unpickled.
+    .npz, .h5, .hdf5: one array for each field; `truth_youngs`, `truth_shear`, `truth_mu`, `truth_zeta`, `truth_phi` for the
+    truth; `fibre_angle_deg` (from x to y, one number or one for each point) may stand for a plane `fibre`, and `samples` over a
+    period, or their `phase` and `encoding`, for `displacement` (`ngbrain.io.waves.samples`); `conjugate`, true for data in the
+    time convention e^{-iωt}. Other keys are left alone, but one that looks like a slip of these is refused. Nothing is
+    unpickled.
     .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, or samples (x, y, z, loads, components, times), with all
     else in a sidecar (`ngbrain.io.waves.nifti`).
 
@@ -107,15 +108,19 @@ def from_keys(keys: Mapping[str, Any]) -> WaveData:
         if "fibre" in keys:
             raise InputError("fibre_angle_deg", "given beside fibre", "one of them")
         fields["fibre"] = _directions(keys["fibre_angle_deg"], np.shape(keys["points"]))
+    conjugate = np.asarray(keys.get("conjugate", False))
+    if conjugate.shape not in ((), (1,)) or conjugate.dtype.kind not in "biu" or conjugate.item() not in (0, 1):
+        raise InputError("conjugate", keys["conjugate"], "true or false")
     truth = {name: np.asarray(keys[f"truth_{name}"]) for name in TRUTHS if f"truth_{name}" in keys}
-    return WaveData(**fields, truth=truth)
+    data = WaveData(**fields, truth=truth)
+    return data.conjugated() if conjugate.item() else data
 
 
 def _plain(name: str, value: Any) -> Any:
     value = np.asarray(value)
     if value.dtype.kind in "SU" and value.ndim == 0:
         return value.item().decode(errors="replace") if value.dtype.kind == "S" else value.item()
-    if name in ("symmetry", "rheology", "element"):
+    if name in ("symmetry", "rheology", "element", "motion"):
         raise InputError(name, f"{value.dtype} of shape {value.shape}", "text")
     return value.reshape(()) if value.shape == (1,) and name in ("density", "poisson", "bulk", "noise") else value
 

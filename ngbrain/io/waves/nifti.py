@@ -4,13 +4,13 @@
     NAME.json               the sidecar: frequency, density, symmetry, rheology, …, a complex number as [re, im]
     NAME_mask.nii[.gz], …   one image (x, y, z[, components]) for each field with a value at every point
 
-The sidecar's `files` names those images, by field. Two components are plane data and have one slice; three are data in
-space. The points are the middles of all voxels, numbered along x first. In space, points and components are in the world of
-the image's affine (right, front, up). So they are in the plane where the slice is level; any other slice lies in the plane of
-its own two axes, its first voxel at the origin. A real image with one more axis, of times, holds samples over a period (m), or
-their phases (rad) where the sidecar has `encoding` (`ngbrain.io.waves.samples`). Instead of a complex image
-there may be two real ones, whose names differ by `part-real` and `part-imag`; a real one alone is a real displacement. Fields
-that the sidecar leaves out have their defaults.
+The sidecar's `files` names those images, by field. Two components are plane data and have one slice, one is motion through that
+slice (`motion` anti_plane in the sidecar); three are data in space. The points are the middles of all voxels, numbered along x
+first. In space, points and components are in the world of the image's affine (right, front, up). So they are in the plane where
+the slice is level; any other slice lies in the plane of its own two axes, its first voxel at the origin. A real image with one
+more axis, of times, holds samples over a period (m), or their phases (rad) where the sidecar has `encoding`
+(`ngbrain.io.waves.samples`). Instead of a complex image there may be two real ones, whose names differ by `part-real` and
+`part-imag`; a real one alone is a real displacement. Fields that the sidecar leaves out have their defaults.
 """
 
 from __future__ import annotations
@@ -44,12 +44,14 @@ def read_nifti(path: Path) -> dict[str, Any]:
             raise InputError("displacement", f"{u.shape} and {imaginary.shape}", "two real images of one shape")
         u = u + 1j * imaginary
     timed = u.ndim == 6
-    plane = u.ndim in (5, 6) and u.shape[4] == 2 and u.shape[2] == 1
+    plane = u.ndim in (5, 6) and u.shape[4] in (1, 2) and u.shape[2] == 1
     if not plane and not (u.ndim in (5, 6) and u.shape[4] == 3 and min(u.shape[:3]) > 1):
-        wanted = "(x, y, z, loads, 3), or (x, y, 1, loads, 2) in the plane; times may follow"
+        wanted = (
+            "(x, y, z, loads, 3), (x, y, 1, loads, 2) in the plane or (x, y, 1, loads, 1) through it; times may follow"
+        )
         raise InputError("displacement", f"of shape {u.shape}", wanted, path)
     keys = _sidecar(path)
-    d, shape = u.shape[4], u.shape[:3]
+    d, shape = max(u.shape[4], 2), u.shape[:3]
     n = int(np.prod(shape))
     name = "displacement" if not timed else "phase" if "encoding" in keys else "samples"
     keys[name] = np.moveaxis(u.reshape(n, *u.shape[3:], order="F"), 1, 0)

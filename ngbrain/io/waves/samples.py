@@ -61,6 +61,7 @@ def as_amplitudes(keys: Mapping[str, Any]) -> dict[str, Any]:
 def _over_time(name: str, keys: Mapping[str, Any]) -> np.ndarray:
     values = np.asarray(keys[name])
     shape = np.shape(keys.get("points", ()))
+    shape = (*shape[:1], 1) if np.asarray(keys.get("motion", "")).item() == "anti_plane" else shape
     wanted = f"real numbers (loads, {', '.join(map(str, shape))}, times), at {FEWEST} times of a period or more"
     if values.ndim != 4 or values.dtype.kind not in "fiu" or values.shape[1:3] != shape or values.shape[3] < FEWEST:
         raise InputError(name, f"{values.dtype} of shape {values.shape}", wanted)
