@@ -144,7 +144,18 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_conjugate(parser: argparse.ArgumentParser) -> None:
+class _Sidecar(argparse.Action):
+    """Print a sidecar of wave data, and stop."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from ngbrain.io.waves.nifti import TEMPLATE
+
+        print(TEMPLATE, end="")
+        parser.exit()
+
+
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--template", action=_Sidecar, nargs=0, help="print a NIfTI sidecar to start from, and stop")
     parser.add_argument(
         "--conjugate",
         action="store_true",
@@ -154,8 +165,8 @@ def _add_conjugate(parser: argparse.ArgumentParser) -> None:
 
 def _invert(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser("invert", help="property maps from wave data")
-    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
-    _add_conjugate(parser)
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5, .mat or NIfTI with its sidecar")
+    _add_reading(parser)
     parser.add_argument(
         "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
     )
@@ -248,8 +259,8 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
 
 def _predict(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser("predict", help="the same from a trained operator, at once")
-    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5 or NIfTI with its sidecar")
-    _add_conjugate(parser)
+    parser.add_argument("data", type=Path, metavar="DATA", help="wave data: .npz, .h5, .mat or NIfTI with its sidecar")
+    _add_reading(parser)
     parser.add_argument(
         "--weights", type=Path, metavar="DIR", help="of `python -m ngbrain.surrogate` (those that are shipped)"
     )

@@ -234,8 +234,9 @@ def concluded(
     if data.motion == "anti_plane":
         notes += of_one_slice(data)
     if EXPONENT in maps:
-        checks[EXPONENT] = float(np.nanmedian(maps.pop(EXPONENT)))
-        notes.append(of_exponent(data, float(checks[EXPONENT])))
+        power = float(np.nanmedian(maps.pop(EXPONENT)))
+        checks[EXPONENT] = power
+        notes.append(of_exponent(data, power))
     return Inversion(
         data=data,
         maps=maps,

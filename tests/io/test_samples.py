@@ -8,6 +8,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.io.waves import read_waves
+from ngbrain.io.waves.samples import as_amplitudes
 
 TIMES, SHAPE, H = 8, (20, 18), 2e-3
 TURN = np.exp(2j * np.pi * np.arange(TIMES) / TIMES)
@@ -122,3 +123,17 @@ def test_what_cannot_be_read_is_named(changes, says, tmp_path):
     with pytest.raises(InputError) as error:
         read(tmp_path, **changes)
     assert f"waves.npz: {says}" in str(error.value)
+
+
+@pytest.mark.parametrize("times", [4, 8])
+def test_a_last_time_that_repeats_the_first_is_refused(times):
+    points = np.array([[x, y] for y in range(6) for x in range(6)]) * 0.01
+    rng = np.random.default_rng(0)
+    u = 1e-6 * (rng.normal(size=(1, 36, 2)) + 1j * rng.normal(size=(1, 36, 2)))
+    motion = np.real(u[..., None] * np.exp(2j * np.pi * np.arange(times) / times))
+    noise = 3e-8 * rng.normal(size=(1, 36, 2, times + 1))
+    keys = {"points": points, "frequency": [50.0], "samples": motion + noise[..., 1:]}
+    assert as_amplitudes(keys)["displacement"] == pytest.approx(u, abs=2e-7)
+    keys["samples"] = np.concatenate([motion, motion[..., :1]], axis=-1) + noise
+    with pytest.raises(InputError, match=f"samples is the same at the last time.*leave out the last of {times + 1}"):
+        as_amplitudes(keys)

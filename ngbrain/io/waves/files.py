@@ -1,4 +1,4 @@
-"""Wave data in files: NumPy archives, HDF5, NIfTI."""
+"""Wave data in files: NumPy archives, HDF5, MATLAB files, NIfTI."""
 
 from __future__ import annotations
 
@@ -16,14 +16,23 @@ import numpy as np
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.image.niftifile import NIFTI
 from ngbrain.io.waves.data import TRUTHS, WaveData
+from ngbrain.io.waves.matlab import read_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
+from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres, lacking
 from ngbrain.io.whole import whole
 
-_REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
 _OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine", "motion")
-_KEYS = (*_REQUIRED, *_OPTIONAL, *SAMPLED, "fibre_angle_deg", "conjugate", *(f"truth_{name}" for name in TRUTHS))
-_WANTED = "wave data: .npz, .h5, .hdf5, .nii or .nii.gz"
+_KEYS = (
+    *REQUIRED,
+    *_OPTIONAL,
+    *SAMPLED,
+    *IN_VOLUMES,
+    "fibre_angle_deg",
+    "conjugate",
+    *(f"truth_{name}" for name in TRUTHS),
+)
+_WANTED = "wave data: .npz, .h5, .hdf5, .mat, .nii or .nii.gz"
 _HDF5 = (".h5", ".hdf5")
 _ALIKE = 0.84  # difflib's ratio from which an unknown key is taken for a slip
 
@@ -36,6 +45,7 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
     period, or their `phase` and `encoding`, for `displacement` (`ngbrain.io.waves.samples`); `conjugate`, true for data in the
     time convention e^{-iωt}. Other keys are left alone, but one that looks like a slip of these is refused. Nothing is
     unpickled.
+    .mat: the same, of any version. All of these may have displacements on voxels and lengths in other units, see `volumes`.
     .nii, .nii.gz: complex displacements (x, y, z, loads, components), m, or samples (x, y, z, loads, components, times), with all
     else in a sidecar (`ngbrain.io.waves.nifti`).
 
@@ -43,9 +53,9 @@ def read_waves(path: str | os.PathLike[str]) -> WaveData:
         InputError: names file, field, value and what is wanted.
         MissingExtra: NIfTI without nibabel.
 
-    >>> read_waves("waves.mat")
+    >>> read_waves("waves.dcm")
     Traceback (most recent call last):
-    ngbrain.errors.InputError: waves.mat: data is a .mat file; wanted: wave data: .npz, .h5, .hdf5, .nii or .nii.gz
+    ngbrain.errors.InputError: waves.dcm: data is a .dcm file; wanted: wave data: .npz, .h5, .hdf5, .mat, .nii or .nii.gz
     """
     path = Path(path)
     with in_file(path):
@@ -91,18 +101,19 @@ def in_file(path: Path) -> Iterator[None]:
 
 def to_keys(data: WaveData) -> dict[str, Any]:
     """The fields as a file has them, without those that are None."""
-    keys = {name: getattr(data, name) for name in (*_REQUIRED, *_OPTIONAL)}
+    keys = {name: getattr(data, name) for name in (*REQUIRED, *_OPTIONAL)}
     keys |= {f"truth_{name}": values for name, values in data.truth.items()}
     return {name: value for name, value in keys.items() if value is not None}
 
 
 def from_keys(keys: Mapping[str, Any]) -> WaveData:
     """The data that a file holds; 0-d arrays become numbers and text."""
-    keys = as_amplitudes(keys)
-    for name in _REQUIRED:
-        if name not in keys:
-            raise InputError(name, "missing", f"wave data with {', '.join(_REQUIRED)}")
-    fields = {name: _plain(name, keys[name]) for name in (*_REQUIRED, *_OPTIONAL) if name in keys}
+    keys = as_amplitudes(at_points(in_metres(keys)))
+    if missing := lacking(keys):
+        raise InputError(", ".join(missing), "missing", f"wave data with {', '.join(REQUIRED)} and poisson or bulk")
+    if np.ndim(keys["frequency"]) == 0:
+        keys["frequency"] = np.atleast_1d(keys["frequency"])
+    fields = {name: _plain(name, keys[name]) for name in (*REQUIRED, *_OPTIONAL) if name in keys}
     fields["element"] = fields.get("element") or None
     if "fibre_angle_deg" in keys:
         if "fibre" in keys:
@@ -176,6 +187,10 @@ def _write_h5(path: Path, data: WaveData) -> None:
     whole(path, write)
 
 
+def _no_matlab(path: Path, data: WaveData) -> None:
+    raise InputError("data", "to be written as .mat", "another suffix: MATLAB files are read alone")
+
+
 def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str, Any]]:
     """The same reader for files that need not be what they seem."""
 
@@ -197,6 +212,8 @@ def _kind(path: Path) -> tuple[Callable[[Path], Mapping[str, Any]], Callable[[Pa
     """How such a file is read and written."""
     if path.suffix == ".npz":
         return _sound(_read_npz), _write_npz
+    if path.suffix == ".mat":
+        return _sound(read_matlab), _no_matlab
     if path.suffix in _HDF5:
         return _sound(_read_h5), _write_h5
     if path.name.endswith(NIFTI):

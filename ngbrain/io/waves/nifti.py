@@ -27,7 +27,25 @@ from ngbrain.errors import InputError
 from ngbrain.image.niftifile import NIFTI, suffix_of, write_nifti
 from ngbrain.image.volume import Volume, opened
 from ngbrain.io.waves.data import WaveData
+from ngbrain.io.waves.volumes import in_plane_of, lacking, with_loads
 
+TEMPLATE = """\
+{
+ "frequency": [50.0],
+ "density": 1000.0,
+ "symmetry": "isotropic",
+ "rheology": "viscoelastic",
+ "bulk": 2.2e9,
+ "motion": null,
+ "displacement_unit": "m",
+ "noise": null,
+ "conjugate": false,
+ "files": {"mask": "NAME_mask.nii.gz"}
+}
+"""
+"""A sidecar to start from. frequency: Hz, of each load; density: kg/m³; bulk: Pa, or poisson in its place; motion: anti_plane where
+it is through one slice; displacement_unit: m, mm or um; noise: relative to the rms; conjugate: whether the time convention is
+e^{-iωt}; files: images beside this one."""
 _SIDES = (1e-5, 0.1)  # m, of a voxel: ultrasound to whole-body
 _AT_POINTS = ("fibre", "dirichlet", "mask", "labels")
 _MOST = 2**28  # numbers in an image
@@ -43,15 +61,10 @@ def read_nifti(path: Path) -> dict[str, Any]:
         if imaginary.shape != u.shape or np.iscomplexobj(u) or np.iscomplexobj(imaginary):
             raise InputError("displacement", f"{u.shape} and {imaginary.shape}", "two real images of one shape")
         u = u + 1j * imaginary
-    timed = u.ndim == 6
-    plane = u.ndim in (5, 6) and u.shape[4] in (1, 2) and u.shape[2] == 1
-    if not plane and not (u.ndim in (5, 6) and u.shape[4] == 3 and min(u.shape[:3]) > 1):
-        wanted = (
-            "(x, y, z, loads, 3), (x, y, 1, loads, 2) in the plane or (x, y, 1, loads, 1) through it; times may follow"
-        )
-        raise InputError("displacement", f"of shape {u.shape}", wanted, path)
+    u = with_loads(u)
+    timed, plane = u.ndim == 6, in_plane_of(u.shape)
     keys = _sidecar(path)
-    d, shape = max(u.shape[4], 2), u.shape[:3]
+    d, shape = 2 if plane else 3, u.shape[:3]
     n = int(np.prod(shape))
     name = "displacement" if not timed else "phase" if "encoding" in keys else "samples"
     keys[name] = np.moveaxis(u.reshape(n, *u.shape[3:], order="F"), 1, 0)
@@ -121,7 +134,8 @@ def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def _sidecar(path: Path) -> dict[str, Any]:
     place = path.with_name(path.name[: -len(suffix_of(path))] + ".json")
     if not place.is_file():
-        raise InputError("sidecar", "missing", "a JSON file with frequency, density, …, beside the image", place)
+        wanted = "a JSON file beside the image: `ngbrain invert --template` prints one"
+        raise InputError("sidecar", "missing", wanted, place)
     try:
         keys = json.loads(place.read_text())
     except (ValueError, RecursionError) as error:
@@ -131,6 +145,11 @@ def _sidecar(path: Path) -> dict[str, Any]:
     for name in ("points", "displacement", "samples", "phase", "affine"):
         if name in keys:
             raise InputError(name, "given", "nothing: the image has it", place)
+    files = keys.get("files", {})
+    known = ("points", "displacement", *(files if isinstance(files, Mapping) else ()))
+    if missing := lacking({name: value for name, value in keys.items() if value is not None}, known):
+        wanted = "a number or text for each: `ngbrain invert --template` prints a sidecar that has all"
+        raise InputError(", ".join(missing), "missing", wanted, place)
     bulk = keys.get("bulk")
     if isinstance(bulk, list) and len(bulk) == 2 and all(isinstance(part, int | float) for part in bulk):
         keys["bulk"] = complex(*bulk)

@@ -22,6 +22,8 @@ from ngbrain.io.waves.grid import Grid
 
 SAMPLED = ("samples", "phase", "encoding", "magnitude")
 """Keys of a file that are read here."""
+REPEATED = 0.3
+"""Of a usual step from time to time, below which the step from the last time to the first says that they are one."""
 FEWEST = 3
 """Samples over a period."""
 
@@ -68,7 +70,19 @@ def _over_time(name: str, keys: Mapping[str, Any]) -> np.ndarray:
     frequency = np.asarray(keys.get("frequency", 1))
     if frequency.dtype.kind in "fiu" and not np.all(frequency > 0):
         raise InputError(name, "of a load at rest", "frequencies above 0, or displacement")
-    return values.astype(float)
+    values = values.astype(float)
+    _check_times(name, values)
+    return values
+
+
+def _check_times(name: str, values: np.ndarray) -> None:
+    """Refuse a last time that repeats the first: first and last are then far nearer than neighbours are."""
+    turn = np.exp(1j * values) if name == "phase" else values
+    steps = np.abs(np.diff(turn, axis=-1, append=turn[..., :1]))
+    size = np.sqrt(np.nanmean(steps**2, axis=(0, 1, 2)))
+    if size[-1] < REPEATED * np.median(size[:-1]):
+        wanted = f"each time of the period once: leave out the last of {len(size)}"
+        raise InputError(name, "the same at the last time as at the first", wanted)
 
 
 def _encoding(keys: Mapping[str, Any], dim: int) -> np.ndarray:

@@ -1,0 +1,111 @@
+"""Keys of wave data as others have them: displacements on the voxels of an image, other units of length, what is missing.
+
+displacement   (x, y, z, components), (x, y, z, loads, components) or, through a slice, (x, y, 1) instead of (loads, n, d), with
+spacing        of the voxels, one number or one for each axis; the first voxel is at the origin
+mask, labels … (x, y, z) then
+displacement_unit, length_unit   m, cm, mm or um: of displacement and samples; of points and spacing (m)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError, nearest
+
+REQUIRED = ("points", "displacement", "frequency", "density", "symmetry", "rheology")
+IN_VOLUMES = ("spacing", "displacement_unit", "length_unit")
+"""Keys of a file that are read here."""
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}
+
+
+def in_metres(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys with lengths in m, without those that name a unit. Raises `InputError` for a unit that is none.
+
+    >>> in_metres({"points": np.array([[1.0, 2.0]]), "length_unit": "mm"})["points"].tolist()
+    [[0.001, 0.002]]
+    """
+    found = dict(keys)
+    for unit, names in (("displacement_unit", ("displacement", "samples")), ("length_unit", ("points", "spacing"))):
+        name = found.pop(unit, None)
+        if name is None:
+            continue
+        name = str(np.asarray(name).item())
+        if name not in LENGTHS:
+            raise InputError(unit, repr(name), nearest(name, LENGTHS))
+        for each in names:
+            if each in found:
+                found[each] = LENGTHS[name] * np.asarray(found[each])
+    return found
+
+
+def with_loads(u: np.ndarray) -> np.ndarray:
+    """Values on voxels as (x, y, z, loads, components) or with times after that, of one load or one component too.
+
+    >>> with_loads(np.zeros((4, 4, 3, 3))).shape, with_loads(np.zeros((4, 4, 1, 7))).shape, with_loads(np.zeros((4, 4, 1))).shape
+    ((4, 4, 3, 1, 3), (4, 4, 1, 7, 1), (4, 4, 1, 1, 1))
+    """
+    if u.ndim == 3:
+        return u[..., None, None]
+    if u.ndim == 4:
+        one_component = u.shape[2] == 1 and u.shape[3] != 2
+        return u[..., None] if one_component else u[:, :, :, None]
+    return u
+
+
+def in_plane_of(shape: tuple[int, ...]) -> bool:
+    """Whether values (x, y, z, loads, components[, times]) are of a plane: one slice. `InputError` where they are of neither."""
+    plane = len(shape) in (5, 6) and shape[4] in (1, 2) and shape[2] == 1
+    if not plane and not (len(shape) in (5, 6) and shape[4] == 3 and min(shape[:3]) > 1):
+        wanted = (
+            "(x, y, z, loads, 3) or (x, y, z, 3), (x, y, 1, loads, 2) in the plane or (x, y, 1, loads, 1) through it; "
+            "times may follow components"
+        )
+        raise InputError("displacement", f"of shape {shape}", wanted)
+    return plane
+
+
+def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys with points in place of `spacing`, and everything on voxels at these points, numbered along x first."""
+    found = dict(keys)
+    if "spacing" not in found:
+        if "points" in found and np.ndim(found.get("displacement")) == 2:  # one load
+            found["displacement"] = np.asarray(found["displacement"])[None]
+        return found
+    name = next((each for each in ("displacement", "samples", "phase") if each in found), None)
+    if "points" in found or name is None:
+        raise InputError("spacing", "given" if name else "given without displacement", "points or spacing, not both")
+    u = with_loads(np.asarray(found[name]))
+    plane, shape = in_plane_of(u.shape), u.shape[:3]
+    d, n = 2 if plane else 3, int(np.prod(shape))
+    spacing = np.asarray(found.pop("spacing"), float).ravel()
+    if spacing.size not in (1, d, 3) or not (np.isfinite(spacing) & (spacing > 0)).all():
+        raise InputError("spacing", spacing.tolist(), f"one number or {d}, above 0")
+    spacing = np.broadcast_to(spacing, (d,)) if spacing.size == 1 else spacing[:d]
+    found["points"] = np.indices(shape).reshape(3, n, order="F").T[:, :d] * spacing
+    found[name] = np.moveaxis(u.reshape(n, *u.shape[3:], order="F"), 1, 0)
+    for other, value in found.items():
+        values = np.asarray(value)
+        if other not in ("points", name) and values.shape[:3] == shape:
+            found[other] = values.reshape(n, *values.shape[3:], order="F")
+        elif other in ("mask", "labels", "magnitude") and values.shape == shape[:2] and plane:
+            found[other] = values.reshape(n, order="F")
+    return found
+
+
+def lacking(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[str]:
+    """Names of all that is missing; `known` are those that another file has."""
+    names = [name for name in REQUIRED if name not in keys and name not in known]
+    through = _text(keys.get("motion")) == "anti_plane" and _text(keys.get("rheology")) == "viscoelastic"
+    if "poisson" not in keys and "bulk" not in keys and not through:
+        names.append("poisson or bulk")
+    if _text(keys.get("symmetry")) == "transversely_isotropic" and not {"fibre", "fibre_angle_deg"} & {*keys, *known}:
+        names.append("fibre or fibre_angle_deg")
+    return names
+
+
+def _text(value: Any) -> str:
+    value = np.asarray("" if value is None else value)
+    return str(value.item()) if value.size == 1 else ""
