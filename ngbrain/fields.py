@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.reading import read_text
 
 UNITS = {
     "mm": (1000, "length in mm"),
@@ -236,14 +237,11 @@ def brief(value: Any) -> str:
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """What a file says, as Python's TOML reader gives it; `InputError` for one that is none."""
+    text = read_text(path, "file", LARGEST)
     try:
-        with open(path, "rb") as file:
-            raw = file.read(LARGEST + 1)
-        if len(raw) > LARGEST:
-            raise ValueError("more than a megabyte")
-        return tomllib.loads(raw.decode("utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        why = " ".join(str(getattr(error, "strerror", None) or error).split())
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        why = " ".join(str(error).split())
         raise InputError("file", f"unreadable ({why})", "a scene in TOML", path) from None
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
+import math
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -11,12 +11,14 @@ from typing import Any
 
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, nearest, require
+from ngbrain.fields import brief
 from ngbrain.inverse.files import finite
 from ngbrain.inverse.found import Iteration
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.whole import whole
 from ngbrain.progress import Progress, terminal
+from ngbrain.reading import read_json
 from ngbrain.report import calibrated as page
 from ngbrain.scene import Scene
 from ngbrain.surgery.calibrate import Calibrated, calibrate
@@ -33,7 +35,7 @@ def run(arguments: argparse.Namespace) -> None:
     scene, seen, protocol = _checked(arguments)
     folder: Path = arguments.output
     folder.mkdir(parents=True, exist_ok=True)
-    start = json.loads((folder / ROUND).read_text()) if arguments.resume and (folder / ROUND).exists() else None
+    start = _begun(folder / ROUND) if arguments.resume and (folder / ROUND).exists() else None
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads):
 
         def tell(iteration: Iteration, factors: dict[str, float]) -> None:
@@ -84,6 +86,17 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
         raise InputError("--protocol", repr(arguments.protocol), nearest(arguments.protocol, names))
     seen = Seen.read(arguments.landmarks, arguments.force, arguments.landmark_sd or 1.0, arguments.force_sd or 1.0)
     return scene, seen, names.index(arguments.protocol) if arguments.protocol else 0
+
+
+def _begun(path: Path) -> dict[str, float]:
+    """The factors that an interrupted search has left; `calibrate` checks their names."""
+    factors = read_json(path, "factors")
+    if not isinstance(factors, dict) or not factors:
+        raise InputError("factors", brief(factors), "a factor for each tissue, or no such file", path)
+    for name, factor in factors.items():
+        if not isinstance(factor, int | float) or isinstance(factor, bool) or not 0 < factor < math.inf:
+            raise InputError(f"factors.{name}", brief(factor), "a positive number", path)
+    return factors
 
 
 def described(scene: Scene, seen: Seen, found: Calibrated) -> dict[str, Any]:

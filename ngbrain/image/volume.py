@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
 import hashlib
 import os
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.dicom import is_dicom, read_series
+from ngbrain.reading import check_regular, gunzipped, read_bytes
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
@@ -240,13 +239,14 @@ def _parsed(path: Path) -> Any:
         raise InputError("image", "missing", _NIFTI, path)
     if is_dicom(path):
         return read_series(path)
-    nibabel = require("nibabel", "mri")
     try:
-        raw = path.read_bytes()
-        if raw[:2] == b"\x1f\x8b":  # read to the end, so that gzip's checksum is looked at
-            raw = gzip.decompress(raw)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError("image", f"unreadable ({error})", "a whole file", path) from error
+        check_regular(path, "image")
+    except InputError as error:
+        raise InputError("image", error.value, _NIFTI, path) from None
+    nibabel = require("nibabel", "mri")
+    raw = read_bytes(path, "image")
+    if raw[:2] == b"\x1f\x8b":
+        raw = bytes(gunzipped(raw, "image", path))
     if raw[344:348] == b"n+1\0":
         kind = nibabel.Nifti1Image
     elif raw[4:8] == b"n+2\0":

@@ -16,6 +16,7 @@ from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.zones import PartOfWaves
 from ngbrain.io.whole import whole
+from ngbrain.reading import read_npz
 
 Array = np.ndarray
 
@@ -78,13 +79,13 @@ class Answer:
     def load(path: Path, problem: str) -> Answer:
         """Read it. Raises `InputError` where it is of another problem, or no such file."""
         try:
-            with np.load(path) as file:
-                rest = json.loads(str(file["rest"]))
-                maps = {name[4:]: file[name] for name in file.files if name.startswith("map ")}
-                predicted = file["predicted"]
-        except (OSError, KeyError, ValueError) as error:
+            file = read_npz(path, "checkpoint")
+            rest = json.loads(str(file["rest"]))
+            maps = {name[4:]: values for name, values in file.items() if name.startswith("map ")}
+            predicted, told = file["predicted"], rest.pop("problem")
+        except (KeyError, ValueError, AttributeError, TypeError) as error:
             raise InputError("checkpoint", f"{path}, which cannot be read", "what an inversion has written") from error
-        if rest.pop("problem") != problem:
+        if told != problem:
             raise InputError(
                 "checkpoint", f"{path} of another problem", "the same data, noise and zones, or another folder"
             )

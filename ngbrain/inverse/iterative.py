@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,6 +29,7 @@ from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Level, Policy
+from ngbrain.reading import read_npz
 from ngbrain.solvers.directions import Directions
 
 Array = np.ndarray
@@ -202,12 +202,13 @@ class Iterative(GaussNewton):
         if self.checkpoint is None or not self.started:
             raise InputError("checkpoint", str(self.checkpoint), wanted)
         try:
-            with np.load(self.checkpoint) as saved:
-                x, waves, begun, directions = saved["x"], saved["waves"], saved["begun"], saved["directions"]
-                notes = json.loads(str(saved["notes"]))
-        except (KeyError, ValueError, OSError, BadZipFile) as error:
+            saved = read_npz(self.checkpoint, "checkpoint")
+            x, waves, begun, directions = (saved[name] for name in ("x", "waves", "begun", "directions"))
+            notes = json.loads(str(saved["notes"]))
+            told = notes.get("problem")
+        except (KeyError, ValueError, AttributeError) as error:
             raise InputError("checkpoint", f"{self.checkpoint}, which is none", wanted) from error
-        if others := differing(notes.get("problem"), self._problem):
+        if others := differing(told, self._problem):
             found = f"{self.checkpoint}, of another problem: other {', '.join(others)}"
             raise InputError("checkpoint", found, "one of the same problem, or no file there")
         self.reduced.weights, self.directions.arrays = notes["weights"], directions

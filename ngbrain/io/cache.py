@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import os
-import zipfile
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from ngbrain.errors import InputError
+from ngbrain.io.versions import versions
+from ngbrain.io.whole import whole
+from ngbrain.reading import read_npz
+
 Arrays = dict[str, np.ndarray]
+
+PACKAGE = "ngbrain"
+_DIGEST = "sha256 of the rest"
+"""Name of the array that binds an entry to its content."""
+_MOST = 2**34
+"""Bytes that an entry may hold."""
 
 
 def cache_folder() -> Path:
@@ -25,27 +39,110 @@ def cache_folder() -> Path:
 
 
 def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, from the cache if they were made before; a damaged file is made again.
+    """The arrays that `make` gives, from the cache if they were made before; a damaged or changed file is made again.
 
-    stage       its name, part of the file's
-    made_from   everything that decides the result, fit for JSON
-    modules     whose source decides it too
+    The file's name depends on the source of every module of this package that the module of `make` imports, directly or through
+    others (`closure`), and on the versions of all that computes.
+
+    Parameters
+    ----------
+    stage : str
+        Its name, part of the file's.
+    made_from : object
+        Everything else that decides the result, fit for JSON.
+    modules : iterable of module
+        Further ones that `make` uses without importing them.
+    make : callable
+        Gives arrays by name.
+
+    Returns
+    -------
+    dict of numpy.ndarray
+        By name.
     """
-    digest = hashlib.sha256(json.dumps([stage, made_from], sort_keys=True).encode())
-    for module in modules:
-        digest.update(Path(str(module.__file__)).read_bytes())
+    digest = hashlib.sha256(json.dumps([stage, made_from, versions()], sort_keys=True).encode())
+    for path in sources((make.__module__, *(module.__name__ for module in modules))):
+        digest.update(path.read_bytes())
     path = cache_folder() / f"{stage}-{digest.hexdigest()[:32]}.npz"
-    try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}  # the archive checks its sums as it is read
-    except (OSError, ValueError, EOFError, TypeError, RuntimeError, zipfile.BadZipFile):
-        arrays = make()
-    part = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
+    with suppress(InputError, KeyError):
+        found = read_npz(path, "cache", _MOST)
+        if str(found.pop(_DIGEST)) == _sum(found):
+            return found
+    arrays = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(part, **arrays)  # type: ignore[arg-type]
-        os.replace(part, path)
+        named: dict[str, Any] = {**arrays, _DIGEST: np.array(_sum(arrays))}
+        whole(path, lambda part: np.savez(part, **named))
     except OSError:  # no room or no right to write: made again next time
-        with suppress(OSError):
-            part.unlink()
+        pass
     return arrays
+
+
+def sources(names: Iterable[str]) -> list[Path]:
+    """The files of modules and of every module of this package that they import, directly or through others, in order.
+
+    >>> [path.name for path in sources(["ngbrain.mesh.cleft"])]
+    ['errors.py', 'cleft.py']
+    """
+    found, waiting = set[str](), list(names)
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += _imported(name)
+    return [path for name in sorted(found) if (path := _file(name)) is not None]
+
+
+@cache
+def _imported(name: str) -> frozenset[str]:
+    path = _file(name)
+    if path is None:
+        return frozenset()
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    return frozenset(_imports(ast.parse(path.read_bytes()), package))
+
+
+def _imports(tree: ast.Module, package: str) -> Iterator[str]:
+    """Modules of this package that a module names in its import statements, those within functions too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if _ours(alias.name))
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package.split(".")[: 1 - node.level or None]) if node.level else ""
+            base = ".".join(filter(None, (base, node.module)))
+            if not _ours(base):
+                continue
+            parts = [f"{base}.{alias.name}" for alias in node.names]
+            yield from (part for part in parts if _file(part) is not None)
+            if any(_file(part) is None for part in parts):  # a name that the module has, or hands on from another
+                yield base
+
+
+def _ours(name: str) -> bool:
+    return name.partition(".")[0] == PACKAGE
+
+
+def _file(name: str) -> Path | None:
+    """The source of a module that is imported, or of one of this package."""
+    if name in sys.modules:
+        own = getattr(sys.modules[name], "__file__", None)
+        return Path(own) if own and own.endswith(".py") else None
+    return _found(name) if _ours(name) else None
+
+
+@cache
+def _found(name: str) -> Path | None:
+    try:
+        spec = find_spec(name)
+    except ModuleNotFoundError:  # what looks like its package is a module
+        return None
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _sum(arrays: Arrays) -> str:
+    total = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name])
+        total.update(f"{name} {values.dtype.str} {np.shape(arrays[name])}\n".encode())
+        total.update(values.tobytes())
+    return total.hexdigest()

@@ -5,7 +5,7 @@ A checkpoint is a VTKHDF 2 file (`.vtkhdf`, an HDF5 file): the mesh once, the fr
 
     /VTKHDF            quadratic tetrahedra, PointData per frame, CellData/region, FieldData/region_names, Steps
     /ngbrain           attributes: format, ngsolve (the version that wrote it)
-    /ngbrain/mesh      the pickled ngsolve.Mesh, bytes
+    /ngbrain/mesh      arrays that the mesh is built from again (`ngbrain.io.mesh_arrays`)
     /ngbrain/state     the state as JSON; in it ["array", i] stands for /ngbrain/arrays/i
     last 48 bytes      a mark and the SHA-256 of all bytes before; HDF5 readers do not look behind their data
 """
@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import glob
 import hashlib
-import io
 import json
 import math
 import os
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -31,14 +29,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ngbrain.errors import InputError
+from ngbrain.io.mesh_arrays import mesh_of
 from ngbrain.io.nodes import QuadraticGrid
+from ngbrain.io.state import pack, read_array, unpack, write_array
+from ngbrain.reading import check_regular, hdf5
 
 Array = npt.NDArray[Any]
 
-_FORMAT = 1
+_FORMAT = 2
+_PICKLED = 1
 _MARK = b"ngbrain  sha256\n"
 _SEAL = len(_MARK) + hashlib.sha256().digest_size
 _VTK_QUADRATIC_TETRA = 24
+MOST_CHECKPOINT = 2**34
+"""Bytes that a checkpoint may hold: 16 GiB."""
+ROUNDING = 1e-12
+"""Part of the largest coordinate by which nodes may differ when a mesh is built again."""
 # What VTK has: no half or extended precision, no complex numbers, no bool.
 _VTK_TYPES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 
@@ -114,7 +120,7 @@ def save(
     if not path.parent.is_dir():
         raise InputError("checkpoint", path, "a file in a folder that exists")
     arrays: list[tuple[str, Array]] = []
-    packed = _pack(dict(state or {}), "state", arrays)
+    packed = pack(dict(state or {}), "state", arrays)
     if "region" in (cell_data or {}):
         raise InputError("cell_data", "'region'", "another name, this one is taken")
     cells: dict[str, Array] = {"region": grid.region, **(cell_data or {})}
@@ -125,10 +131,11 @@ def save(
             _write_vtk(file.create_group("VTKHDF"), grid, frames, cells)
             own = file.create_group("ngbrain")
             own.attrs.update({"format": _FORMAT, "ngsolve": ng.__version__})
-            own["mesh"] = np.frombuffer(grid.pickled, np.uint8)
+            for name, array in grid.arrays.items():
+                own[f"mesh/{name}"] = array
             own["state"] = np.frombuffer(json.dumps(packed).encode(), np.uint8)
             for i, (name, array) in enumerate(arrays):
-                _write_array(own, f"arrays/{i}", array).attrs["name"] = name
+                write_array(own, f"arrays/{i}", array).attrs["name"] = name
         with open(part, "r+b") as stream:
             stream.write(_MARK + _digest(stream, part.stat().st_size))  # the digest has read up to the end
             stream.flush()
@@ -142,24 +149,35 @@ def save(
 
 
 def load(path: str | os.PathLike[str]) -> Checkpoint:
-    """Read a checkpoint back: arrays, floats and mesh equal to the last bit.
-
-    The mesh is unpickled, and unpickling can run any code: **open only checkpoints you trust**. The checksum finds
-    damage, not malice.
+    """Read a checkpoint back: arrays, floats and points of the mesh equal to the last bit. Nothing in the file is run.
 
     Raises:
-        InputError: no such file; cut short, damaged, edited or not written by `save`; written by a version of ngsolve
-            whose mesh this one cannot read or numbers otherwise.
+        InputError: no such file; cut short, damaged, edited or not written by `save`; written by an earlier ngbrain that kept
+            the mesh as a pickle, or by a version of ngsolve that numbers meshes otherwise.
     """
     path = Path(path)
     _verify(path)
-    with h5py.File(path, "r") as file:
+    try:
+        return _read(path)
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:  # sealed, but not by `save`
+        if isinstance(error, InputError):
+            if error.field == "checkpoint":
+                raise
+            raise InputError("checkpoint", path, f"a sound one; its {error.field} is {error.value}") from error
+        raise InputError("checkpoint", path, f"what ngbrain wrote ({type(error).__name__}: {error})") from error
+
+
+def _read(path: Path) -> Checkpoint:
+    with hdf5(path, "checkpoint", MOST_CHECKPOINT, whole=True) as file:
         own, vtk = file["ngbrain"], file["VTKHDF"]
+        if own.attrs["format"] == _PICKLED:
+            wanted = "one of this version: it was written when meshes were kept as pickles, which can run any code; run it anew"
+            raise InputError("checkpoint", path, wanted)
         if own.attrs["format"] != _FORMAT:
             raise InputError("checkpoint", path, f"format {_FORMAT}, not {own.attrs['format']}: update ngbrain")
         grid = _read_grid(path, own, vtk)
-        arrays = [_read_array(own[f"arrays/{i}"]) for i in range(len(own.get("arrays", ())))]
-        state = _unpack(json.loads(own["state"][()].tobytes()), arrays)
+        arrays = [read_array(own[f"arrays/{i}"]) for i in range(len(own.get("arrays", ())))]
+        state = unpack(json.loads(own["state"][()].tobytes()), arrays)
         cells = {name: data[()] for name, data in vtk["CellData"].items() if name != "region"}
         times = vtk["Steps/Values"][()] if "Steps" in vtk else np.zeros(0)
         points = {name: data[()].reshape(len(times), -1, *data.shape[1:]) for name, data in vtk["PointData"].items()}
@@ -177,8 +195,9 @@ def _digest(stream: BinaryIO, size: int) -> bytes:
 
 
 def _verify(path: Path) -> None:
-    """Check the seal before HDF5 or pickle see a byte: neither is made for damaged input."""
+    """Check the seal before HDF5, which is not made for damaged input, sees a byte."""
     try:
+        check_regular(path, "checkpoint", MOST_CHECKPOINT)
         with open(path, "rb") as stream:
             size = os.fstat(stream.fileno()).st_size - _SEAL
             digest = _digest(stream, size)
@@ -192,13 +211,13 @@ def _verify(path: Path) -> None:
 
 
 def _read_grid(path: Path, own: h5py.Group, vtk: h5py.Group) -> QuadraticGrid:
-    wrote = f"ngsolve {own.attrs['ngsolve']}, which wrote it (this is {ng.__version__})"
-    try:
-        grid = QuadraticGrid(pickle.loads(own["mesh"][()].tobytes()))
-    except Exception as error:  # whatever a foreign version's pickle may raise
-        raise InputError("checkpoint", path, f"{wrote}; its mesh does not open: {error!r}") from error
-    if not np.array_equal(vtk["Connectivity"][()], grid.connectivity.ravel()):
+    grid = QuadraticGrid(mesh_of({name: data[()] for name, data in own["mesh"].items()}))
+    points = vtk["Points"][()]
+    same = np.array_equal(vtk["Connectivity"][()], grid.connectivity.ravel()) and points.shape == grid.points.shape
+    if not same or not np.allclose(points, grid.points, rtol=0, atol=ROUNDING * np.abs(points).max(initial=0)):
+        wrote = f"ngsolve {own.attrs['ngsolve']}, which wrote it (this is {ng.__version__})"
         raise InputError("checkpoint", path, f"{wrote}; edges are numbered otherwise here")
+    grid.points = points  # nodes on curved edges to the last bit too
     return grid
 
 
@@ -255,45 +274,3 @@ def _write_vtk(vtk: h5py.Group, grid: QuadraticGrid, frames: Sequence[Frame], ce
         for i, frame in enumerate(frames):
             data[i * n : (i + 1) * n] = frame.point_data[name]
         series[f"PointDataOffsets/{name}"] = np.arange(steps) * n
-
-
-def _pack(value: Any, name: str, arrays: list[tuple[str, Array]]) -> Any:
-    """As JSON, the arrays put aside. Sequences carry their kind in front, so that a list is never taken for a mark."""
-    if isinstance(value, np.number | np.bool_):  # in place: a list may hold thousands
-        return ["number", value.dtype.str, value.tobytes().hex()]
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value  # JSON as Python writes it keeps every float, inf and nan included
-    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-        return {key: _pack(item, f"{name}.{key}", arrays) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [type(value).__name__, *(_pack(item, f"{name}[{i}]", arrays) for i, item in enumerate(value))]
-    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
-        arrays.append((name, value))
-        return ["array", len(arrays) - 1]
-    wanted = "numbers, text, None, arrays (a vector's: vec.FV().NumPy()), lists, mappings with text keys"
-    raise InputError(name, f"a {type(value).__name__}", wanted)
-
-
-def _unpack(packed: Any, arrays: Sequence[Array]) -> Any:
-    if isinstance(packed, dict):
-        return {key: _unpack(item, arrays) for key, item in packed.items()}
-    if not isinstance(packed, list):
-        return packed
-    kind, *items = packed
-    if kind in ("array", "number"):
-        return arrays[items[0]] if kind == "array" else np.frombuffer(bytes.fromhex(items[1]), items[0])[0]
-    return (tuple if kind == "tuple" else list)(_unpack(item, arrays) for item in items)
-
-
-def _write_array(group: h5py.Group, name: str, array: Array) -> h5py.Dataset:
-    """Plain numbers as HDF5 has them; dtypes that HDF5 lacks (text, dates, records, long double) as .npy bytes."""
-    if array.dtype.kind in "biufc" and array.dtype.char not in "gG":
-        return group.create_dataset(name, data=array)
-    stream = io.BytesIO()
-    np.save(stream, array, allow_pickle=False)
-    group.create_dataset(name, data=np.frombuffer(stream.getbuffer(), np.uint8)).attrs["npy"] = True
-    return group[name]
-
-
-def _read_array(data: h5py.Dataset) -> Array:
-    return np.asarray(np.load(io.BytesIO(data[()]), allow_pickle=False) if "npy" in data.attrs else data[()])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
+
+from ngbrain.io.whole import whole
 
 
 def write_json(path: Path, data: Any) -> None:
     """Write, then rename: a reader never sees half a file. NaN and infinity are refused."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(json.dumps(data, indent=1, allow_nan=False))
-    os.replace(temporary, path)
+    text = json.dumps(data, indent=1, allow_nan=False)
+    whole(path, lambda part: part.write_text(text, encoding="utf-8"))

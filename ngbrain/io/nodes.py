@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import Any
 
 import ngsolve as ng
@@ -10,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.io.mesh_arrays import mesh_arrays, mesh_of
 
 # Reference coordinates of NGSolve's tetrahedron: its vertices, then the midpoints of its edges in NGSolve's local order
 # 03 13 23 01 02 12.
@@ -30,7 +30,7 @@ class QuadraticGrid:
     """A tetrahedral mesh as quadratic (10-node) tetrahedra, numbered and oriented as VTK wants them.
 
     Node `i < mesh.nv` is vertex `i`; node `mesh.nv + e` is the middle of NGSolve's edge `e`, on the curved geometry
-    when the mesh is curved. Build it once per run: it also keeps the pickled mesh, which every `save` writes.
+    when the mesh is curved. Build it once per run: it also keeps the arrays of the mesh, which every `save` writes.
 
     Attributes:
         mesh: the NGSolve mesh. Do not refine, curve or move it afterwards.
@@ -38,11 +38,12 @@ class QuadraticGrid:
         connectivity: (ntets, 10) nodes, VTK_QUADRATIC_TETRA order, positively oriented.
         region: (ntets,) index into `region_names`.
         region_names: the materials of the mesh.
-        pickled: the mesh as bytes, exact to the last bit, curving included.
+        arrays: what the mesh is built from again (`ngbrain.io.mesh_arrays`).
 
     Raises:
-        InputError: the mesh holds anything but tetrahedra, is deformed, or was refined inside NGSolve: such a mesh
-            comes back from a file with other edge numbers, which would scramble every vector of unknowns.
+        InputError: the mesh holds anything but tetrahedra, is deformed, curved by polynomials of a degree above 2, or was refined
+            inside NGSolve: such a mesh comes back from a file with other edge numbers, which would scramble every vector of
+            unknowns.
 
     >>> from netgen.occ import unit_cube
     >>> grid = QuadraticGrid(ng.Mesh(unit_cube.GenerateMesh(maxh=0.5)))
@@ -59,9 +60,9 @@ class QuadraticGrid:
             raise InputError("mesh", "deformed", "the undeformed mesh: call mesh.UnsetDeformation() first")
         topology = _topology(mesh)
         self.mesh = mesh
-        self.pickled: bytes = pickle.dumps(mesh)
-        if not np.array_equal(topology, _topology(pickle.loads(self.pickled))):
-            wanted = "one whose numbering survives pickling: mesh = pickle.loads(pickle.dumps(mesh)) before any space"
+        self.arrays = mesh_arrays(mesh)
+        if not np.array_equal(topology, _topology(mesh_of(self.arrays))):
+            wanted = "one whose numbering survives a file: mesh = mesh_of(mesh_arrays(mesh)) before any space"
             raise InputError("mesh", "refined or renumbered", wanted)
         self.region_names: tuple[str, ...] = tuple(mesh.GetMaterials())
         self.region: npt.NDArray[np.int32] = np.array([el.index for el in elements], dtype=np.int32)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError, require
+from ngbrain.reading import read_json
 from ngbrain.report import animation, figures, slices, tables
 from ngbrain.report.animation import Animation
 from ngbrain.report.page import write_page
@@ -91,12 +91,7 @@ class Report:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError("result", path, f"a file that can be read ({error.strerror})") from error
-    except ValueError as error:
-        raise InputError("result", path, "JSON, whole") from error
+    result = read_json(path, "result")
     missing = [key for key in NEEDED if not isinstance(result, dict) or not isinstance(result.get(key), dict)]
     if missing or not result["answers"]:
         raise InputError(missing[0] if missing else "answers", "missing", "the result of demo or retract", file=path)

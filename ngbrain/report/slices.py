@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.segment import CSF, VENTRICLE, WHITE
+from ngbrain.reading import read_npz
 from ngbrain.report.state import State
 from ngbrain.report.style import WIDTH, direction, figure, png, style
 from ngbrain.report.surface import Floats, Ints, cut_surface
@@ -55,12 +53,12 @@ class ScanImage:
         Raises `InputError` for a damaged file.
         """
         path = folder / "head.npz"
-        try:
-            with path.open("rb") as stream, NpzFile(stream, allow_pickle=False) as file:
-                t1, labels, origin, spacing = (file[key] for key in ("t1", "labels", "origin_m", "spacing_m"))
-        except FileNotFoundError:
+        if not path.exists():
             return None
-        except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        try:
+            file = read_npz(path, "head")
+            t1, labels, origin, spacing = (file[key] for key in ("t1", "labels", "origin_m", "spacing_m"))
+        except (KeyError, InputError) as error:
             raise InputError("head", f"damaged ({error})", "the scan that ngbrain stored", path) from error
         fit = {
             "t1": t1.ndim == 3 and min(t1.shape) > 1 and t1.dtype.kind in "uif" and bool(np.isfinite(t1).all()),

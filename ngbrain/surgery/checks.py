@@ -5,7 +5,6 @@ All of them open once and hold to the end (`Model.hold`), so that every number o
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
 from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell
+from ngbrain.reading import read_json
 from ngbrain.scene import Body as SceneBody
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
@@ -106,8 +106,8 @@ def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) 
     """`orders`, kept in a file and taken from there on resume."""
     path, scene = None if folder is None else folder / f"{ORDER}.json", model.scene.to_dict()
     if resume and path is not None and path.exists():
-        kept = json.loads(path.read_text())
-        if kept["scene"] == scene:
+        kept = read_json(path, "check")
+        if isinstance(kept, dict) and kept.get("scene") == scene and len(kept.get("answers", ())) == 2:
             low, high = kept["answers"]
             return low, high
     tell(ORDER, 0.0, 0.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pickle
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -16,7 +14,9 @@ from ngsolve import ngsglobals
 
 from ngbrain import pool
 from ngbrain.errors import SolverError
-from ngbrain.io import versions, write_json
+from ngbrain.io import Frame, versions, write_json
+from ngbrain.io.state import load_state, save_state
+from ngbrain.io.whole import whole
 from ngbrain.pool import Tell
 from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
@@ -26,7 +26,7 @@ from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Force, Protocol
-from ngbrain.surgery.runs import Outcome, ProtocolRun
+from ngbrain.surgery.runs import Outcome, ProtocolRun, Snapshot
 from ngbrain.surgery.worth import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
@@ -183,7 +183,7 @@ def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path, checks
     following: list[pool.Task] = []
     for number, programs in enumerate(groups.values()):
         first, *others = sorted(programs, key=lambda p: -len(p.times))
-        begun = shared / f"{number}.pickle"
+        begun = shared / f"{number}.npz"
         leading.append((first.name, _lead, (model, first, folder, resume, begun if others else None)))
         following += [(other.name, _follow, (model, other, folder, resume, begun)) for other in others]
     leading.sort(key=lambda task: -len(task[2][1].times))
@@ -200,9 +200,7 @@ def _lead(
         if begun is not None:
             within = run.transient.progress.t <= program.times[1]
             snapshot = run.go(told, program.times[1]).snapshot() if within else None
-            part = begun.with_suffix(".part")
-            part.write_bytes(pickle.dumps(snapshot))
-            os.replace(part, begun)
+            save_state(begun, None if snapshot is None else _as_data(snapshot))
         return run.go(told).outcome()
 
 
@@ -213,7 +211,14 @@ def _follow(
     while not begun.exists():
         time.sleep(POLL)
     with pool.helped(tell) as told:
-        return ProtocolRun(model, program, folder, resume, pickle.loads(begun.read_bytes())).go(told).outcome()
+        start = load_state(begun)
+        snapshot = None if start is None else (start["state"], [Frame(**frame) for frame in start["frames"]])
+        return ProtocolRun(model, program, folder, resume, snapshot).go(told).outcome()
+
+
+def _as_data(snapshot: Snapshot) -> dict[str, Any]:
+    state, frames = snapshot
+    return {"state": state, "frames": [{"time": frame.time, "point_data": dict(frame.point_data)} for frame in frames]}
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:
@@ -233,13 +238,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
     if not arrays:
         path.unlink(missing_ok=True)
         return
-    part = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
-    try:
-        np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    whole(path, lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
 
 
 def _geometry(model: Model) -> dict[str, Any]:

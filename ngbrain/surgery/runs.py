@@ -224,9 +224,13 @@ class ProtocolRun:
 
     def _restore(self, saved: Checkpoint) -> None:
         state = saved.state
-        if state["scene"] != self.model.scene.to_dict():
+        if state.get("scene") != self.model.scene.to_dict():
             raise InputError("--resume", str(self.path), "the scene that this file was written for, or another folder")
-        self._take(state, saved.frames[: state["kept_frames"]])
+        try:
+            self._take(state, saved.frames[: state["kept_frames"]])
+        except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+            found = f"{self.path}, which does not fit ({type(error).__name__}: {error})"
+            raise InputError("--resume", found, "a run file as ngbrain wrote it, or another folder") from error
 
     def _take(self, state: dict[str, Any], frames: Sequence[Frame]) -> None:
         self.transient.restore(state["transient"])

@@ -106,7 +106,7 @@ def learn(folder: Path, name: str, of: dict[str, Any], start: Path | None) -> No
         "torch": torch.__version__,
         "curve": [{key: _short(value) for key, value in epoch.items()} for epoch in checkpoint["curve"]],
     }
-    export(model, folder, name, card)
+    card = export(model, folder, name, card)
     card |= calibrate(Operator.of(folder, name), training, validation, settings.seed)
     write_json(folder / f"{name}.json", card)
 

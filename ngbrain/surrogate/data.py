@@ -32,6 +32,7 @@ from ngbrain.io.whole import whole
 from ngbrain.materials import Shearing
 from ngbrain.mesh.grid import rectangles
 from ngbrain.progress import logged, reporting
+from ngbrain.reading import hdf5
 from ngbrain.surrogate.families import FAMILIES, family
 
 Array = np.ndarray
@@ -226,10 +227,10 @@ class DataSet:
         """From a file; `InputError` where it is none of `generate`'s, or not what was written."""
         with naming(path):
             try:
-                with h5py.File(path) as file:
+                with hdf5(path, "file") as file:
                     columns: dict[str, Any] = {key: file[key][:] for key in COLUMNS}
                     told = {key: file.attrs[key] for key in ("modality", "split", "side", "sha256", "families")}
-            except KeyError as error:
+            except (KeyError, TypeError, ValueError) as error:
                 raise InputError(
                     "file", f"without {error}", "data that `ngbrain.surrogate.data` has written"
                 ) from error

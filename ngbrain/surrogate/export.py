@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,20 +14,24 @@ from torch import nn
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
 from ngbrain.io.whole import whole
+from ngbrain.surrogate.shipped import DIGEST
 from ngbrain.surrogate.train import Surrogate
 
 OPSET = 17
 
 
-def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -> None:
-    """Write NAME.onnx, `features` (batch, channels, ny, nx) → `mean`, `scale` (batch, answers, ny, nx), and then NAME.json.
+def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -> dict[str, Any]:
+    """Write NAME.onnx, `features` (batch, channels, ny, nx) → `mean`, `scale` (batch, answers, ny, nx), and then NAME.json, which
+    is returned: the card, with a digest of the weights.
 
     One file serves any batch and grid. Raises `MissingExtra` without onnx.
     """
     channels = model.centre.shape[1]
     folder.mkdir(parents=True, exist_ok=True)
     whole(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
-    write_json(folder / f"{name}.json", dict(card))
+    written = {**card, DIGEST: hashlib.sha256((folder / f"{name}.onnx").read_bytes()).hexdigest()}
+    write_json(folder / f"{name}.json", written)
+    return written
 
 
 def as_onnx(net: nn.Module, file: Path, channels: int, names: list[str]) -> None:

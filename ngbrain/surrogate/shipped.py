@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -12,10 +12,16 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError, naming, require
+from ngbrain.fields import brief
+from ngbrain.reading import read_bytes, read_json
 from ngbrain.surrogate.features import MODALITIES, Modality, modality
 
 Array = np.ndarray
 WEIGHTS = Path(__file__).parent / "weights"
+DIGEST = "onnx_sha256"
+"""What a card calls the SHA-256 of the weights that it was written for."""
+MOST_WEIGHTS = 2**28
+"""Bytes of them."""
 BATCH = 16
 """Squares that are answered at a time: more of them are no faster on one core."""
 
@@ -33,15 +39,56 @@ class Card:
     def read(path: Path) -> Card:
         """`InputError` where it is missing or no card."""
         with naming(path):
-            try:
-                told = json.loads(path.read_text())
-            except (OSError, ValueError) as error:
-                raise InputError(
-                    "card", f"unreadable ({error})", "what a training has written beside its weights"
-                ) from error
+            told = read_json(path, "card")
             if not isinstance(told, dict) or told.get("modality") not in MODALITIES:
                 raise InputError("card", "of no modality", f"`modality`, one of {', '.join(MODALITIES)}")
-        return Card(told)
+            card = Card(told)
+            card.check()
+        return card
+
+    def check(self) -> None:
+        """`InputError` where what calibration found is not what `trust.calibrate` gives; it may be missing."""
+        count, told = len(self.kind.answers), self.told
+        wanted = "what `ngbrain.surrogate.trust.calibrate` has found"
+        if "temperature" in told and not (_numbers(told["temperature"], (count,)) and np.all(self.temperature > 0)):
+            raise InputError("temperature", brief(told["temperature"]), f"{count} positive numbers")
+        if "within" in told:
+            within = told["within"] if isinstance(told["within"], dict) else {}
+            shares = within.get("shares")
+            if not (
+                isinstance(shares, list)
+                and len(shares) > 1
+                and _numbers(shares, (len(shares),))
+                and np.all(np.diff([0.0, *shares, 1.0]) > 0)
+                and _numbers(within.get("deviations"), (count, len(shares)))
+            ):
+                raise InputError("within", brief(told["within"]), wanted)
+        if "trust" in told:
+            self._check_trust(wanted)
+
+    def _check_trust(self, wanted: str) -> None:
+        trust = self.told["trust"] if isinstance(self.told["trust"], dict) else {}
+        ranges, bounds, axes = (trust.get(key) for key in ("ranges", "bounds", "axes"))
+        known = {"frequency", "wavelength", "modulus"} if self.kind.name == "waves" else {"contrast"}
+        if not (isinstance(ranges, dict) and known | {"softness"} == set(ranges)):
+            raise InputError("trust.ranges", brief(ranges), wanted)
+        for name, ends in ranges.items():
+            one = name in ("softness", "frequency")
+            if not (isinstance(ends, list) and _numbers(ends, (2,) if one else (2, 3))):
+                raise InputError(f"trust.ranges.{name}", brief(ends), wanted)
+        named = ("features", "deviation", "residual", "boundary", "noise")
+        if not (isinstance(bounds, dict) and all(_positive(bounds.get(name)) for name in named)):
+            raise InputError("trust.bounds", brief(bounds), wanted)
+        if not _positive(trust.get("threshold")):
+            raise InputError("trust.threshold", brief(trust.get("threshold")), wanted)
+        lists = [axes.get(key) for key in ("mean", "variance")] if isinstance(axes, dict) else []
+        sizes = [len(values) if isinstance(values, list) else 0 for values in lists]
+        shapes = {"mean": sizes[:1], "spread": sizes[:1], "axes": sizes[::-1], "variance": sizes[1:]}
+        if not isinstance(axes, dict) or 0 in sizes or not _positive(axes.get("across")):
+            raise InputError("trust.axes", brief(axes), wanted)
+        for key, shape in shapes.items():
+            if not _numbers(axes.get(key), tuple(shape)) or (key in ("spread", "variance") and min(axes[key]) <= 0):
+                raise InputError(f"trust.axes.{key}", brief(axes.get(key)), wanted)
 
     @property
     def kind(self) -> Modality:
@@ -97,13 +144,29 @@ class Operator:
         """NAME.onnx and NAME.json of a folder. Raises `InputError` where there are none, `MissingExtra` without onnxruntime."""
         runtime = require("onnxruntime", "surrogate")
         weights = folder / f"{name}.onnx"
-        if not weights.is_file():
-            raise InputError("weights", "missing", "what `python -m ngbrain.surrogate` has written", weights)
+        card, raw = Card.read(weights.with_suffix(".json")), read_bytes(weights, "weights", MOST_WEIGHTS)
+        if card.told.get(DIGEST) != hashlib.sha256(raw).hexdigest():
+            found = (
+                "not those that the card was written for" if DIGEST in card.told else "without a digest in their card"
+            )
+            wanted = (
+                f"those whose SHA-256 stands in the card as `{DIGEST}`, as `python -m ngbrain.surrogate` writes both"
+            )
+            raise InputError("weights", found, wanted, weights)
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
-        session = runtime.InferenceSession(str(weights), options, providers=["CPUExecutionProvider"])
-        return Operator(Card.read(weights.with_suffix(".json")), session)
+        try:
+            session = runtime.InferenceSession(raw, options, providers=["CPUExecutionProvider"])
+            puts, gives = ({each.name for each in of} for of in (session.get_inputs(), session.get_outputs()))
+        except Exception as error:  # onnxruntime has exceptions of its own, without a common base
+            raise InputError(
+                "weights", f"unreadable ({type(error).__name__}: {error})", "an ONNX graph", weights
+            ) from error
+        if puts != {"features"} or not {"mean", "scale"} <= gives:
+            found = f"a graph from {', '.join(sorted(puts))} to {', '.join(sorted(gives))}"
+            raise InputError("weights", found, "one from features to mean and scale", weights)
+        return Operator(card, session)
 
     @property
     def kind(self) -> Modality:
@@ -118,3 +181,16 @@ class Operator:
         ]
         mean, scale = (np.concatenate(each).astype(float) for each in zip(*parts, strict=True))
         return mean, np.exp(scale) * self.card.temperature[:, None, None]
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> bool:
+    """Whether these are finite numbers in lists of that shape."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of unequal lengths
+        return False
+    return array.shape == shape and array.dtype.kind in "iuf" and bool(np.isfinite(array).all())
+
+
+def _positive(value: Any) -> bool:
+    return _numbers(value, ()) and value > 0

@@ -1,11 +1,16 @@
 """What is kept on disk: made once, the same bits again, made anew when damaged or made from something else."""
 
+import sys
 import types
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ngbrain.io.cache import cache_folder, kept
+import ngbrain
+from ngbrain.io.cache import _DIGEST, cache_folder, kept, sources
+
+PACKAGE = Path(ngbrain.__file__).parent
 
 
 @pytest.fixture
@@ -15,9 +20,10 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def module(tmp_path):
+def module(tmp_path, monkeypatch):
     """A module whose source can be written anew."""
     module = types.ModuleType("maker")
+    monkeypatch.setitem(sys.modules, "maker", module)
     module.__file__ = str(tmp_path / "maker.py")
     (tmp_path / "maker.py").write_text("one = 1\n")
     return module
@@ -80,6 +86,48 @@ def test_made_again_from_anything_else(folder, module):
         source.write("two = 2\n")
     kept("mesh", {"size": 2e-3}, [module], make)
     assert make.calls == 4 and len(list(folder.iterdir())) == 4
+
+
+def test_an_entry_that_was_changed_is_made_again(folder, module):
+    """Its points doubled, as whole an archive as before."""
+    make = Maker()
+    first = kept("mesh", 1, [module], make)
+    (file,) = folder.iterdir()
+    with np.load(file) as found:
+        np.savez(
+            file,
+            **{
+                name: found[name] * (2 if name == "values" else 1) if name != "names" else found[name] for name in first
+            },
+            **{_DIGEST: found[_DIGEST]},
+        )
+    assert same(kept("mesh", 1, [module], make), first) and make.calls == 2
+
+
+def test_the_key_is_made_of_all_code_that_makes_an_entry():
+    """The mesh of an operated head depends on `mesh/cleft.py`; nothing depends on what only looks at it."""
+    for name in ("surgery/heads", "mesh/opening"):
+        found = {path.relative_to(PACKAGE).as_posix() for path in sources([f"ngbrain.{name.replace('/', '.')}"])}
+        assert {f"{name}.py", "mesh/cleft.py", "mesh/cut.py", "mesh/elements.py", "mesh/from_labels.py"} <= found
+        assert not any(path.startswith(("report", "cli", "inverse")) for path in found)
+
+
+def test_imports_are_followed_however_they_are_written(tmp_path, monkeypatch):
+    lines = {
+        "one.py": "import ngbrain.tensors\nfrom ngbrain import units",
+        "two.py": "def f():\n    from ngbrain.mesh import cleft\n",
+        "three.py": "from ngbrain.mesh import Cleft\n",
+    }
+    found = {}
+    for name, text in lines.items():
+        (tmp_path / name).write_text(text)
+        module = types.ModuleType(name.removesuffix(".py"))
+        module.__file__ = str(tmp_path / name)
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        found[name] = {path.name for path in sources([module.__name__])}
+    assert {"one.py", "tensors.py", "units.py"} <= found["one.py"]
+    assert {"two.py", "cleft.py", "errors.py"} <= found["two.py"]
+    assert {"three.py", "cleft.py", "shapes.py"} <= found["three.py"]  # through the package, which hands it on
 
 
 def flipped(good):

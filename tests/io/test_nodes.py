@@ -1,7 +1,5 @@
 """Nodes in the order VTK wants them, on the curved geometry, and fields at them."""
 
-import pickle
-
 import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.io import QuadraticGrid
+from ngbrain.io.mesh_arrays import mesh_arrays, mesh_of
 
 RADIUS = 0.05  # m
 # The vertices on either side of nodes 4..9 of VTK_QUADRATIC_TETRA.
@@ -146,4 +145,10 @@ def test_a_mesh_whose_numbering_would_be_lost_is_refused():
     mesh.Refine()
     with pytest.raises(InputError, match="refined"):
         QuadraticGrid(mesh)
-    assert QuadraticGrid(pickle.loads(pickle.dumps(mesh))).mesh.ne == mesh.ne
+    assert QuadraticGrid(mesh_of(mesh_arrays(mesh))).mesh.ne == mesh.ne
+
+
+def test_a_mesh_curved_by_cubics_is_refused():
+    mesh = ng.Mesh(occ.OCCGeometry(occ.Sphere((0, 0, 0), 1)).GenerateMesh(maxh=1)).Curve(3)
+    with pytest.raises(InputError, match="degree 3"):
+        QuadraticGrid(mesh)

@@ -347,7 +347,7 @@ def test_what_is_no_file_or_of_no_known_kind(tmp_path):
         with pytest.raises(InputError, match=name):
             read_waves(tmp_path / name)
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(InputError, match="no file"):
+    with pytest.raises(InputError, match="a folder"):
         read_waves(tmp_path / "folder.npz")
     with pytest.raises(InputError, match="one array"):
         np.save(tmp_path / "one.npy", np.zeros(3))

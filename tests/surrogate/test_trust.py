@@ -1,5 +1,8 @@
 """Numbers that say when not to trust: what they are of squares like those of the training, and of others."""
 
+import hashlib
+import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +10,9 @@ import pytest
 from algebraic import algebraic, few, noisy
 
 from ngbrain.errors import InputError
-from ngbrain.surrogate.features import GRAIN, modality, spoilt
+from ngbrain.surrogate.features import GRAIN, MODALITIES, modality, spoilt
 from ngbrain.surrogate.looking import Look
-from ngbrain.surrogate.shipped import Card, Operator
+from ngbrain.surrogate.shipped import DIGEST, WEIGHTS, Card, Operator
 from ngbrain.surrogate.trust import auc, calibrate, scores
 
 
@@ -154,5 +157,68 @@ def test_cards_and_weights_that_are_none(tmp_path):
     (tmp_path / "waves.json").write_text('{"modality": "sound"}')
     with pytest.raises(InputError, match=r"waves\.json.*modality"):
         Card.read(tmp_path / "waves.json")
-    with pytest.raises(InputError, match="unreadable"):
+    with pytest.raises(InputError, match="missing"):
         Card.read(tmp_path / "other.json")
+
+
+def told_otherwise(card, path, value):
+    """A card with something else in one place, or without it."""
+    changed = json.loads(json.dumps(card))
+    *places, last = path
+    at = changed
+    for place in places:
+        at = at[place]
+    if value is None:
+        del at[last]
+    else:
+        at[last] = value
+    return changed
+
+
+@pytest.mark.parametrize("name", MODALITIES)
+def test_a_card_with_anything_else_in_it_is_refused(tmp_path, name):
+    card = json.loads((WEIGHTS / f"{name}.json").read_text())
+    path = tmp_path / f"{name}.json"
+    path.write_text(json.dumps(card))
+    Card.read(path)
+    some = next(key for key in card["trust"]["ranges"])
+    places = [
+        ("temperature",),
+        ("within",),
+        ("within", "shares"),
+        ("within", "deviations"),
+        ("trust",),
+        ("trust", "axes"),
+    ]
+    places += [("trust", key) for key in ("ranges", "bounds", "threshold")] + [("trust", "ranges", some)]
+    places += [("trust", "axes", key) for key in ("mean", "spread", "axes", "variance", "across")]
+    places += [("trust", "bounds", key) for key in ("features", "noise")] + [
+        ("within", "shares", 0),
+        ("temperature", 0),
+    ]
+    for place in places:
+        for value in ("text", -1.0, [], {}, [[1.0], [1.0, 2.0]], None):
+            if value is None and len(place) == 1:
+                continue  # a card may come before calibration
+            path.write_text(json.dumps(told_otherwise(card, place, value)))
+            with pytest.raises(InputError, match=f"{name}.json: (within|trust|temperature)"):
+                Card.read(path)
+
+
+def test_weights_that_are_not_those_of_the_card_are_refused(tmp_path):
+    """Bits of the graph that any reader takes: all moduli a tenth higher, say."""
+    pytest.importorskip("onnxruntime")
+    for suffix in ("json", "onnx"):
+        shutil.copy(WEIGHTS / f"waves.{suffix}", tmp_path)
+    Operator.of(tmp_path, "waves")
+    weights, card = tmp_path / "waves.onnx", json.loads((tmp_path / "waves.json").read_text())
+    raw = weights.read_bytes()
+    for damaged, opens in ((raw[:-100] + bytes([raw[-100] ^ 1]) + raw[-99:], True), (raw[:5000], False)):
+        weights.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"waves\.onnx: weights is not those that the card"):
+            Operator.of(tmp_path, "waves")
+        (tmp_path / "waves.json").write_text(json.dumps(card | {DIGEST: hashlib.sha256(damaged).hexdigest()}))
+        if not opens:
+            with pytest.raises(InputError, match="weights is unreadable"):
+                Operator.of(tmp_path, "waves")
+        (tmp_path / "waves.json").write_text(json.dumps(card))

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
-from zipfile import is_zipfile
 
 import h5py
 import numpy as np
@@ -21,6 +20,7 @@ from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
 from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres, lacking
 from ngbrain.io.whole import whole
+from ngbrain.reading import check_regular, hdf5, read_npz
 
 _OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine", "motion")
 _KEYS = (
@@ -148,28 +148,11 @@ def _directions(angle: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    # Opened here: numpy leaves a damaged archive open.
-    with path.open("rb") as raw:
-        begins = raw.read(6)
-        if not begins.startswith(b"PK") or not is_zipfile(raw):
-            found = "one array" if begins == b"\x93NUMPY" else "damaged, or no archive"
-            raise InputError("data", found, "a whole archive of arrays, as numpy.savez writes it")
-        raw.seek(0)
-        file = np.load(raw, allow_pickle=False)
-        return {name: _unpickled(file, name) for name in file.files}
-
-
-def _unpickled(file: Mapping[str, Any], name: str) -> Any:
-    try:
-        return file[name]
-    except ValueError as error:
-        if "allow_pickle" not in str(error):
-            raise
-        raise InputError(name, "made of Python objects", "a plain array, without pickles") from error
+    return dict(read_npz(path, "data"))
 
 
 def _read_h5(path: Path) -> dict[str, Any]:
-    with h5py.File(path, "r") as file:
+    with hdf5(path, "data") as file:
         found = {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
     return {name: value.decode() if isinstance(value, bytes) else value for name, value in found.items()}
 
@@ -195,8 +178,7 @@ def _sound(read: Callable[[Path], dict[str, Any]]) -> Callable[[Path], dict[str,
     """The same reader for files that need not be what they seem."""
 
     def reader(path: Path) -> dict[str, Any]:
-        if not path.is_file():
-            raise InputError("data", "missing" if not path.exists() else "no file", _WANTED)
+        check_regular(path, "data")
         try:
             return read(path)
         except NgbrainError:

@@ -28,6 +28,7 @@ from ngbrain.image.niftifile import NIFTI, suffix_of, write_nifti
 from ngbrain.image.volume import Volume, opened
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.volumes import in_plane_of, lacking, with_loads
+from ngbrain.reading import read_json
 
 TEMPLATE = """\
 {
@@ -123,7 +124,7 @@ def _image(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if not path.name.endswith(NIFTI):
         raise InputError("image", repr(path.name), " or ".join(NIFTI), path)
     image, affine = opened(path, _SIDES)
-    if np.prod(image.shape, dtype=float) > _MOST:
+    if not image.shape or np.prod(image.shape, dtype=float) > _MOST:
         raise InputError("image", f"of shape {image.shape}", f"at most {_MOST} numbers", path)
     values = np.asanyarray(image.dataobj)
     if values.dtype.kind not in "iufc":
@@ -136,10 +137,7 @@ def _sidecar(path: Path) -> dict[str, Any]:
     if not place.is_file():
         wanted = "a JSON file beside the image: `ngbrain invert --template` prints one"
         raise InputError("sidecar", "missing", wanted, place)
-    try:
-        keys = json.loads(place.read_text())
-    except (ValueError, RecursionError) as error:
-        raise InputError("sidecar", f"unreadable ({error})", "a JSON object", place) from error
+    keys = read_json(place, "sidecar")
     if not isinstance(keys, dict):
         raise InputError("sidecar", f"a {type(keys).__name__}", "a JSON object", place)
     for name in ("points", "displacement", "samples", "phase", "affine"):

@@ -1,0 +1,292 @@
+"""Files as data: what they would take in memory is asked before it is taken, nothing in them is run, and nothing waits for ever."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import stat
+import subprocess
+import sys
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+
+if TYPE_CHECKING:
+    import h5py
+
+MOST = 2**30
+"""Bytes that a file of data may hold or unpack to."""
+MOST_TEXT = 2**26
+"""Bytes that a file of text may hold."""
+MOST_OBJECTS = 10_000
+"""Groups and arrays that an HDF5 file may hold."""
+PATIENCE = 20
+"""Seconds of a processor that libhdf5 may take to read a file that is not known to be whole."""
+_PIECE = 1 << 24
+"""Bytes that are unpacked at a time."""
+_HEADER = 1 << 16
+"""Bytes that the description of an array may take; NumPy's own are hundreds."""
+_TRIAL = "import sys; sys.path[:] = sys.argv[2:]; from ngbrain.reading import _trial; _trial(sys.argv[1])"
+
+
+def read_bytes(path: str | os.PathLike[str], what: str, most: int = MOST) -> bytes:
+    """The bytes of a regular file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Neither a device nor a pipe, which may have no end or never begin.
+    what : str
+        What it is, for messages.
+    most : int
+        Bytes that it may hold.
+
+    Raises
+    ------
+    InputError
+        There is no such file, it is not a regular one, cannot be read, or is too large.
+
+    Examples
+    --------
+    >>> read_bytes("/dev/null", "scene")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: /dev/null: scene is no regular file; wanted: a file on disk
+    """
+    path = Path(path)
+    try:
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (OSError, ValueError) as error:
+        found = "missing" if isinstance(error, FileNotFoundError) else f"unreadable ({_reason(error)})"
+        raise InputError(what, found, "a file on disk", path) from error
+    try:
+        with os.fdopen(number, "rb") as stream:
+            _regular(os.fstat(stream.fileno()), what, most, path)
+            return stream.read(most + 1)
+    except OSError as error:
+        raise InputError(what, f"unreadable ({_reason(error)})", "a file on disk", path) from error
+
+
+def check_regular(path: str | os.PathLike[str], what: str, most: int = MOST) -> None:
+    """Refuse what `read_bytes` refuses, without reading it."""
+    path = Path(path)
+    try:
+        state = path.stat()
+    except (OSError, ValueError) as error:
+        found = "missing" if isinstance(error, FileNotFoundError) else f"unreadable ({_reason(error)})"
+        raise InputError(what, found, "a file on disk", path) from error
+    _regular(state, what, most, path)
+
+
+def read_text(path: str | os.PathLike[str], what: str, most: int = MOST_TEXT) -> str:
+    """The text of a file: UTF-8, or UTF-16 with its mark; raises what `read_bytes` does, and `InputError` for other encodings."""
+    path = Path(path)
+    raw = read_bytes(path, what, most)
+    encoding = "utf-16" if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise InputError(
+            what, f"not {encoding[:6].upper().rstrip('-')} in line {line}", "text saved as UTF-8", path
+        ) from error
+
+
+def read_json(path: str | os.PathLike[str], what: str) -> Any:
+    """What a JSON file holds; raises what `read_text` does, and `InputError` for what is not JSON."""
+    text = read_text(path, what)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(what, f"damaged ({error})", "a JSON file", Path(path)) from error
+
+
+def read_npz(path: str | os.PathLike[str], what: str, most: int = MOST) -> dict[str, np.ndarray]:
+    """The arrays of a NumPy archive, none of them made of Python objects.
+
+    Raises
+    ------
+    InputError
+        What `read_bytes` refuses; the archive is damaged, unpacks to more than `most` bytes, or holds Python objects.
+    """
+    check_regular(path, what, most)
+    return arrays_of(Path(path).read_bytes(), what, path, most)
+
+
+def arrays_of(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> dict[str, np.ndarray]:
+    """The same of an archive in memory; `path` is for messages."""
+    path = Path(path)
+    if not raw.startswith(b"PK"):
+        found = "one array" if raw.startswith(b"\x93NUMPY") else "damaged, or no archive"
+        raise InputError(what, found, "a whole archive of arrays, as numpy.savez writes it", path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            members = archive.infolist()
+            _bounded(sum(member.file_size for member in members), what, most, path, "one that unpacks to")
+            return {member.filename.removesuffix(".npy"): _array(archive, member, what, path) for member in members}
+    except InputError:
+        raise
+    except Exception as error:  # whatever damaged bytes lead zipfile and NumPy into
+        wanted = "a whole archive of plain arrays, without pickles"
+        raise InputError(what, f"unreadable ({type(error).__name__}: {error})", wanted, path) from error
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str, path: Path) -> np.ndarray:
+    name = member.filename.removesuffix(".npy")
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
+        if read is not None:
+            shape, _, dtype = read(stream, max_header_size=_HEADER)
+            if dtype.hasobject:
+                raise InputError(name, "made of Python objects", "a plain array, without pickles", path)
+            needed = dtype.itemsize * int(np.prod(shape, dtype=object))
+            if needed > member.file_size:
+                raise InputError(
+                    what, f"damaged: {name} has {member.file_size} of {needed} bytes", "a whole file", path
+                )
+    with archive.open(member) as stream:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False, max_header_size=_HEADER))
+
+
+def gunzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytearray:
+    """What gzip has packed, its checksums looked at; `InputError` where it is damaged or unpacks to more than `most` bytes."""
+    path, size = Path(path), 0
+    for piece in _pieces(raw, what, path):  # counted before anything is kept
+        size += len(piece)
+        _bounded(size, what, most, path, "one that unpacks to at least")
+    unpacked, at = bytearray(size), 0
+    for piece in _pieces(raw, what, path):
+        unpacked[at : at + len(piece)] = piece
+        at += len(piece)
+    return unpacked
+
+
+def _pieces(raw: bytes, what: str, path: Path) -> Iterator[bytes]:
+    left = raw
+    while left:
+        unpacker = zlib.decompressobj(wbits=31)
+        try:
+            yield unpacker.decompress(left, _PIECE)
+            while unpacker.unconsumed_tail:
+                yield unpacker.decompress(unpacker.unconsumed_tail, _PIECE)
+            yield unpacker.flush()
+        except zlib.error as error:
+            raise InputError(what, f"unreadable ({error})", "a whole file", path) from error
+        if not unpacker.eof:
+            raise InputError(what, "unreadable (its compressed part ends early)", "a whole file", path)
+        left = unpacker.unused_data.lstrip(b"\0")
+        if left and not left.startswith(b"\x1f\x8b"):
+            raise InputError(what, "unreadable (something else follows its compressed part)", "a whole file", path)
+
+
+@contextmanager
+def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool = False) -> Iterator[h5py.File]:
+    """An HDF5 file, open for reading, that keeps all its data within itself.
+
+    Parameters
+    ----------
+    path, what, most
+        As `read_bytes` has them; `most` also bounds what the arrays unpack to.
+    whole : bool
+        It is known to be undamaged. Otherwise it is read in another process first, for libhdf5 may crash or never come back from a
+        damaged file.
+
+    Raises
+    ------
+    InputError
+        What `read_bytes` refuses; the file is damaged, too large, or refers to other files.
+    """
+    import h5py
+
+    path = Path(path)
+    check_regular(path, what, most)
+    if not whole:
+        _try(path, what)
+    try:
+        file = h5py.File(path, "r")
+    except (OSError, RuntimeError) as error:
+        raise InputError(what, f"unreadable ({error})", "a whole HDF5 file", path) from error
+    with file:
+        check_contained(file, what, path, most)
+        yield file
+
+
+def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) -> None:
+    """Refuse an open HDF5 file that refers to other files, or whose arrays unpack to more than `most` bytes."""
+    import h5py
+
+    waiting: list[h5py.Group] = [file]
+    seen, size = set[int](), 0
+    while waiting:
+        group = waiting.pop()
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                raise InputError(f"{what} {name}", f"in another file ({link.filename})", "data in this file", path)
+            item = None if isinstance(link, h5py.SoftLink) else group.get(name)
+            if item is None or (number := h5py.h5o.get_info(item.id).addr) in seen:
+                continue
+            seen.add(number)
+            if len(seen) > MOST_OBJECTS:
+                raise InputError(what, "full of groups and arrays", f"at most {MOST_OBJECTS} of them", path)
+            if isinstance(item, h5py.Group):
+                waiting.append(item)
+            elif isinstance(item, h5py.Dataset):
+                if item.external or item.is_virtual:
+                    raise InputError(f"{what} {name}", "in another file", "data in this file", path)
+                size += item.size * item.dtype.itemsize if item.size else 0
+                _bounded(size, what, most, path, "one that unpacks to")
+
+
+def _try(path: Path, what: str) -> None:
+    """Read every array in a process that may crash or spin without harm."""
+    command = [sys.executable, "-c", _TRIAL, str(path), *map(str, sys.path)]
+    try:
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=30 * PATIENCE)
+    except (subprocess.TimeoutExpired, OSError, ValueError) as error:
+        raise InputError(what, f"unreadable ({type(error).__name__})", "a whole HDF5 file", path) from error
+    if done.returncode not in (0, 1):  # 1: something that is refused here too, in words
+        raise InputError(what, "damaged: libhdf5 fails to read it", "a whole HDF5 file", path)
+
+
+def _trial(name: str) -> None:
+    import h5py
+
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except ImportError:  # Windows has no such limits
+        pass
+    try:
+        with h5py.File(name, "r") as file:
+            check_contained(file, "data", Path(name))
+            file.visititems(lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None)
+    except Exception:
+        sys.exit(1)
+    os._exit(0)  # nothing that libhdf5 might do on its way out
+
+
+def _regular(state: os.stat_result, what: str, most: int, path: Path) -> None:
+    if not stat.S_ISREG(state.st_mode):
+        kind = "a folder" if stat.S_ISDIR(state.st_mode) else "no regular file"
+        raise InputError(what, kind, "a file on disk", path)
+    _bounded(state.st_size, what, most, path)
+
+
+def _bounded(size: int, what: str, most: int, path: Path, how: str = "a file of") -> None:
+    if size > most:
+        raise InputError(what, f"{how} {size:,} bytes", f"at most {most:,} bytes", path)
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
