@@ -27,6 +27,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.expressions import MOST as MOST_WAYS
+from ngbrain.expressions import ways
 from ngbrain.reading import read_text
 
 UNITS = {
@@ -129,11 +131,15 @@ def pattern(key: str, default: Any = MISSING) -> Any:
         try:
             with warnings.catch_warnings(action="ignore"):
                 # NGSolve knows no (?i), (?P<name>…), (?<!…) or {,n}, and takes minutes over what is very long.
-                return raw.strip() and len(raw) <= 200 and not re.search(r"\(\?[^:=!]|\{,", raw) and re.compile(raw)
+                known = raw.strip() and len(raw) <= 200 and not re.search(r"\(\?[^:=!]|\{,", raw)
+                return known and re.compile(raw) and ways(raw) <= MOST_WAYS
         except (re.error, OverflowError, RecursionError):
             return False
 
-    return text(key, default, "a name or a regular expression (ECMAScript, up to 200 characters)", accept)
+    wanted = (
+        "a name or a regular expression (ECMAScript, up to 200 characters, at most four repeats, none within another)"
+    )
+    return text(key, default, wanted, accept)
 
 
 def table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:

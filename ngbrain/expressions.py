@@ -1,0 +1,63 @@
+"""How long a regular expression may take: those that try too many ways to match a name are found before one is matched."""
+
+from __future__ import annotations
+
+import re
+
+LONGEST = 64
+"""Characters of a name, about: what an unlimited repeat may try."""
+MOST = float(LONGEST**4)
+"""Ways to match a name that may be tried: four unlimited repeats in a row."""
+_QUANTIFIER = re.compile(r"(?:[*+?]|\{(\d+)(?:(,)(\d*))?\})\??")
+_OPENING = re.compile(r"\((?:\?[:=!])?")
+_ITEM = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|[^\\\[()|]")
+
+
+def ways(pattern: str) -> float:
+    """At most so many ways a pattern has of matching a name, all of which are tried where it does not match.
+
+    It is infinite where what is repeated may itself match in several ways.
+
+    >>> ways("white|grey.*"), ways("(.*)*z"), ways("a?a?aa")
+    (65.0, inf, 4.0)
+    """
+    found, at = _branches(pattern, 0)
+    return found if at == len(pattern) else float("inf")
+
+
+def _branches(pattern: str, at: int) -> tuple[float, int]:
+    """Of alternatives, up to a closing parenthesis or the end; and where that is."""
+    total, here = 0.0, 1.0
+    while at < len(pattern) and pattern[at] != ")":
+        if pattern[at] == "|":
+            total, here, at = total + here, 1.0, at + 1
+            continue
+        if opening := _OPENING.match(pattern, at):
+            inner, at = _branches(pattern, opening.end())
+            if _told_apart(pattern[opening.end() : at]):
+                inner = 1.0
+            at += 1
+        elif item := _ITEM.match(pattern, at):
+            inner, at = 1.0, item.end()
+        else:
+            return float("inf"), len(pattern)
+        if quantifier := _QUANTIFIER.match(pattern, at):
+            at = quantifier.end()
+            repeats = _repeats(quantifier)
+            inner = inner + 1 if quantifier[0][0] == "?" else repeats if inner == 1 else float("inf")
+        here *= inner
+    return total + here, at
+
+
+def _told_apart(inner: str) -> bool:
+    """Whether it is plain words, of which the first letter of a name chooses one at most."""
+    words = inner.split("|")
+    return all(re.fullmatch(r"[\w-]+", word) for word in words) and len({word[0] for word in words}) == len(words)
+
+
+def _repeats(quantifier: re.Match[str]) -> float:
+    """How many numbers of repeats there are."""
+    least, comma, most = quantifier.groups()
+    if least is None or (comma and not most):
+        return 2.0 if quantifier[0][0] == "?" else float(LONGEST)
+    return float(min(int(most or least) - int(least) + 1, LONGEST)) if len(least + (most or "")) < 9 else float("inf")
