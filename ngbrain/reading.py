@@ -34,7 +34,13 @@ _PIECE = 1 << 24
 """Bytes that are unpacked at a time."""
 _HEADER = 1 << 16
 """Bytes that the description of an array may take; NumPy's own are hundreds."""
-_TRIAL = "import sys; sys.path[:] = sys.argv[2:]; from ngbrain.reading import _trial; _trial(sys.argv[1])"
+_TRIAL = """import sys
+sys.path[:] = sys.argv[2:]
+from ngbrain.reading import _begin
+_begin()
+from {0} import {1}
+{1}(sys.argv[1])
+"""
 
 
 def read_bytes(path: str | os.PathLike[str], what: str, most: int = MOST) -> bytes:
@@ -209,7 +215,7 @@ def hdf5(path: str | os.PathLike[str], what: str, most: int = MOST, whole: bool 
     path = Path(path)
     check_regular(path, what, most)
     if not whole:
-        _try(path, what)
+        tried(path, what, __name__, "_read_hdf5")
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError) as error:
@@ -246,20 +252,31 @@ def check_contained(file: h5py.File, what: str, path: Path, most: int = MOST) ->
                 _bounded(size, what, most, path, "one that unpacks to")
 
 
-def _try(path: Path, what: str) -> None:
-    """Read every array in a process that may crash or spin without harm."""
-    command = [sys.executable, "-c", _TRIAL, str(path), *map(str, sys.path)]
+def tried(path: Path, what: str, module: str, function: str) -> None:
+    """Read a file in a process that may crash or spin without harm.
+
+    Parameters
+    ----------
+    path, what
+        As `read_bytes` has them.
+    module, function : str
+        A function of a module, of the file's name. What it raises is no matter here: it is raised here again.
+
+    Raises
+    ------
+    InputError
+        The process crashed or took more than `PATIENCE` seconds of a processor.
+    """
+    command = [sys.executable, "-c", _TRIAL.format(module, function), str(path), *map(str, sys.path)]
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=30 * PATIENCE)
     except (subprocess.TimeoutExpired, OSError, ValueError) as error:
-        raise InputError(what, f"unreadable ({type(error).__name__})", "a whole HDF5 file", path) from error
-    if done.returncode not in (0, 1):  # 1: something that is refused here too, in words
-        raise InputError(what, "damaged: libhdf5 fails to read it", "a whole HDF5 file", path)
+        raise InputError(what, f"unreadable ({type(error).__name__})", "a whole file", path) from error
+    if done.returncode not in (0, 1):
+        raise InputError(what, "damaged: its library crashes or hangs on it", "a whole file", path)
 
 
-def _trial(name: str) -> None:
-    import h5py
-
+def _begin() -> None:
     try:
         import resource
 
@@ -267,13 +284,14 @@ def _trial(name: str) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     except ImportError:  # Windows has no such limits
         pass
-    try:
-        with h5py.File(name, "r") as file:
-            check_contained(file, "data", Path(name))
-            file.visititems(lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None)
-    except Exception:
-        sys.exit(1)
-    os._exit(0)  # nothing that libhdf5 might do on its way out
+
+
+def _read_hdf5(name: str) -> None:
+    import h5py
+
+    with h5py.File(name, "r") as file:
+        check_contained(file, "data", Path(name))
+        file.visititems(lambda _, item: item[()] is None if isinstance(item, h5py.Dataset) else None)
 
 
 def _regular(state: os.stat_result, what: str, most: int, path: Path) -> None:

@@ -39,7 +39,7 @@ def test_a_scene_is_solved_and_told(tmp_path, capsys):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "What this model left out" in page and "that strains and turns are finite" in page
     assert "http" not in page.replace("http-equiv", "")
-    assert main(["solve", str(file), "-o", str(tmp_path / "out")]) == 0
+    assert main(["solve", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0
     assert "left out" in capsys.readouterr().out
 
 

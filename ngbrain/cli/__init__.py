@@ -7,24 +7,29 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from typing import Any
 
 from ngbrain.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from ngbrain.cli.options import parser
+from ngbrain.cli.places import claimed
+from ngbrain.cli.streams import heard, secure
 from ngbrain.errors import InputError, MissingExtra, SolverError
 from ngbrain.progress import LOG, terminal
 
 LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 """Three numbers with commas, the first of them negative."""
 EXIT_INPUT, EXIT_SOLVER = 2, 3
+WRITING = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
+"""Verbs that write results to a folder."""
 MODULES = {"demo": "retract", "solve": "ladder"}
 """Verbs that are at home in a module of another name; its `run` takes what was given and may return a status."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a verb; returns the exit status."""
+    secure()
     command = parser()
     arguments = command.parse_args(_joined(sys.argv[1:] if argv is None else argv))
     if arguments.verb is None:
@@ -33,9 +38,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
     stopped = f"ngbrain: stopped{resumed}"
     try:
-        with interruptible(stopped), _logging(arguments.quiet):
+        with heard(), interruptible(stopped), _logging(arguments.quiet):
             module = import_module(f"ngbrain.cli.{MODULES.get(arguments.verb, arguments.verb)}")  # a second or two
-            return int(module.run(arguments) or 0)
+            with claimed(arguments) if arguments.verb in WRITING else nullcontext():
+                return int(module.run(arguments) or 0)
     except (InputError, MissingExtra) as error:
         print(f"ngbrain: {error}", file=sys.stderr)
         return EXIT_INPUT
@@ -43,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"ngbrain: {error.filename or arguments.output}: {error.strerror or error}", file=sys.stderr)
         return EXIT_INPUT
     except SolverError as error:
-        print(f"ngbrain: {error}; the steps so far are in {arguments.output}", file=sys.stderr)
+        kept = f"; the steps so far are in {arguments.output}" if hasattr(arguments, "resume") else ""
+        print(f"ngbrain: {error}{kept}", file=sys.stderr)
         return EXIT_SOLVER
     except MemoryError:
         print("ngbrain: out of memory; larger elements or fewer --threads take less", file=sys.stderr)

@@ -34,7 +34,6 @@ def run(arguments: argparse.Namespace) -> None:
     started, rounds = time.monotonic(), list[Iteration]()
     scene, seen, protocol = _checked(arguments)
     folder: Path = arguments.output
-    folder.mkdir(parents=True, exist_ok=True)
     start = _begun(folder / ROUND) if arguments.resume and (folder / ROUND).exists() else None
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads):
 
@@ -69,9 +68,6 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
     """Scene, measurements, number of the protocol; what is wrong or missing is said before the work begins."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
-    folder: Path = arguments.output
-    if folder.exists() and not folder.is_dir():
-        raise InputError("-o", str(folder), "a folder, or a name that is free")
     if not (arguments.landmarks or arguments.force):
         raise InputError("--landmarks", "missing", "it or --force, or both")
     for option, table, deviation in (

@@ -66,7 +66,6 @@ def run(arguments: argparse.Namespace) -> None:
     started, rounds = time.monotonic(), list[Iteration]()
     data = _checked(arguments)
     folder: Path = arguments.output
-    folder.mkdir(parents=True, exist_ok=True)
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
 
         def tell(iteration: Iteration) -> None:
@@ -177,9 +176,6 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
             if given not in wanted:
                 raise InputError(option, given, f"{wanted[0] or 'left out'} with --subzones: zones have no other")
     Device.named(arguments.device)
-    folder: Path = arguments.output
-    if folder.exists() and not folder.is_dir():
-        raise InputError("-o", str(folder), "a folder, or a name that is free")
     data = read_waves(arguments.data)
     data = data.conjugated() if arguments.conjugate else data
     if data.affine is not None:

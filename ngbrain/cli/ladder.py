@@ -22,8 +22,6 @@ def run(arguments: argparse.Namespace) -> None:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     folder: Path = arguments.output
-    if folder.exists() and not folder.is_dir():
-        raise InputError("-o", str(folder), "a folder, or a name that is free")
     scene = _read(arguments.scene)
     with Progress(terminal(arguments.quiet)) as line:
         if isinstance(scene, Scene):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ngbrain import __version__
 
@@ -22,11 +23,12 @@ UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
 DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
+MOST_THREADS = 1024
 
 
 def parser() -> argparse.ArgumentParser:
     """Of the whole command; `verb` is what is asked for, or None."""
-    command = argparse.ArgumentParser(prog="ngbrain", description="In silico brain surgery.")
+    command = _Parser(prog="ngbrain", description="In silico brain surgery.")
     command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
     demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
@@ -60,8 +62,17 @@ def parser() -> argparse.ArgumentParser:
                 metavar="N",
                 help="for assembly (1)" if verb in assembling else "processes side by side",
             )
+        replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
+        verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary; warnings stay")
     return command
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
 
 
 def _demo(verbs: Any) -> argparse.ArgumentParser:
@@ -333,14 +344,23 @@ def _data(verbs: Any) -> None:
 
 
 def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of threads")
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if not 1 <= number <= MOST_THREADS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of threads, from 1 to {MOST_THREADS}")
     return number
 
 
 def _length(text: str) -> float:
-    return 1e-3 * float(text)
+    try:
+        length = 1e-3 * float(text)
+    except ValueError:
+        length = math.nan
+    if not math.isfinite(length):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length in mm")
+    return length
 
 
 def _direction(text: str) -> tuple[float, float, float]:
@@ -348,6 +368,8 @@ def _direction(text: str) -> tuple[float, float, float]:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
+    if not all(map(math.isfinite, (x, y, z))):
+        raise argparse.ArgumentTypeError(f"{text!r} is not three finite numbers")
     return x, y, z
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
-from ngbrain.errors import InputError, require
+from ngbrain.errors import require
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.files import write_maps
@@ -39,8 +39,6 @@ def run(arguments: argparse.Namespace) -> int:
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
     folder: Path = arguments.output
-    if folder.exists() and not folder.is_dir():
-        raise InputError("-o", str(folder), "a folder, or a name that is free")
     with Progress(terminal(arguments.quiet)) as line, threads(arguments.threads), in_file(arguments.data):
         line.tell("reading")
         data = read_waves(arguments.data)
@@ -51,7 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
         line.tell("predicting")
         operator = predicting(data, arguments.weights)
         found = predict(data, operator)
-    folder.mkdir(parents=True, exist_ok=True)
     maps, deviations, notes = at_level(found)
     follows = following(found.data, maps)
     arrays = {

@@ -45,8 +45,6 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
     for package in ("matplotlib", "jinja2"):  # before the work, not after it
         require(package, "report")
     folder: Path = arguments.output
-    if folder.exists() and not folder.is_dir():
-        raise InputError("-o", str(folder), "a folder, or a name that is free")
     if scene.ask:
         LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
     from ngbrain.report import Report

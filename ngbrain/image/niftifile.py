@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.volume import Volume
+from ngbrain.io.whole import whole
 
 NIFTI = (".nii", ".nii.gz")
 
@@ -24,19 +25,14 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
         MissingExtra: nibabel is not installed.
     """
     path = Path(path)
-    suffix = suffix_of(path)
+    suffix_of(path)
     nibabel = require("nibabel", "mri")
     affine = np.diag([1e3, 1e3, 1e3, 1]) @ volume.affine
     image = nibabel.Nifti1Image(volume.data, affine)
     image.header.set_xyzt_units("mm")
     image.set_sform(affine, 1)
     image.set_qform(None, 0)
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp{suffix}")
-    try:
-        nibabel.save(image, part)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    whole(path, lambda part: nibabel.save(image, part))
 
 
 def suffix_of(path: Path) -> str:

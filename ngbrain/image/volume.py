@@ -237,12 +237,14 @@ def _parsed(path: Path) -> Any:
     """The nibabel image in a file; its values are not looked at yet."""
     if not path.exists():
         raise InputError("image", "missing", _NIFTI, path)
-    if is_dicom(path):
+    if path.is_dir():
         return read_series(path)
     try:
         check_regular(path, "image")
     except InputError as error:
         raise InputError("image", error.value, _NIFTI, path) from None
+    if is_dicom(path):
+        return read_series(path)
     nibabel = require("nibabel", "mri")
     raw = read_bytes(path, "image")
     if raw[:2] == b"\x1f\x8b":

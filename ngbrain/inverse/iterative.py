@@ -29,6 +29,7 @@ from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Level, Policy
+from ngbrain.io.whole import whole
 from ngbrain.reading import read_npz
 from ngbrain.solvers.directions import Directions
 
@@ -191,10 +192,13 @@ class Iterative(GaussNewton):
         begun = NOWHERE.real
         if self.arrived:
             begun, notes["arrived"] = self.arrived.x, asdict(self.arrived) | {"x": None}
-        part = self.checkpoint.with_name(f".{self.checkpoint.name}.{os.getpid()}.part")
-        with part.open("wb") as file:
-            np.savez(file, x=x, waves=waves, begun=begun, notes=json.dumps(notes), directions=self.directions.arrays)
-        os.replace(part, self.checkpoint)
+        arrays = {"x": x, "waves": waves, "begun": begun, "directions": self.directions.arrays}
+
+        def write(part: Path) -> None:
+            with part.open("wb") as file:  # of any suffix
+                np.savez(file, notes=json.dumps(notes), **arrays)  # type: ignore[arg-type]
+
+        whole(self.checkpoint, write)
 
     def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
         """x, waves (none in a descent) and notes of the checkpoint, whose weights and directions are taken on."""

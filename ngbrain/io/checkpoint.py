@@ -12,8 +12,8 @@ A checkpoint is a VTKHDF 2 file (`.vtkhdf`, an HDF5 file): the mesh once, the fr
 
 from __future__ import annotations
 
-import glob
 import hashlib
+import io
 import json
 import math
 import os
@@ -32,6 +32,7 @@ from ngbrain.errors import InputError
 from ngbrain.io.mesh_arrays import mesh_of
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
+from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.reading import check_regular, hdf5
 
 Array = npt.NDArray[Any]
@@ -87,8 +88,8 @@ def save(
 ) -> None:
     """Write a checkpoint; the file at `path` is always the old one or the new one, whole.
 
-    It is written beside its place, forced to disk and then renamed. A process killed meanwhile leaves the old file
-    and perhaps a `.NAME.PID.tmp`, which the next `save` clears away; so let only one process write to a path.
+    It is written beside its place, forced to disk and then renamed (`ngbrain.io.whole`). A process killed meanwhile leaves the
+    old file, and perhaps a part beside it that the next `save` clears away.
 
     Args:
         path: best with the suffix `.vtkhdf`, by which ParaView knows the format; its folder must exist.
@@ -125,27 +126,26 @@ def save(
         raise InputError("cell_data", "'region'", "another name, this one is taken")
     cells: dict[str, Array] = {"region": grid.region, **(cell_data or {})}
     _check(frames, cells, grid)
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with h5py.File(part, "w") as file:
-            _write_vtk(file.create_group("VTKHDF"), grid, frames, cells)
-            own = file.create_group("ngbrain")
-            own.attrs.update({"format": _FORMAT, "ngsolve": ng.__version__})
-            for name, array in grid.arrays.items():
-                own[f"mesh/{name}"] = array
-            own["state"] = np.frombuffer(json.dumps(packed).encode(), np.uint8)
-            for i, (name, array) in enumerate(arrays):
-                write_array(own, f"arrays/{i}", array).attrs["name"] = name
-        with open(part, "r+b") as stream:
-            stream.write(_MARK + _digest(stream, part.stat().st_size))  # the digest has read up to the end
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    for left in path.parent.glob(f".{glob.escape(path.name)}.[0-9]*.tmp"):  # by processes that were killed here
-        left.unlink(missing_ok=True)
+
+    def fill(file: h5py.File) -> None:
+        _write_vtk(file.create_group("VTKHDF"), grid, frames, cells)
+        own = file.create_group("ngbrain")
+        own.attrs.update({"format": _FORMAT, "ngsolve": ng.__version__})
+        for name, array in grid.arrays.items():
+            own[f"mesh/{name}"] = array
+        own["state"] = np.frombuffer(json.dumps(packed).encode(), np.uint8)
+        for i, (name, array) in enumerate(arrays):
+            write_array(own, f"arrays/{i}", array).attrs["name"] = name
+
+    image = hdf5_image(fill)
+    seal = _MARK + _digest(io.BytesIO(image), len(image))
+
+    def write(part: Path) -> None:
+        with part.open("wb") as stream:
+            stream.write(image)
+            stream.write(seal)
+
+    whole(path, write)
 
 
 def load(path: str | os.PathLike[str]) -> Checkpoint:

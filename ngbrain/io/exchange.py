@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -12,11 +11,14 @@ import meshio
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.io.whole import whole
 from ngbrain.mesh.elements import Elements
 
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
 SUFFIXES = (".vtu", ".vtk", ".msh", ".inp", ".feb", ".vol.gz", ".vol")
 """ParaView (two), Gmsh 2.2, Abaqus, FEBio 4, Netgen (two)."""
+_LINE, _ZEROS = 120, bytes(1 << 16)
+"""Bytes that a point or an element takes in Netgen's files, at most; what a file is tried with."""
 _POSITIVE = [1, 0, 2, 3]
 """Other programs want det(b - a, c - a, d - a) > 0, Netgen the opposite."""
 
@@ -42,8 +44,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
         write = _write_febio
     elif suffix in (".vol", ".vol.gz"):
         write = _write_netgen
-    with replaced(path, suffix) as part:
-        write(part, elements)
+    whole(path, lambda part: write(part, elements))
 
 
 def suffix_of(path: str | os.PathLike[str]) -> str:
@@ -55,15 +56,6 @@ def suffix_of(path: str | os.PathLike[str]) -> str:
     raise InputError("mesh file", repr(Path(path).name), ", ".join(SUFFIXES))
 
 
-@contextmanager
-def replaced(path: Path, suffix: str) -> Iterator[Path]:
-    """A file beside a path that takes its place once it is written."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.tmp{suffix}")
-    try:
-        yield part
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _write_meshio(path: Path, elements: Elements) -> None:
@@ -96,6 +88,11 @@ def _write_meshio(path: Path, elements: Elements) -> None:
 
 
 def _write_netgen(path: Path, elements: Elements) -> None:
+    room = _LINE * (len(elements.points) + len(elements.tets) + len(elements.triangles))
+    with path.open("wb") as part:  # Netgen says nothing where a disk is full
+        for _ in range(0, room, len(_ZEROS)):
+            part.write(_ZEROS)
+        os.fsync(part.fileno())
     elements.mesh().ngmesh.Save(str(path))
 
 

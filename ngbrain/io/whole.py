@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import secrets
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
+
 
 def whole(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a name beside the place (of the same suffix), then rename: a reader never sees half a file.
 
-    The name is another one each time, so that several processes and threads may write the same file; the last one's stays.
+    The name is another one each time, so that several processes and threads may write the same file; the last one's stays. What
+    processes that were killed have left of it is cleared away.
 
     Parameters
     ----------
@@ -37,3 +41,27 @@ def whole(path: Path, write: Callable[[Path], object]) -> None:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+    for left in path.parent.glob(f".{glob.escape(stem)}.[0-9]*.tmp{glob.escape(dot + suffixes)}"):
+        number = left.name.removeprefix(f".{stem}.").partition(".")[0]
+        if number.isdigit() and _gone(int(number)):
+            left.unlink(missing_ok=True)
+
+
+def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
+    """The bytes of an HDF5 file that `fill` fills. libhdf5 must not write to a disk itself: it crashes where that is full."""
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        fill(file)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _gone(process: int) -> bool:
+    if os.name == "nt":  # no such question there: signal 0 would end the process
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except (PermissionError, OverflowError):
+        pass
+    return False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import netgen.meshing as meshing
 import netgen.occ as occ
@@ -12,6 +13,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.mesh.shapes import Sizes, idealised_head
+from ngbrain.reading import check_regular, tried
 from ngbrain.scene.loading import Piece
 
 FINER = 2.0
@@ -101,13 +103,23 @@ class Meshes:
 
 def _read(piece: Piece) -> meshing.Mesh:
     """The mesh of a file; `InputError` for one that is none in space."""
+    file = Path(str(piece.file))
+    check_regular(file, "piece.file")
+    tried(file, "piece.file", __name__, "read_netgen")  # Netgen crashes on half a file
     try:
-        mesh = meshing.Mesh()
-        mesh.Load(piece.file)
+        mesh = read_netgen(str(file))
     except Exception as error:
         raise InputError("piece.file", repr(piece.file), "a mesh that Netgen reads") from error
     if mesh.dim != 3 or not len(mesh.Elements3D()):
         raise InputError("piece.file", repr(piece.file), "a mesh in space")
+    return mesh
+
+
+def read_netgen(name: str) -> meshing.Mesh:
+    """The mesh of a file of Netgen's, whatever is in it."""
+    mesh = meshing.Mesh()
+    mesh.Load(name)
+    ngs.Mesh(mesh)  # crashes too where elements have points that there are none of
     return mesh
 
 

@@ -28,7 +28,7 @@ from ngbrain import pool
 from ngbrain.errors import InputError, naming, nearest
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.io.versions import versions
-from ngbrain.io.whole import whole
+from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.materials import Shearing
 from ngbrain.mesh.grid import rectangles
 from ngbrain.progress import logged, reporting
@@ -179,13 +179,13 @@ def generate(
     told = {"modality": modality, "split": split, "seed": seed, "side": SIDES[modality], "families": list(families)}
     told |= {f"version_{name}": number for name, number in versions().items()}
 
-    def write(part: Path) -> None:
-        with h5py.File(part, "w") as file:
-            for key, values in columns.items():
-                file.create_dataset(key, data=values)
-            file.attrs.update(told | {"sha256": digest(columns)})
+    def fill(file: h5py.File) -> None:
+        for key, values in columns.items():
+            file.create_dataset(key, data=values)
+        file.attrs.update(told | {"sha256": digest(columns)})
 
-    whole(path, write)
+    image = hdf5_image(fill)
+    whole(path, lambda part: part.write_bytes(image))
 
 
 def _block(

@@ -214,7 +214,9 @@ def test_death_while_saving_leaves_the_old_file(saved, ball, monkeypatch, functi
 
 def test_the_new_file_is_on_disk_before_it_takes_the_name(saved, ball, monkeypatch):
     path, _ = saved
-    path.with_name(f".{path.name}.4711.tmp").write_text("left by a process that was killed")
+    path.with_name(f".run.{2**22 + 1}.00ff.tmp.vtkhdf").write_text("left by a process that was killed")
+    other = path.with_name(f".run.{os.getppid()}.00ff.tmp.vtkhdf")
+    other.write_text("of one that is at it")
     calls = []
     real_fsync, real_replace = os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda fd: (calls.append(("fsync", os.fstat(fd).st_size)), real_fsync(fd)))
@@ -227,7 +229,7 @@ def test_the_new_file_is_on_disk_before_it_takes_the_name(saved, ball, monkeypat
 
     monkeypatch.setattr(os, "replace", replace)
     save(path, ball)
-    assert os.listdir(path.parent) == [path.name]
+    assert sorted(os.listdir(path.parent)) == sorted([path.name, other.name])
     assert [name for name, _ in calls] == ["fsync", "replace"] and calls[0][1] == calls[1][1] == path.stat().st_size
 
 

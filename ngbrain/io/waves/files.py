@@ -19,7 +19,7 @@ from ngbrain.io.waves.matlab import read_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
 from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres, lacking
-from ngbrain.io.whole import whole
+from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.reading import check_regular, hdf5, read_npz
 
 _OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine", "motion")
@@ -162,12 +162,12 @@ def _write_npz(path: Path, data: WaveData) -> None:
 
 
 def _write_h5(path: Path, data: WaveData) -> None:
-    def write(part: Path) -> None:
-        with h5py.File(part, "w") as file:
-            for name, value in to_keys(data).items():
-                file[name] = value
+    def fill(file: h5py.File) -> None:
+        for name, value in to_keys(data).items():
+            file[name] = value
 
-    whole(path, write)
+    image = hdf5_image(fill)
+    whole(path, lambda part: part.write_bytes(image))
 
 
 def _no_matlab(path: Path, data: WaveData) -> None:

@@ -15,7 +15,6 @@ more axis, of times, holds samples over a period (m), or their phases (rad) wher
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,6 +25,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image.niftifile import NIFTI, suffix_of, write_nifti
 from ngbrain.image.volume import Volume, opened
+from ngbrain.io.json_file import write_json
 from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.volumes import in_plane_of, lacking, with_loads
 from ngbrain.reading import read_json
@@ -94,12 +94,7 @@ def write_nifti_waves(path: Path, data: WaveData, keys: Mapping[str, Any]) -> No
     rest = {name: _json(keys[name]) for name in keys if name not in (*fields, "points", "displacement", "affine")}
     for name, values in fields.items():
         _save(path.with_name(files[name]), values, affine, shape)
-    part = path.with_name(f".{stem}.{os.getpid()}.tmp.json")
-    try:
-        part.write_text(json.dumps({**rest, "files": files}, indent=1, allow_nan=False))
-        os.replace(part, path.with_name(f"{stem}.json"))
-    finally:
-        part.unlink(missing_ok=True)
+    write_json(path.with_name(f"{stem}.json"), {**rest, "files": files})
     _save(path, np.moveaxis(data.displacement, 0, 1), affine, shape)
 
 

@@ -1,0 +1,69 @@
+"""Standard output and error of a command, as they come: closed, full, of another encoding, or a pipe that is not read on."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+
+def secure() -> None:
+    """Give each of the three streams a place to go where the caller has closed it: the next file that is opened would take it."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8", closefd=False))
+        stream = getattr(sys, name)
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # names of files need not be text
+
+
+@contextmanager
+def heard() -> Iterator[None]:
+    """Standard output is whole at the end; a reader that has gone away (`| head -1`) does not matter, as the work goes on.
+
+    Raises
+    ------
+    OSError
+        It cannot be written for another reason; it is called by its name.
+    """
+    stream = sys.stdout
+    write, flush = stream.write, stream.flush
+
+    def patient(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            try:
+                return function(*args)
+            except OSError as error:
+                _abandon()
+                if isinstance(error, BrokenPipeError):
+                    return 0
+                raise OSError(error.errno, error.strerror, "standard output") from error
+
+        return call
+
+    try:
+        stream.write, stream.flush = patient(write), patient(flush)  # type: ignore[method-assign]
+    except AttributeError:  # a stream of another kind, which a caller has put there
+        yield
+        return
+    try:
+        yield
+        stream.flush()
+    finally:
+        del stream.write, stream.flush
+
+
+def _abandon() -> None:
+    """Let what is still to be written go, so that Python says nothing of it at the end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+    with suppress(OSError):
+        sys.stdout.flush()
