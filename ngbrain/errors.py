@@ -9,6 +9,7 @@ import importlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -71,12 +72,38 @@ class SolverError(NgbrainError, RuntimeError):
     record: Any = None
 
 
+class Failure(StrEnum):
+    """Kinds of ways in which a computation gives up."""
+
+    STALLED = "no convergence"
+    INVERTED = "inverted element"
+    SINGULAR = "singular matrix"
+    NOT_FINITE = "not finite"
+
+
+class Breakdown(SolverError, FloatingPointError):
+    """A step of a computation cannot be taken; whoever tries others catches it."""
+
+    def __init__(self, message: str = "", kind: Failure = Failure.STALLED) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
 class ConvergenceError(SolverError):
     """Newton's method did not reach its tolerance."""
 
 
 class InvertedElementError(SolverError):
     """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
+
+
+def gave_up(message: str, kind: Failure | None) -> SolverError:
+    """The error to raise for a kind of failure.
+
+    >>> gave_up("it folds", Failure.INVERTED)
+    InvertedElementError('it folds')
+    """
+    return (InvertedElementError if kind is Failure.INVERTED else ConvergenceError)(message)
 
 
 class ContactError(SolverError):

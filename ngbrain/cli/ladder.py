@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain import ladder
+from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.fields import read_toml
@@ -17,7 +18,7 @@ from ngbrain.scene.loading import Loading
 from ngbrain.surgery import adequate
 
 
-def run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> int:
     """Read, climb, write, report, print."""
     for package in ("matplotlib", "jinja2"):
         require(package, "report")
@@ -33,6 +34,10 @@ def run(arguments: argparse.Namespace) -> None:
     report = page.build(folder / "report.html", result)
     doubts = [f"doubt: {flag}" for flag in result["flags"]]
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], doubts)
+    if unknown := [name for name, error in result["error"].items() if error is None]:
+        LOG.warning("how far these are off is not known: %s", ", ".join(unknown))
+        return EXIT_SOLVER
+    return 0
 
 
 def _read(path: Path) -> Scene | Loading:

@@ -19,7 +19,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import ContactError, InputError
+from ngbrain.errors import Breakdown, ContactError, InputError
 from ngbrain.forward.body import LENGTH_SCALE, Body
 from ngbrain.forward.contact import Contact, Touch
 from ngbrain.forward.friction import Friction
@@ -150,7 +150,7 @@ class PressedBody(Body):
             if self.press.held is not None:
                 return np.append(y, 0.0)
             if not stiffness > 0:
-                raise FloatingPointError(f"the force does not grow with the way ({stiffness:.1e} N/m)")
+                raise Breakdown(f"the force does not grow with the way ({stiffness:.1e} N/m)")
             way = (r[-1] - column @ y) / stiffness
             return np.append(y - way * follows, way)
 

@@ -15,7 +15,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import ConvergenceError, InvertedElementError
+from ngbrain.errors import gave_up
 from ngbrain.forward.implicit_blocks import Block, Nodes, places
 from ngbrain.forward.implicit_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.observations import Observation
@@ -84,8 +84,8 @@ class Equilibrium:
         self.work += record.work
         self.inverse = newton.inverse
         if not record.converged:
-            kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
-            raise kind(f"no equilibrium: {record.reason}; try parameters nearer to the last that had one")
+            said = f"no equilibrium: {record.reason}; try parameters nearer to the last that had one"
+            raise gave_up(said, record.failure)
         return reached
 
     def _along(self, put: Callable[[float], None], x: Array) -> Array | None:

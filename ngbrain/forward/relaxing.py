@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward.held import check_held
 from ngbrain.forward.history import History
 from ngbrain.forward.inertia import Inertia
 from ngbrain.forward.loads import Load
@@ -94,8 +95,9 @@ class Relaxing(Static):
         times, factors = np.asarray(times, float), np.asarray(factors, float)
         if times.ndim != 1 or times.shape != factors.shape or len(times) < 2 or not np.all(np.diff(times) > 0):
             raise InputError("times", np.array2string(times, threshold=4), "increasing, with a factor for each")
-        newton = newton or self.newton()
-        newton.inverse, newton.largest = None, 0.0
+        if not self.masses:
+            check_held(self.supports, self.loads, self.kinematics)
+        newton = replace(newton or self.newton(), inverse=None, largest=0.0)  # the caller's stays as it is
         found = []
         for t, end in pairwise(times):
             self._pass(newton, t, end, lambda s: float(np.interp(s, times, factors)), 0)

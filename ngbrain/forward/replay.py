@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import ConvergenceError, InputError, InvertedElementError
+from ngbrain.errors import Failure, InputError, gave_up
 from ngbrain.forward.body import Body
 from ngbrain.forward.transient import Motion, Transient
 from ngbrain.solvers.newton import Newton
@@ -173,25 +173,25 @@ class Replay:
         start, end = self.grid[n], self.grid[n + 1]
         done, part = 0.0, 1.0
         while done < 1:
-            reached, reason = self._newton_at(start + (end - start) * (done + part), guess)
+            reached, reason, failure = self._newton_at(start + (end - start) * (done + part), guess)
             if reached is not None:
                 done, x, guess = done + part, reached, reached
                 part = min(2 * part, 1 - done)
             elif part > SHORTEST:
                 part, guess = part / 4, x
             else:
-                kind = InvertedElementError if "inverted" in reason else ConvergenceError
-                raise kind(f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}")
+                said = f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}"
+                raise gave_up(said, failure)
         return x
 
-    def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str]:
+    def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str, Failure | None]:
         """Near an end with settings that let contact come and go, then the end itself."""
         self.motion.set(t)
         x, record = self._near.solve(self.body, guess)
         if record.converged:
             self._newton.inverse = self._near.inverse
             x, record = self._newton.solve(self.body, x)
-        return (x if record.converged else None), record.reason
+        return (x if record.converged else None), record.reason, record.failure
 
     def stand(self, step: Step) -> Step:
         """Go to the end of a step, with the history not yet moved on."""

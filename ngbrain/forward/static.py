@@ -11,10 +11,11 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import CollapseWarning, ConvergenceError, InvertedElementError, StabilityWarning
+from ngbrain.errors import Breakdown, CollapseWarning, Failure, SolverError, StabilityWarning, gave_up
 from ngbrain.forward import stability
 from ngbrain.forward.choice import COMPRESSIBLE, automatic
 from ngbrain.forward.elements import Form, check_elements
+from ngbrain.forward.held import check_held
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
@@ -133,9 +134,10 @@ class Static:
         threads   for this solve; None leaves NGSolve's as they are
         start     a state (ndof,) near the one at t = 1, such as a coarser body's: the way from rest is gone if it is not near
 
-        Raises `InvertedElementError` or `ConvergenceError` when steps get too short; they carry the `record`, and the body
-        holds the last equilibrium reached.
+        Raises `InputError` for a body that nothing holds, and `InvertedElementError` or `ConvergenceError` when steps get too
+        short; they carry the `record`, and the body holds the last equilibrium reached.
         """
+        check_held(self.supports, self.loads, self.kinematics)
         newton = newton or self.newton()
         with using(threads):
             near = None if start is None else continuation.resumed(self, newton, start, steps, tell)
@@ -214,6 +216,10 @@ class Static:
                 forces += self._applied(acting)
         return forces[self.is_u]
 
+    def body_forces(self) -> np.ndarray:
+        """Forces (N) that the tissue itself exerts on its nodes, one for each displacement unknown."""
+        return self._applied(self._tissue)[self.is_u]
+
     def force(self, boundary: str) -> np.ndarray:
         """Force (N) that acts on a boundary from outside, by components: what its supports and loads exert together."""
         return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
@@ -279,7 +285,7 @@ class Static:
             r = self._applied(self._tissue)
             size = float(np.linalg.norm(r[self.is_u]))
             if not np.isfinite(self._tissue.Energy(self.gfu.vec)):
-                raise FloatingPointError("the energy is not finite")
+                raise Breakdown("the energy is not finite", Failure.NOT_FINITE)
             for _, acting in self._acting:
                 r += self._applied(acting)
         return r * self._free, size
@@ -382,9 +388,9 @@ class Static:
         self._kept = None
         self.changed()
 
-    def _error(self, record: PathRecord) -> ConvergenceError | InvertedElementError:
-        kind = InvertedElementError if "inverted" in record.reason else ConvergenceError
-        error = kind(f"{record.reason}; try a finer or graded mesh, another form than {self.form}, or a smaller load")
+    def _error(self, record: PathRecord) -> SolverError:
+        advice = f"try a finer or graded mesh, another form than {self.form}, or a smaller load"
+        error = gave_up(f"{record.reason}; {advice}", record.failure)
         error.record = record
         return error
 

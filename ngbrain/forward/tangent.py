@@ -7,6 +7,8 @@ from collections.abc import Callable
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import Breakdown
+
 Solve = Callable[[np.ndarray], np.ndarray]
 """r ↦ M⁻¹r, numpy arrays over all unknowns, zero where they are fixed."""
 
@@ -19,7 +21,7 @@ def factor(form: ngs.BilinearForm, free: ngs.BitArray) -> Solve:
     try:
         inverse = form.mat.Inverse(free, inverse="sparsecholesky")
     except Exception as error:  # NGSolve raises bare exceptions of several kinds here
-        raise FloatingPointError(f"the tangent cannot be factorised: {error}") from error
+        raise Breakdown(f"the tangent cannot be factorised: {error}") from error
     right, left = form.mat.CreateColVector(), form.mat.CreateColVector()
     where = np.fromiter(free, bool, right.size)
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
+from ngbrain.errors import Breakdown, ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.body import Body
 from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.tangent import Solve
@@ -179,7 +179,7 @@ class Transient:
         self._factored = [*(self._factored[:1] if self.body.partial else []), self._here(x)]
         self._wholes += not self.body.partial
         if self.body.focused and self._wholes > WHOLES:
-            raise FloatingPointError(f"the tangent changes all over the body {self._wholes} times")
+            raise Breakdown(f"the tangent changes all over the body {self._wholes} times")
         return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.held import check_held
 from ngbrain.forward.inertia import Inertia
 from ngbrain.forward.loads import Load, RigidFace, Traction, Weight
 from ngbrain.forward.material import Material
@@ -26,7 +27,7 @@ from ngbrain.ladder.edges import torn
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
-from ngbrain.ladder.quantities import State, along, answer, embedded
+from ngbrain.ladder.quantities import State, along, answer, embedded, in_axes, scale_of
 from ngbrain.ladder.rungs import PART, Model
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
@@ -94,10 +95,15 @@ class Bench:
         return torn(self.scene, self._meshes["whole"].at(0, plane=False))
 
     @cached_property
+    def sides(self) -> tuple[float, ...]:
+        """How long the body is along each axis (m)."""
+        points = [vertex.point for vertex in self._meshes["whole"].at(0, plane=False).vertices]
+        return tuple(np.ptp(points, axis=0).tolist())
+
+    @property
     def longest(self) -> float:
         """The body's longest side (m)."""
-        points = [vertex.point for vertex in self._meshes["whole"].at(0, plane=False).vertices]
-        return float(np.ptp(points, axis=0).max())
+        return max(self.sides)
 
     @cached_property
     def largest(self) -> str:
@@ -184,6 +190,21 @@ class Bench:
         course = self.scene.course
         return course.ramp if when == "ramp" else course.elapsed
 
+    def _check_given(self, names: set[str]) -> None:
+        """Refuse displacements beyond the body, and two of them for one component of one boundary."""
+        for i, given in enumerate(self.scene.given, 1):
+            for value, side in zip(given.by, self.sides, strict=True):
+                if not abs(value) < side:
+                    wanted = f"less than the body, {' x '.join(f'{1e3 * s:.4g}' for s in self.sides)} mm"
+                    raise InputError(f"given#{i}.by_mm", [1e3 * each for each in given.by], wanted)
+            mine = {name for name in names if re.fullmatch(given.boundary, name)}
+            for j, other in enumerate(self.scene.given[: i - 1], 1):
+                shared = mine & {name for name in names if re.fullmatch(other.boundary, name)}
+                axes = [axis for axis in given.along if axis in other.along]
+                if shared and axes:
+                    found = f"{given.boundary!r}, which given#{j} ({other.boundary!r}) holds along {axes[0]} too"
+                    raise InputError(f"given#{i}.boundary", found, f"one condition for {min(shared)!r}")
+
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous]
     ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load]]:
@@ -193,10 +214,11 @@ class Bench:
         for region in sorted(set(mesh.GetMaterials())):
             stuff, factor = self.stuff(region, model), self.factor(region, model)
             made: Any = law(stuff.law(), factor)
-            if stuff.k1 is not None and model.get("fibres") == "all":
+            if stuff.k1 is not None and stuff.fibre is not None and model.get("fibres") == "all":
                 soft = FIBRES_ALONE * stuff.initial_modulus
-                made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, stuff.fibre)
+                made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, in_axes(stuff.fibre, plane))
             materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.rho
+        self._check_given(names)
         supports: dict[str, Support] = {}
         loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
         for given in scene.given:
@@ -242,6 +264,7 @@ class Solution:
     ndof      unknowns
     cost_s    computing time (s)
     doubts    what the solvers warned of, and what is asked that has no limit
+    scales    of each answer, what it is measured by where it is nearly nothing (`quantities.scale_of`); 0: nothing but itself
     """
 
     answers: Array
@@ -249,11 +272,12 @@ class Solution:
     ndof: int
     cost_s: float
     doubts: tuple[str, ...] = ()
+    scales: Array | float = 0.0
 
 
 def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
     """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states = time.process_time(), dict[str, State]()
+    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.scene.ask))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if bench.scene.course.frequency is not None:
@@ -266,13 +290,14 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
                 bench.thickness_of(model),
             )
         elif model.get("time") in REMEMBERS or model.get("inertia") == "all":
-            answers, ndof = _through_time(bench, model)
+            answers, scales, ndof = _through_time(bench, model)
         else:
             states = _at_rest(bench, model, near or {})
             answers = answers_of(bench.scene, states)
+            scales = np.array([scale_of(ask, states[ask.when]) for ask in bench.scene.ask])
             ndof = next(iter(states.values())).body.fes.ndof
     doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
-    return Solution(answers, states, ndof, time.process_time() - begun, doubts)
+    return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
 
 
 def answers_of(scene: Loading, states: Mapping[str, State]) -> Array:
@@ -300,17 +325,18 @@ def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str,
 
 def linear_state(body: Static) -> Array:
     """The first Newton step from rest under a small load, which is the solution of the linear problem."""
+    check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
     rest = np.zeros(body.fes.ndof)
     step = body.factorise(body.load(rest, 0.0), rest)
     lifted = body.load(rest, SMALL)
     return lifted - step(body.residual(lifted)[0])
 
 
-def _through_time(bench: Bench, model: Model) -> tuple[Array, int]:
-    """Answers are found on the way, as the body does not keep its past."""
+def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
+    """Answers and their scales are found on the way, as the body does not keep its past."""
     scene = bench.scene
     size = SMALL if model["strain"] == "linear" else 1.0
-    answers, ndof = np.zeros(len(scene.ask)), 0
+    answers, scales, ndof = np.zeros(len(scene.ask)), np.zeros(len(scene.ask)), 0
     moments = dict.fromkeys(bench.time(ask.when) for ask in scene.ask)
     for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
         body = bench.relaxing(model, last)
@@ -318,12 +344,13 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, int]:
         def seen(t: float, body: Relaxing = body) -> None:
             for i, ask in enumerate(scene.ask):
                 if abs(t - bench.time(ask.when)) < 1e-9 * t:
-                    answers[i] = answer(ask, bench.state(model, body, body.state))
+                    state = bench.state(model, body, body.state)
+                    answers[i], scales[i] = answer(ask, state), scale_of(ask, state)
 
         times = _times(bench, model, last)
         body.run(times, size * np.minimum(times / scene.course.ramp, 1.0), seen)
         ndof = body.fes.ndof
-    return answers, ndof
+    return answers, scales, ndof
 
 
 def _times(bench: Bench, model: Model, last: float) -> Array:

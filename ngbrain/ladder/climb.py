@@ -12,7 +12,7 @@ import numpy as np
 
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.estimates import BY, LARGE, SOLVED, Estimate, relative
+from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, relative
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.scene.loading import Loading
@@ -43,6 +43,7 @@ class Rung:
     missing     what all steps would change together, relative, for each question
     taken       the axes that were climbed from here; none where the climb ended
     cost_s      computing time (s) up to and with this rung's estimates
+    scales      of each answer, what it is measured by where it is nearly nothing
     """
 
     model: dict[str, str]
@@ -52,6 +53,7 @@ class Rung:
     missing: Array
     taken: tuple[str, ...] = ()
     cost_s: float = 0.0
+    scales: Array | float = 0.0
 
     def __str__(self) -> str:
         """A few words, for who waits."""
@@ -144,9 +146,14 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
             model = richer
         except SolverError as error:
             refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
+    unjudged = {name: why for name, why in refused.items() if axes[name].above(model[name])}
+    for name, why in unjudged.items():  # a judge that failed says nothing: the error is not known
+        to = axes[name].judged(model[name])
+        rungs[-1].estimates[name] = Estimate(np.full(len(tolerances), np.inf), "not to be solved", why, to)
+    more, flags = _at_the_top(axes, rungs, tolerances)
+    rungs[-1].missing = _sum(rungs[-1].estimates, axes, len(tolerances)) + more
     tell(rungs[-1])
-    flags = _doubts(keeper, rungs[-1]) + _at_the_top(axes, rungs, tolerances)
-    flags += [f"{name}: {why}" for name, why in refused.items()]
+    flags = _doubts(keeper, rungs[-1]) + flags + _nothing(rungs[-1])
     if np.any(rungs[-1].missing > NARROW * tolerances):
         much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"
         flags.append(f"what is missing is {much} the tolerance")
@@ -162,7 +169,8 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     for name in ELEMENTS if "pressure" in estimates else ():
         if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
             estimates[name] = _doubted(estimates[name], LOCKED)
-    return Rung(dict(model), found.answers, found.ndof, estimates, _sum(estimates, above, len(found.answers)))
+    missing = _sum(estimates, above, len(found.answers))
+    return Rung(dict(model), found.answers, found.ndof, estimates, missing, scales=found.scales)
 
 
 def stand(scene: Loading, model: Model) -> Climb:
@@ -204,7 +212,7 @@ def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
             after = keeper({**rung.model, name: each.to}).answers
         except SolverError:
             continue  # the doubt stays
-        rung.estimates[name] = Estimate(relative(rung.answers, after), SOLVED, to=each.to)
+        rung.estimates[name] = Estimate(relative(rung.answers, after, rung.scales), SOLVED, to=each.to)
     return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
 
 
@@ -223,7 +231,7 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
     if not above or last is None or last.model.get("space") != rung.model.get("space"):
         return rung
     after = before[before.index(last) + 1] if last is not before[-1] else rung
-    changed = relative(last.answers, after.answers)
+    changed = relative(last.answers, after.answers, last.scales)
     told = sum((last.estimates[name].change for name in last.taken), np.zeros(len(changed)))
     if np.any((told * changed < 0) & (np.minimum(np.abs(told), np.abs(changed)) > TELLING * tolerances)):
         rung.estimates |= {name: _doubted(rung.estimates[name], TURNED) for name in above}
@@ -309,18 +317,29 @@ def _growth(axis: Axis, rung: Rung) -> float:
     return axis.growth[axis.levels.index(rung.model[axis.name])]
 
 
-def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> list[str]:
-    """Elements that were as fine as they get, and the last step to them changed more than the tolerance."""
-    flags = []
+def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> tuple[Array, list[str]]:
+    """What elements that were as fine as they get leave, by what the last step to them changed; and where it is too much."""
+    more, flags = np.zeros(len(tolerances)), []
     for name in ELEMENTS:
         if name not in axes or axes[name].above(rungs[-1].model[name]):
             continue  # it has an estimate
         for before, after in pairwise(rungs):
             if name in before.taken and after.model[name] == axes[name].levels[-1]:
-                last = np.abs(relative(before.answers, after.answers)) * (axes[name].tail - 1)
+                last = np.abs(relative(before.answers, after.answers, before.scales)) * (axes[name].tail - 1)
+                more += last
                 if np.any(last > tolerances):
-                    flags.append(f"{name}: the last step may leave {np.max(last):.0%}, and there is none above")
-    return flags
+                    flags.append(f"{name}: the last step may leave {100 * np.max(last):.2g} %, and there is none above")
+    return more, flags
+
+
+def _nothing(rung: Rung) -> list[str]:
+    """Answers that are nearly nothing, whose errors are parts of what they are measured by."""
+    scales = np.broadcast_to(np.asarray(rung.scales, float), rung.answers.shape)
+    return [
+        f"answer {i} is nearly nothing: its error is a part of {NOTHING * scale:.3g}, {NOTHING:.0%} of the largest of its kind"
+        for i, (value, scale) in enumerate(zip(rung.answers, scales, strict=True), 1)
+        if abs(value) < NOTHING * scale
+    ]
 
 
 def described(climb: Climb, questions: Sequence[str]) -> dict[str, Any]:

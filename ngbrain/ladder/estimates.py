@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import SolverError
+from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.static import Static
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
 from ngbrain.ladder.quantities import State, embedded
@@ -53,14 +53,23 @@ class Estimate:
     to: str = ""
 
 
-def relative(before: Array, after: Array) -> Array:
-    """(after - before) over the larger size of the two, 0 where both are 0.
+NOTHING = 0.02
+"""Part of its scale below which an answer counts as of that size: zero by symmetry never is so to any relative accuracy."""
 
-    >>> relative(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
-    array([0.5, 0. ])
+
+def relative(before: Array, after: Array, scales: Array | float = 0.0) -> Array:
+    """(after - before) over the larger size of the two, or over `NOTHING` of the scale where both are less; 0 where all are 0.
+
+    >>> relative(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
+    array([0.5, 0. , 0.5])
     """
-    size = np.maximum(np.abs(before), np.abs(after))
+    size = np.maximum(np.maximum(np.abs(before), np.abs(after)), NOTHING * np.asarray(scales))
     return np.where(size > 0, (after - before) / np.where(size > 0, size, 1.0), 0.0)
+
+
+def between(before: Solution, after: Solution) -> Array:
+    """How far answers differ, relative; see `relative`."""
+    return relative(before.answers, after.answers, before.scales)
 
 
 def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -74,7 +83,7 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
         x = embedded(state, body, SMALL if richer["strain"] == "linear" else 1.0)
         try:
             if not body.min_det(x) > 0:
-                raise FloatingPointError("its strains, taken for finite ones, fold the body")
+                raise Breakdown("its strains, taken for finite ones, fold the body")
             first, second, share = _steps(body, x, state)
             if share > TRUSTED:
                 doubts.append(f"the second step is {share:.2g} of the first")
@@ -82,7 +91,7 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
         except (FloatingPointError, SolverError) as error:
             return Estimate(np.full(len(bench.scene.ask), np.inf), f"two Newton steps{where}", str(error))
         moved[when] = bench.state(richer, body, best)
-    change = relative(solved(model).answers, answers_of(bench.scene, moved))
+    change = relative(solved(model).answers, answers_of(bench.scene, moved), solved(model).scales)
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
 
 
@@ -102,7 +111,7 @@ def _steps(body: Static, x: Array, state: State) -> tuple[Array, Array, float]:
 def _both(body: Static, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
     first = -inverse(r)
     if not body.min_det(x + first) > 0:
-        raise FloatingPointError("the step folds the body")
+        raise Breakdown("the step folds the body")
     second = -inverse(body.residual(x + first)[0])
     return first, second, float(np.sqrt((body.weights @ second**2) / max(body.weights @ first**2, 1e-300)))
 
@@ -130,8 +139,8 @@ def _moves(model: Model) -> bool:
 
 def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear body's step on the coarsest elements; doubted where finer ones or finite strains change more than it does."""
-    before, after = (solved(plain(each, mesh="0")).answers for each in (model, richer))
-    change = relative(before, after)
+    before, after = (solved(plain(each, mesh="0")) for each in (model, richer))
+    change = between(before, after)
     least = np.maximum(np.abs(change), UNSEEN)
     doubts = []
     if model.get("strain") == "finite":
@@ -141,7 +150,7 @@ def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estima
     if model["mesh"] == "0":
         how = "the linear elastic body's" if "strain" in model else SOLVED
         return Estimate(change, how, "; ".join(doubts))
-    finer = np.abs(relative(before, solved(plain(model)).answers))
+    finer = np.abs(between(before, solved(plain(model))))
     doubts += ["finer elements change as much"] * bool(np.any(finer > least))
     return Estimate(change, "on the coarsest elements", "; ".join(doubts))
 
@@ -149,8 +158,8 @@ def roughly(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estima
 def moving(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the linear elastic body's step, of second order on the coarsest elements: of first order all nodes may be held."""
     order = max(model["order"], "2")
-    before, after = (solved(plain(each, mesh="0", order=order)).answers for each in (model, richer))
-    return Estimate(relative(before, after), "the linear elastic body's on the coarsest elements")
+    before, after = (solved(plain(each, mesh="0", order=order)) for each in (model, richer))
+    return Estimate(between(before, after), "the linear elastic body's on the coarsest elements")
 
 
 def touching(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
@@ -162,7 +171,7 @@ def touching(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estim
 
 def linear(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the same step of the linear elastic body."""
-    change = relative(solved(plain(model)).answers, solved(plain(richer)).answers)
+    change = between(solved(plain(model)), solved(plain(richer)))
     return Estimate(change, "the linear elastic body's")
 
 
@@ -185,8 +194,8 @@ def in_section(of: Estimator) -> Estimator:
     def estimate(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
         if _moves(model):
             flat = {"space": "plane"} if "space" in model else {}
-            pair = (solved(plain(each, **flat)).answers for each in (model, richer))
-            return Estimate(relative(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
+            pair = (solved(plain(each, **flat)) for each in (model, richer))
+            return Estimate(between(*pair), "the linear elastic body's" + (", in the section" if flat else ""))
         if "space" not in model:
             found = of(bench, model, richer, solved)
             return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
@@ -219,7 +228,7 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     before, after = ({**each, "mesh": "0"} for each in (model, richer))
     how = "on the coarsest elements" if model["mesh"] != "0" else SOLVED
     try:
-        change = relative(solved(before).answers, solved(after).answers)
+        change = between(solved(before), solved(after))
     except SolverError as error:
         return Estimate(np.full(len(bench.scene.ask), np.inf), how, str(error))
     return Estimate(change, how)
@@ -235,7 +244,7 @@ def forgetful(bench: Bench, model: Model, richer: Model, solved: Solved) -> Esti
 def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
     """By the step itself."""
     try:
-        return Estimate(relative(solved(model).answers, solved(richer).answers), SOLVED)
+        return Estimate(between(solved(model), solved(richer)), SOLVED)
     except SolverError as error:
         return Estimate(np.full(len(bench.scene.ask), np.inf), SOLVED, str(error))
 

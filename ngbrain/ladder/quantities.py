@@ -127,6 +127,34 @@ def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
     return tuple(vector[i] for i in PLANE) if plane else tuple(vector)
 
 
+def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, float, float]:
+    """A direction of three components, up to sign, in a mesh's own axes: a section's third is across it, the body's y.
+
+    >>> in_axes((0.0, 0.6, 0.8), plane=True)
+    (0.0, 0.8, 0.6)
+    """
+    x, y, z = direction
+    return (x, z, y) if plane else direction
+
+
+def scale_of(ask: Ask, state: State) -> float:
+    """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
+    load the body (N), the largest displacement (m). A strain is measured by itself.
+    """
+    if ask.quantity == "strain":
+        return 0.0
+    state.stand()
+    body = state.body
+    if ask.quantity == "displacement":
+        nodes = ngs.GridFunction(ngs.VectorH1(body.mesh, order=1))
+        nodes.Set(state.displacement())
+        return float(np.abs(nodes.vec.FV().NumPy()).max())
+    forces = body.body_forces()
+    spaces = (body.u.space.Range(i) for i in range(body.mesh.dim))
+    largest = max(float(np.abs(forces[span.start : span.stop]).sum()) for span in spaces) / 2  # there and back
+    return largest * state.thickness / state.factor
+
+
 def _force(ask: Ask, state: State) -> float:
     body = state.body
     way = ngs.CF(along(ask.unit, state.plane))

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ngbrain.errors import Breakdown, Failure
 from ngbrain.solvers.newton import Array, Newton, System
 from ngbrain.solvers.record import NewtonRecord, PathRecord
 
@@ -64,9 +65,9 @@ def follow(
         goal = t + dt
         settings = newton if goal >= 1 else replace(newton, rtol=max(newton.rtol, LOOSE), xtol=max(newton.xtol, LOOSE))
         settings.inverse, settings.largest = newton.inverse, newton.largest
-        reason, state = _step(path, settings, x, t, goal, before, record)
+        failed, state = _step(path, settings, x, t, goal, before, record)
         newton.inverse, newton.largest = settings.inverse, settings.largest
-        if not reason:
+        if failed is None:
             before, x, t = (x, t), state, goal
             if record.steps[-1][1].iterations <= EASY:
                 dt = min(1 / steps, 2 * dt)
@@ -74,10 +75,11 @@ def follow(
                 tell(t)
             continue
         record.cuts += 1
-        record.reasons.append(f"t = {goal:.4g}: {reason}")
+        record.reasons.append(f"t = {goal:.4g}: {failed}")
         dt /= 2
         if dt < SMALLEST / steps or record.min_det_F < COLLAPSED:
-            record.reason = f"load factor {t:.4g} was reached, {goal:.4g} was not: {reason}"
+            record.reason = f"load factor {t:.4g} was reached, {goal:.4g} was not: {failed}"
+            record.failure = failed.kind
             break
     record.factor, record.converged = t, t >= 1
     path.load(x, t)
@@ -117,7 +119,7 @@ def _step(
     goal: float,
     before: tuple[Array, float] | None,
     record: PathRecord,
-) -> tuple[str, Array]:
+) -> tuple[Breakdown | None, Array]:
     """One step; why it failed, and the state."""
     try:
         if before:
@@ -127,17 +129,17 @@ def _step(
         guess = path.load(guess, goal)
         det = path.min_det(guess)
         if not det > newton.min_det:
-            return f"the guess is inverted (smallest det F {det:.3g})", x
-    except FloatingPointError as error:
+            return Breakdown(f"the guess is inverted (smallest det F {det:.3g})", Failure.INVERTED), x
+    except Breakdown as error:
         newton.inverse = None
-        return str(error), x
+        return error, x
     state, found = newton.solve(path, guess)
     record.work += found.work
     record.tried += found.iterations
     if not found.converged:
-        return found.reason, x
+        return Breakdown(found.reason, found.failure or Failure.STALLED), x
     record.steps.append((goal, found))
-    return "", state
+    return None, state
 
 
 def _idle(path: Path, newton: Newton, x: Array, record: PathRecord) -> bool:

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ngbrain.errors import Breakdown
+
 Array = np.ndarray
 Apply = Callable[[Array], Array]
 
@@ -14,7 +16,7 @@ def cg(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) -> t
     """Solution of Ax = b with A and the preconditioner P positive definite, and iterations; stops at √(r·Pr) ≤ rtol √(b·Pb)."""
     x, k, left = truncated_cg(apply, precondition, b, rtol, most)
     if left > rtol:
-        raise FloatingPointError(f"no convergence in {most} iterations (residual {left:.1e} of its start)")
+        raise Breakdown(f"no convergence in {most} iterations (residual {left:.1e} of its start)")
     return x, k
 
 
@@ -74,12 +76,12 @@ def minres(apply: Apply, precondition: Apply, b: Array, rtol: float, most: int) 
         a2 = s * delta + c_old * c * gamma_old
         a3 = s_old * gamma_old
         if a1 == 0:
-            raise FloatingPointError("the matrix is singular")
+            raise Breakdown("the matrix is singular")
         c_old, c, s_old, s = c, a0 / a1, s, gamma / a1
         w, w_old = (z - a3 * w_old - a2 * w) / a1, w
         x += c * eta * w
         eta, z = -s * eta, z_new
-    raise FloatingPointError(f"no convergence in {most} iterations (residual {abs(eta) / start:.1e} of its start)")
+    raise Breakdown(f"no convergence in {most} iterations (residual {abs(eta) / start:.1e} of its start)")
 
 
 def gmres(
@@ -110,7 +112,7 @@ def gmres(
 def _definite(a: Array, b: Array, what: str) -> float:
     product = float(a @ b)
     if not np.isfinite(product):
-        raise FloatingPointError("the iteration is not finite")
+        raise Breakdown("the iteration is not finite")
     if product < 0:
-        raise FloatingPointError(f"the {what} is not positive definite")
+        raise Breakdown(f"the {what} is not positive definite")
     return product

@@ -19,7 +19,7 @@ from typing import Literal
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import InputError, nearest
+from ngbrain.errors import Breakdown, InputError, nearest
 from ngbrain.solvers import direct, krylov
 from ngbrain.solvers import preconditioners as pre
 from ngbrain.solvers.condensed import Condensed, Core, fields, free
@@ -113,7 +113,7 @@ class Iterative:
         try:
             x, self.iterations = method(self.condensed.apply, self.precondition, r, self.rtol, self.most)
         except FloatingPointError as error:
-            raise FloatingPointError(f"{self.name}: {error}") from error
+            raise Breakdown(f"{self.name}: {error}") from error
         return x
 
 

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ngbrain.errors import Breakdown, Failure
 from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
@@ -78,7 +79,7 @@ class Newton:
         try:
             x = self._iterate(system, x, record)
         except ArithmeticError as error:  # a correction's square, too, may be too small to divide by
-            record.reason = str(error)
+            record.reason, record.failure = str(error), getattr(error, "kind", Failure.STALLED)
         if record.reason:
             self.inverse = None
         return x, record
@@ -87,16 +88,17 @@ class Newton:
         weights = system.weights
         record.min_det_F = system.min_det(x)
         if not record.min_det_F > self.min_det:
-            raise FloatingPointError(f"the starting state is inverted (smallest det F {record.min_det_F:.3g})")
+            said = f"the starting state is inverted (smallest det F {record.min_det_F:.3g})"
+            raise Breakdown(said, Failure.INVERTED)
         r, reactions = _residual(system, x, record)
         if not _finite(r, reactions):
-            raise FloatingPointError("the residual is not finite")
+            raise Breakdown("the residual is not finite", Failure.NOT_FINITE)
         chain: list[tuple[Array, float]] = []
         fresh, climbs, foot = False, 0, (x, r, np.inf)
         while record.iterations < self.max_iter:
             if self.inverse is None:
                 if record.work.factorisations == self.max_factorisations:
-                    raise FloatingPointError(f"no convergence with {self.max_factorisations} factorisations")
+                    raise Breakdown(f"no convergence with {self.max_factorisations} factorisations")
                 self.inverse = system.factorise(x, r)
                 record.work.factorisations += 1
                 chain, fresh = [], True
@@ -131,6 +133,7 @@ class Newton:
             chain.append((v, _size(v, weights)))
             if contraction > self.keep and chain[-1][1] * contraction**self.worth > self.xtol:
                 self.inverse = None
+        record.failure = Failure.STALLED
         record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
         return x
 
@@ -140,7 +143,7 @@ class Newton:
         """Take the step if the next correction shrinks (natural monotonicity); halve it if `damped`, else give None."""
         step, size = last
         if not np.isfinite(size):
-            raise FloatingPointError("the tangent gave a correction that is not finite")
+            raise Breakdown("the tangent gave a correction that is not finite", Failure.NOT_FINITE)
         damping = 1.0
         while damping > self.min_damping:
             candidate = x + damping * step
@@ -159,7 +162,8 @@ class Newton:
             damping /= 2
         how = "the last trial" if finite else "the last trial has no finite forces"
         how = how if det > self.min_det else "the last trial is inverted"
-        raise FloatingPointError(f"no acceptable step ({how}, smallest det F {det:.3g})")
+        kind = Failure.STALLED if finite else Failure.NOT_FINITE if det > self.min_det else Failure.INVERTED
+        raise Breakdown(f"no acceptable step ({how}, smallest det F {det:.3g})", kind)
 
     def _climb(
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int

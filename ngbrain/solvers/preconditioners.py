@@ -10,6 +10,7 @@ from collections.abc import Callable
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import Breakdown
 from ngbrain.solvers.condensed import Array, Core, free
 from ngbrain.solvers.multigrid import Cycle, Patches
 
@@ -27,7 +28,7 @@ def multigrid(form: ngs.BilinearForm) -> Maker:
         try:
             return Cycle(form.mat, patches[0])
         except Exception as error:  # NGSolve's blocks and pyamg's levels each have their own
-            raise FloatingPointError(f"multigrid cannot be set up: {error}") from error
+            raise Breakdown(f"multigrid cannot be set up: {error}") from error
 
     return make
 

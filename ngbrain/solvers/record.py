@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from ngbrain.errors import Failure
+
 
 @dataclass
 class Work:
@@ -28,12 +30,13 @@ class Work:
 class NewtonRecord:
     """Outcome of one nonlinear solve.
 
-    `reason` is empty when converged. `residuals` and `corrections` are the norms at each iterate, in the units of
-    the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
+    `reason` is empty when converged, and `failure` is its kind. `residuals` and `corrections` are the norms at each iterate, in
+    the units of the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
     """
 
     converged: bool = False
     reason: str = ""
+    failure: Failure | None = None
     iterations: int = 0
     residuals: list[float] = field(default_factory=list)
     corrections: list[float] = field(default_factory=list)
@@ -45,7 +48,7 @@ class NewtonRecord:
 class PathRecord:
     """Outcome of a solve in load steps.
 
-    factor   load factor that was reached; `converged` if it is 1, else `reason` says why not
+    factor   load factor that was reached; `converged` if it is 1, else `reason` says why not, and `failure` of what kind it is
     steps    (load factor, record) of each step that succeeded
     cuts     steps that failed and were halved, with their `reasons`
     tried    Newton iterations of all steps, failed ones too
@@ -58,6 +61,7 @@ class PathRecord:
 
     converged: bool = False
     reason: str = ""
+    failure: Failure | None = None
     factor: float = 0.0
     steps: list[tuple[float, NewtonRecord]] = field(default_factory=list)
     cuts: int = 0
