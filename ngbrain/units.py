@@ -12,12 +12,23 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+import numpy as np
+
+from ngbrain.errors import InputError
+
 T = TypeVar("T")
 
 PA_PER_MMHG = 133.322
 MINUTE = 60.0
 N_PER_GF = 9.80665e-3
 UNITS_OF_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+
+LARGEST_LENGTH = 1000.0
+"""Metres beyond which no length is one of a body."""
+MOST_ELEMENTS = 20_000_000
+"""Elements beyond which no mesh is made."""
+LARGEST_BODY = 2.0
+"""Metres beyond which a mesh from a file is not taken for one in metres."""
 
 
 def mm(value: T) -> T:
@@ -73,3 +84,52 @@ def to_gf(value: T) -> T:
 def to_minutes(value: T) -> T:
     """Seconds to minutes."""
     return value / MINUTE  # type: ignore
+
+
+def check_lengths(name: str, values: object, count: int | None = None, most: float = LARGEST_LENGTH) -> None:
+    """Refuse what is no positive length (m), or longer than a body can be.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for messages.
+    values : object
+        A number, or several.
+    count : int, optional
+        How many it must be.
+    most : float
+        The longest (m).
+
+    Raises
+    ------
+    InputError
+        Another number of values; one is not finite, not positive, complex or too long.
+
+    Examples
+    --------
+    >>> check_lengths("maxh", -0.1)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: maxh is -0.1; wanted: metres, more than 0 and at most 10
+    """
+    try:
+        lengths = np.atleast_1d(np.asarray(values))
+    except ValueError:
+        lengths = np.array([None])
+    wanted = f"metres, more than 0 and at most {most:g}"
+    if count is not None and lengths.shape != (count,):
+        raise InputError(name, values, f"{count} values")
+    if lengths.dtype.kind not in "iuf" or not np.all((lengths > 0) & (lengths <= most)):
+        raise InputError(name, values, wanted)
+
+
+def check_count(name: str, value: float, volume: float) -> None:
+    """Refuse an element size (m) that a volume (m³) would take too many elements of.
+
+    >>> check_count("maxh", 1e-9, 1e-3)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: maxh is 1e-09; wanted: larger elements: a body of 0.001 m³ would take more than 20,000,000
+    """
+    if not volume / MOST_ELEMENTS <= value**3:
+        raise InputError(
+            name, value, f"larger elements: a body of {volume:.3g} m³ would take more than {MOST_ELEMENTS:,}"
+        )

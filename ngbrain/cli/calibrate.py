@@ -74,8 +74,8 @@ def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
         ("--landmark-sd", arguments.landmarks, arguments.landmark_sd),
         ("--force-sd", arguments.force, arguments.force_sd),
     ):
-        if table and not (deviation or 0) > 0:
-            raise InputError(option, deviation, "how far a measurement may well be off, more than 0")
+        if table and not 0 < (deviation or 0) < math.inf:
+            raise InputError(option, deviation, "how far a measurement may well be off, a finite number above 0")
     scene = Scene.from_toml(arguments.scene)
     names = [protocol.name for protocol in scene.protocols]
     if arguments.protocol and arguments.protocol not in names:

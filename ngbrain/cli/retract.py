@@ -46,7 +46,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         require(package, "report")
     folder: Path = arguments.output
     if scene.ask:
-        LOG.warning("[[ask]] is left unanswered: `solve` answers it, this computes what is described")
+        raise InputError("ask", "given", "a scene without [[ask]] here: `ngbrain solve` answers questions")
     from ngbrain.report import Report
 
     report, written = Report(folder), list[Path]()

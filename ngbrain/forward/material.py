@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, barrier, quadratic
-from ngbrain.materials.base import Deformation, Value, density
+from ngbrain.materials.base import Deformation, Value, checked, density, positive
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import viscous
 from ngbrain.materials.volumetric import coupled
@@ -34,6 +34,18 @@ class Material:
     bulk: Value
     pointwise: Value = 0.0
     change: Change = quadratic
+
+    def __post_init__(self) -> None:
+        if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):
+            raise InputError("Material.law", repr(self.law), "a law of shape, of `ngbrain.materials` or one's own")
+        if not self.bulk_is_infinite:
+            positive(self.bulk, "Material.bulk")
+        checked(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
+
+    @property
+    def bulk_is_infinite(self) -> bool:
+        """Whether it keeps its volume altogether."""
+        return isinstance(self.bulk, float) and self.bulk == np.inf
 
     @property
     def viscous(self) -> Viscous:

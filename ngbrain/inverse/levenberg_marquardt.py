@@ -27,6 +27,8 @@ DENSE = 2000
 """Unknowns up to which the Jacobian is a matrix."""
 FIRST = 1.0
 """Damping to begin with: in this metric as much as all regularisers."""
+LONGEST = 3.0
+"""A step changes no unknown by more, of logarithms a factor of 20: else one of which data tell little is lost at once."""
 HEAVY = 1e12
 ROUNDS = 60
 ROUGH, MOST = 0.01, 200
@@ -66,6 +68,9 @@ def levenberg_marquardt(
         growth = 2.0
         while damping < HEAVY:
             step = -H.solve(gradient, damping, ROUGH, MOST)
+            if not np.abs(step).max() <= LONGEST:  # beyond what the model of second order can foretell
+                damping, growth = damping * growth, 2 * growth
+                continue
             foretold = -float(step @ gradient) - 0.5 * float(step @ H.apply(step))
             lower = _tried(reduced, point.x + step)
             fall = point.value - lower.value if lower is not None else -np.inf

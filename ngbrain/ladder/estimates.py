@@ -53,7 +53,7 @@ class Estimate:
     to: str = ""
 
 
-NOTHING = 0.02
+NOTHING = 0.05
 """Part of its scale below which an answer counts as of that size: zero by symmetry never is so to any relative accuracy."""
 
 
@@ -61,7 +61,7 @@ def relative(before: Array, after: Array, scales: Array | float = 0.0) -> Array:
     """(after - before) over the larger size of the two, or over `NOTHING` of the scale where both are less; 0 where all are 0.
 
     >>> relative(np.array([1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
-    array([0.5, 0. , 0.5])
+    array([0.5, 0. , 0.2])
     """
     size = np.maximum(np.maximum(np.abs(before), np.abs(after)), NOTHING * np.asarray(scales))
     return np.where(size > 0, (after - before) / np.where(size > 0, size, 1.0), 0.0)
@@ -201,6 +201,10 @@ def in_section(of: Estimator) -> Estimator:
             return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
         flat = {"space": "plane", **_forgetful(model)}
         before, after = {**model, **flat}, {**richer, **flat}
+        seen = solved(before)
+        if before != model and np.any(np.abs(seen.answers) < NOTHING * np.asarray(seen.scales)):
+            found = of(bench, model, richer, solved)  # a section's symmetry is not that of its body's elements
+            return found if np.all(np.isfinite(found.change)) else linear(bench, model, richer, solved)
         found = of(bench, before, after, solved)
         if found.doubt or np.max(np.abs(found.change)) > LARGE:
             found = neighbour(bench, before, after, solved)

@@ -15,6 +15,7 @@ from ngbrain.errors import InputError
 from ngbrain.mesh.shapes import Sizes, idealised_head
 from ngbrain.reading import check_regular, tried
 from ngbrain.scene.loading import Piece
+from ngbrain.units import LARGEST_BODY
 
 FINER = 2.0
 """Elements at a plate, a lesion or a slot are finer by this factor."""
@@ -112,6 +113,10 @@ def _read(piece: Piece) -> meshing.Mesh:
         raise InputError("piece.file", repr(piece.file), "a mesh that Netgen reads") from error
     if mesh.dim != 3 or not len(mesh.Elements3D()):
         raise InputError("piece.file", repr(piece.file), "a mesh in space")
+    longest = float(np.ptp(mesh.Coordinates(), axis=0).max())
+    if not 0 < longest <= LARGEST_BODY:
+        found = f"a body of {longest:.4g} m"
+        raise InputError("piece.file", found, f"coordinates in metres, of at most {LARGEST_BODY:g} m in all", file)
     return mesh
 
 

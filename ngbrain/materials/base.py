@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Complex
+from numbers import Complex, Real
 from typing import Protocol, TypeAlias, cast, runtime_checkable
 
 import ngsolve as ngs
+import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
@@ -73,7 +74,10 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
     if own is None and not isinstance(law, Law):
         raise InputError("law", repr(law), "an object with `energy(C)`, W in Pa of a 3×3 tensor C")
     found = own(at) if own else law.energy(at.shape)
-    if isinstance(found, CoefficientFunction) and found.dim != 1:
+    if not isinstance(found, CoefficientFunction):
+        wanted = "a CoefficientFunction made of C, W in Pa: constants make no stress"
+        raise InputError(f"{type(law).__name__}.energy", f"{found!r}, a {type(found).__name__}", wanted)
+    if found.dim != 1:
         raise InputError(f"{type(law).__name__}.energy", f"of {found.dim} components", "one number, W in Pa")
     return found
 
@@ -138,17 +142,41 @@ class Scaled(Composite):
         return self.factor * density(self.law, at)
 
 
-def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str) -> Value:
-    """The value itself, or an `InputError` naming the parameter when it is a number that does not fit, or none."""
+def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str, complex_too: bool = False) -> Value:
+    """A parameter of a law, as it is.
+
+    Parameters
+    ----------
+    value : float or CoefficientFunction
+        A number is looked at; a function is taken at its word, as long as it has one component.
+    name : str
+        What it is, for messages.
+    fits : callable
+        Whether a number may be the value; of a complex modulus what it stores.
+    wanted : str
+        What `fits` lets pass, in words.
+    complex_too : bool
+        Whether the law takes complex moduli, as linear laws of waves do.
+
+    Raises
+    ------
+    InputError
+        It is no number and no function of one component, not finite, complex where it may not be, or does not fit.
+    """
     if isinstance(value, CoefficientFunction):
+        if value.dim != 1:
+            raise InputError(name, f"a function of {value.dim} components", "one component")
         return value
-    if not isinstance(value, Complex):
+    flag = isinstance(value, type(True))
+    if flag or not isinstance(value, Complex):
         raise InputError(name, repr(value), "a number, a Parameter, a CoefficientFunction or a GridFunction")
-    if not fits(float(value.real)):  # of a complex modulus, as linear laws take it, what it stores
+    if not (complex_too or isinstance(value, Real)):
+        raise InputError(name, value, "a real number")
+    if not np.isfinite(complex(value)) or not fits(float(value.real)):
         raise InputError(name, value, wanted)
     return value
 
 
-def positive(value: Value, name: str) -> Value:
-    """The value itself, or an `InputError` naming the parameter when it is a number that is not positive."""
-    return checked(value, name, lambda number: number > 0, "a positive number")
+def positive(value: Value, name: str, complex_too: bool = False) -> Value:
+    """The value itself, or an `InputError` naming the parameter when it is a number that is not positive; see `checked`."""
+    return checked(value, name, lambda number: number > 0, "a positive number", complex_too)

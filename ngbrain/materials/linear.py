@@ -62,7 +62,7 @@ class Shearing(OfSmallStrain):
     mu: Value
 
     def __post_init__(self) -> None:
-        positive(self.mu, "Shearing.mu")
+        positive(self.mu, "Shearing.mu", complex_too=True)
 
     def energy(self, strain: CoefficientFunction) -> CoefficientFunction:
         """The quadratic form (Pa) of a strain ε: 3×3, or 2×2 for plane strain."""
@@ -116,9 +116,9 @@ class TransverselyIsotropic(OfSmallStrain):
     fibre: Fibre
 
     def __post_init__(self) -> None:
-        positive(self.mu, "TransverselyIsotropic.mu")
-        checked(self.zeta, "TransverselyIsotropic.zeta", lambda z: z > -0.75, "a number above -3/4")
-        checked(self.phi, "TransverselyIsotropic.phi", lambda p: p > -1, "a number above -1")
+        positive(self.mu, "TransverselyIsotropic.mu", complex_too=True)
+        checked(self.zeta, "TransverselyIsotropic.zeta", lambda z: z > -0.75, "a number above -3/4", complex_too=True)
+        checked(self.phi, "TransverselyIsotropic.phi", lambda p: p > -1, "a number above -1", complex_too=True)
         self._structural()
 
     def _structural(self) -> CoefficientFunction:
@@ -143,7 +143,9 @@ def _quadratic(strain: CoefficientFunction, mu: Value, lam: Value) -> Coefficien
 
 
 def _elastic(law: str, mu: Value, lam: Value) -> None:
-    positive(mu, f"{law}.mu")
+    positive(mu, f"{law}.mu", complex_too=True)
     if not isinstance(mu, CoefficientFunction):
         least = -2 / 3 * mu.real
-        checked(lam, f"{law}.lam", lambda value: value > least, f"a number above -2/3 mu, {least:.6g}")
+        checked(
+            lam, f"{law}.lam", lambda value: value > least, f"a number above -2/3 mu, {least:.6g}", complex_too=True
+        )

@@ -201,6 +201,8 @@ class PronySeries(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.mu, "PronySeries.mu")
+        if not len(self.g):
+            raise InputError("PronySeries.g", "empty", "a share for each branch")
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):
@@ -287,7 +289,7 @@ def _checked(omega: Frequency) -> Frequency:
     if isinstance(omega, CoefficientFunction):
         return omega
     omega = np.asarray(omega, float) if np.ndim(omega) else float(omega)
-    if not np.all(omega >= 0):
+    if not np.all((omega >= 0) & (omega < np.inf)):
         raise InputError("omega", omega, "an angular frequency of at least 0 rad/s")
     return omega
 

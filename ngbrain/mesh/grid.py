@@ -27,7 +27,7 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
     for name, lines in (("x", x), ("y", y)):
-        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0):
+        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0) or not np.isfinite(lines).all():
             raise InputError(f"rectangles.{name}", lines, "two growing coordinates or more")
     made = meshing.Mesh(dim=2)
     node = [[made.Add(meshing.MeshPoint(meshing.Pnt(a, b, 0))) for a in x] for b in y]
@@ -61,7 +61,7 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
     """
     planes = [np.asarray(line, float) for line in (x, y, z)]
     for name, lines in zip("xyz", planes, strict=True):
-        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0):
+        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0) or not np.isfinite(lines).all():
             raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
     shape = tuple(len(lines) for lines in planes)
     cells = np.asarray(cells, bool)

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from ngbrain.errors import InputError, nearest
 from ngbrain.mesh.cleft import Cleft, frame
 from ngbrain.mesh.curved import curve
+from ngbrain.units import check_count, check_lengths
 
 SEMI_AXES = np.array([0.066, 0.084, 0.060])
 """Half width (left-right), length (front-back) and height (m) of the idealised brain: 1.39 l."""
@@ -45,6 +46,12 @@ class Sizes:
     far: float = 20e-3
     grading: float = 0.7
 
+    def __post_init__(self) -> None:
+        for name in ("site", "near", "far"):
+            check_lengths(f"Sizes.{name}", getattr(self, name))
+        if not 0 < self.grading <= 1:
+            raise InputError("Sizes.grading", self.grading, "how fast elements may grow, more than 0 and at most 1")
+
 
 def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0.01) -> ngs.Mesh:
     """A box from the origin, region `tissue`, boundaries `left`/`right` (x), `front`/`back` (y), `bottom`/`top` (z).
@@ -53,7 +60,10 @@ def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0
     >>> sorted(set(mesh.GetBoundaries()))
     ['back', 'bottom', 'front', 'left', 'right', 'top']
     """
-    box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(*size))
+    check_lengths("block.size", size, 3)
+    check_lengths("block.maxh", maxh, 1)
+    check_count("block.maxh", maxh, float(np.prod(size)))
+    box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(*map(float, size)))
     box.mat("tissue")
     for axis, low, high in ((occ.X, "left", "right"), (occ.Y, "front", "back"), (occ.Z, "bottom", "top")):
         box.faces.Min(axis).name, box.faces.Max(axis).name = low, high
@@ -72,6 +82,10 @@ def cleft_to(
     Raises `InputError` when the target lies outside the brain or in a ventricle.
     """
     target = np.asarray(target, float)
+    check_lengths("opening", opening)
+    check_lengths("width", width)
+    if target.shape != (3,) or not np.isfinite(target).all():
+        raise InputError("cleft.target_mm", target, "three finite coordinates")
     if np.sum((target / SEMI_AXES) ** 2) >= 1:
         raise InputError(
             "cleft.target_mm", _mm(target), "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm"

@@ -23,6 +23,7 @@ from ngbrain.scene import Scene
 from ngbrain.surgery import answers, band, response, worth
 from ngbrain.surgery.answers import Answer, Runs
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller, one_order_more, other_elements
+from ngbrain.surgery.corridor import check_corridor
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Force, Protocol
@@ -102,7 +103,7 @@ def solve(
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
-    warned = check_moduli(model)
+    warned = check_moduli(model) + check_corridor(model)
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())

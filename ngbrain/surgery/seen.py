@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,15 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.reading import read_text
 
 Array = np.ndarray
 LANDMARKS = ("t_s", "x_mm", "y_mm", "z_mm", "ux_mm", "uy_mm", "uz_mm")
 """Columns of a table of landmarks: when, where it was before, and by how much it has moved,"""
 FORCE = ("t_s", "force_N")
 """and of one of forces."""
+LARGEST = {"_mm": 1000.0, "_N": 1000.0, "_s": 1e7}
+"""End of a column's name → number beyond which its unit is another one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +56,12 @@ class Seen:
         ):
             if np.shape(value) != shape:
                 raise InputError(f"Seen.{name}", f"of shape {np.shape(value)}", f"{shape}: times and landmarks say so")
-        if not all(sigma > 0 for sigma in self.sigma):
-            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N)")
+        if not np.all((times >= 0) & (times < np.inf)) or not np.all(np.diff(times) > 0):
+            raise InputError("Seen.times", times, "growing times (s) of at least 0")
+        if not np.isfinite(landmarks).all() or np.isinf(self.data).any():
+            raise InputError("Seen", "not finite", "finite places; measurements may be NaN where there is none")
+        if not all(0 < sigma < math.inf for sigma in self.sigma):
+            raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N), finite")
         if np.all(np.isnan(self.data)):
             raise InputError("Seen", "nothing but NaN", "displacements or forces")
 
@@ -88,37 +96,63 @@ class Seen:
 
 
 def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
-    """Its rows; the first so many columns say what a row is of."""
-    rows, lines = [], dict[tuple[float, ...], int]()
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream, skipinitialspace=True)
-        given = [name.strip() for name in reader.fieldnames or ()]
-        if absent := [name for name in columns if name not in given]:
-            raise InputError(
-                "columns", ", ".join(given) or "none", f"{', '.join(columns)}: {absent[0]} is missing", path
-            )
-        reader.fieldnames = given
-        for row in reader:
-            values = [_number(row[name], name, reader.line_num, path, i >= keys) for i, name in enumerate(columns)]
+    """Its rows; the first so many columns say what a row is of. The first column is a time, which grows."""
+    text = read_text(path, "table")
+    first = next(iter(text.splitlines()), "")
+    mark = ";" if ";" in first else "\t" if "\t" in first and "," not in first else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, skipinitialspace=True, strict=True)
+    rows, lines, last = list[list[float]](), dict[tuple[float, ...], int](), dict[tuple[float, ...], float]()
+    try:
+        given = [name.strip() for name in next(reader, [])]
+        places = _places(given, columns, path)
+        for cells in reader:
+            line = reader.line_num
+            if not any(cell.strip() for cell in cells):
+                continue
+            if len(cells) > len(given):
+                found = f"{len(cells)} cells: {mark.join(cells)[:60]!r}"
+                raise InputError(
+                    f"line {line}", found, f"{len(given)}, one for each column, decimals with a point", path
+                )
+            cells += [""] * (len(given) - len(cells))
+            values = [_number(cells[at], columns[i], line, path, i >= keys, mark == ";") for i, at in enumerate(places)]
             key = tuple(values[:keys])
             if key in lines:
-                raise InputError(
-                    f"line {reader.line_num}", f"of what line {lines[key]} is of", "one line for each", path
-                )
-            lines[key] = reader.line_num
+                raise InputError(f"line {line}", f"of what line {lines[key]} is of", "one line for each", path)
+            if not values[0] >= last.get(key[1:], 0.0):
+                wanted = "a time (s) of at least 0, and none before those above for the same thing"
+                raise InputError(f"line {line}, {columns[0]}", cells[places[0]], wanted, path)
+            lines[key], last[key[1:]] = line, values[0]
             rows.append(values)
+    except csv.Error as error:
+        raise InputError(f"line {reader.line_num}", f"unreadable ({error})", "a table (CSV)", path) from error
     if not rows:
         raise InputError("table", "without a line", f"lines of {', '.join(columns)}", path)
     return np.array(rows)
 
 
-def _number(text: str | None, column: str, line: int, path: Path, optional: bool) -> float:
-    if optional and not (text or "").strip():
+def _places(given: list[str], columns: tuple[str, ...], path: Path) -> list[int]:
+    """Where the columns stand."""
+    shown = ", ".join(given)[:200] or "none"
+    if absent := [name for name in columns if name not in given]:
+        raise InputError("columns", shown, f"{', '.join(columns)}: {absent[0]} is missing", path)
+    if twice := [name for name in columns if given.count(name) > 1]:
+        raise InputError("columns", shown, f"each of them once: {twice[0]} is there twice", path)
+    return [given.index(name) for name in columns]
+
+
+def _number(text: str, column: str, line: int, path: Path, optional: bool, comma: bool) -> float:
+    """A finite number, no larger than what its unit can mean; with a decimal comma where commas part no columns."""
+    plain = (text.replace(",", ".") if comma else text).strip()
+    if optional and plain.lower() in ("", "nan"):
         return math.nan
     try:
-        value = float(text or "")
+        value = float(plain) if "_" not in plain else math.inf
     except ValueError:
         value = math.inf
-    if not math.isfinite(value) and not (optional and math.isnan(value)):
-        raise InputError(f"line {line}, {column}", repr(text), "a number", path)
+    where, most = f"line {line}, {column}", next(m for end, m in LARGEST.items() if column.endswith(end))
+    if not math.isfinite(value):
+        raise InputError(where, repr(text[:60]), "a number", path)
+    if not abs(value) <= most:
+        raise InputError(where, f"{value:g}", f"at most {most:g} in that unit", path)
     return value

@@ -1,6 +1,7 @@
 """What a cheaper model drops or turns is what the richer one has; an error that is stated was judged; nothing is asked of zero."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def test_fibres_lie_in_the_section_as_they_do_in_the_body(fibre):
     if fibre in ((1, 0, 2), (2, 1, 0), (0, 1, 3)):  # shears too, along ways that the section has or has not
         assert forces[0] == pytest.approx(forces[1], rel=0.5)
     else:
-        assert forces[0] == pytest.approx(forces[1], rel=1e-8)
+        assert forces[0] == pytest.approx(forces[1], rel=1e-7)
 
 
 def test_a_fibre_along_the_load_is_not_lost():
@@ -54,6 +55,8 @@ def test_a_fibre_along_the_load_is_not_lost():
 
 def test_a_judge_that_fails_is_an_unknown_error():
     class Failing:
+        scene = SimpleNamespace(ask=[None])
+
         def solve(self, model, near=None):
             if model["contact"] == "all":
                 raise SolverError("it does not converge")
@@ -131,5 +134,5 @@ def test_what_elements_at_the_top_leave_is_in_the_error():
     last, before = (rung["answers"][0] for rung in (result["rungs"][-1], next(
         rung for rung in reversed(result["rungs"]) if rung["model"]["mesh"] != result["model"]["mesh"]
     )))  # fmt: skip
-    assert error >= abs(last / before - 1) * (AXES["mesh"].tail - 1) * 0.99 > 1e-3
+    assert error >= abs(last / before - 1) * (AXES["mesh"].tail - 1) * 0.97 > 1e-3
     assert not any("leave 0 %" in flag for flag in result["flags"])

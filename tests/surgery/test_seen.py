@@ -46,6 +46,16 @@ def test_one_table_is_enough(tmp_path):
         (HEAD + "1,1,,3,4,5,6\n", "line 2, y_mm is ''"),
         (HEAD + "1,1,2,3,4,5,inf\n", "line 2, uz_mm is 'inf'"),
         (HEAD + "1,1,2,3,4\n", "nothing"),
+        (HEAD + "1,1,2,3,4,5,6,7\n", "line 2 is 8 cells: '1,1,2,3,4,5,6,7'; wanted: 7, one for each column"),
+        (HEAD + "60,0,35,1,5,2,0,1,5,0,3,0,1\n", "line 2 is 13 cells.*decimals with a point"),
+        ("t_s,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm,x_mm\n1,1,2,3,4,5,6,7\n", "x_mm is there twice"),
+        (HEAD + "1,1,2,3,4,5,3_5\n", "line 2, uz_mm is '3_5'"),
+        (HEAD + "-1,1,2,3,4,5,6\n", "line 2, t_s is -1"),
+        (HEAD + "nan,1,2,3,4,5,6\n", "line 2, t_s is 'nan'"),
+        (HEAD + "5,1,2,3,4,5,6\n2,1,2,3,4,5,6\n", "line 3, t_s is 2.*none before"),
+        (HEAD + "1,1,2,3,4,5,1e5\n", "line 2, uz_mm is 100000; wanted: at most 1000"),
+        (HEAD + '1,1,2,3,4,5,"6\n', "unreadable"),
+        (HEAD + "1,1,2,3,4,5," + "9" * 140000 + "\n", "line 2"),
     ],
 )
 def test_tables_without_sense_are_refused(tmp_path, text, said):
@@ -56,3 +66,29 @@ def test_tables_without_sense_are_refused(tmp_path, text, said):
     with pytest.raises(InputError, match=said) as error:
         Seen.read(path, None)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_tables_as_spreadsheets_write_them(tmp_path, encoding):
+    """In UTF-16 or with a mark; with semicolons, between which a comma is a decimal one; with tabs."""
+    path = tmp_path / "f.csv"
+    for text in ("t_s,force_N\r\n60,0.35\r\n", "t_s;force_N\r\n60;0,35\r\n", "t_s\tforce_N\r\n60\t0.35\r\n"):
+        path.write_bytes(text.encode(encoding))
+        assert Seen.read(None, path).force.tolist() == [0.35]
+
+
+def test_another_encoding_is_said(tmp_path):
+    path = tmp_path / "f.csv"
+    path.write_bytes("t_s,force_N,größe\n1,2,3\n".encode("latin-1"))
+    with pytest.raises(InputError, match="not UTF-8 in line 1; wanted: text saved as UTF-8"):
+        Seen.read(None, path)
+
+
+@pytest.mark.parametrize(
+    ("times", "sigma"),
+    [([np.nan], (1, 1)), ([-1.0], (1, 1)), ([2.0, 1.0], (1, 1)), ([1.0], (np.inf, 1)), ([1.0], (1, np.nan))],
+)
+def test_measurements_in_arrays_are_looked_at_too(times, sigma):
+    n = len(times)
+    with pytest.raises(InputError, match="Seen"):
+        Seen(np.array(times), np.zeros((1, 3)), np.zeros((n, 1, 3)), np.zeros(n), sigma)
