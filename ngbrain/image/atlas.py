@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError, nearest, require
-from ngbrain.image.align import align
+from ngbrain.image.align import ALIKE, align
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume, upright
 
 METHODS = ("affine", "demons")
 _LEVELS = ((4, 60), (2, 60))  # mm between the points of the field and steps there, coarse to fine
 _SMOOTH = 1.2  # of that: the field's
-_LIKE = 0.45  # least likeness to the template, as for a brain in its skull
 
 
 def transported(labels: LabelMap, template: Volume, brain: Volume, method: str = "demons") -> LabelMap:
@@ -30,7 +29,7 @@ def transported(labels: LabelMap, template: Volume, brain: Volume, method: str =
     method    "affine" or "demons"
 
     Raises:
-        InputError: another method; or the two pictures are not alike (correlation below 0.45).
+        InputError: another method; or the two pictures are not alike (likeness below 0.4).
         MissingExtra: SimpleITK or nibabel is not installed.
 
     >>> from ngbrain.image.volume import mni152
@@ -44,7 +43,7 @@ def transported(labels: LabelMap, template: Volume, brain: Volume, method: str =
         raise InputError("method", repr(method), nearest(method, METHODS))
     template = upright(template)
     place = align(brain, template)
-    if place.likeness < _LIKE:
+    if place.likeness < ALIKE:
         raise InputError(
             "template", f"unlike the brain (correlation {place.likeness:.2f})", "T1s of two brains, without skulls"
         )

@@ -8,7 +8,7 @@ from scipy import ndimage
 from ngbrain.errors import require
 from ngbrain.image.volume import Volume, border
 
-_SHRINK = 4  # voxels to one along each axis while the field is fitted
+_STEP = 4e-3  # m, voxels on which the field is fitted
 _ROUNDS = (50, 50)  # with 1 and 2 spans of splines to a side; 4 (some 45 mm) take out anatomy
 _LEAST = 0.025  # standard deviation of the field in white matter, below which it may as well be anatomy
 _BRIGHT = 0.65  # quantile of the grey values in a brain above which it is white matter
@@ -37,12 +37,13 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     box = tuple(slice(max(axis.start - 2, 0), axis.stop + 2) for axis in ndimage.find_objects(mask.astype(np.uint8))[0])
     grey = (volume.data[box] - _zero(volume, mask)).astype(np.float32)
     inside = mask[box] & (grey > 0)  # their logarithm is taken
-    shrunk = tuple(slice(_SHRINK // 2, None, _SHRINK) for _ in range(3))
-    smooth = ndimage.uniform_filter(np.where(inside, grey, 0), _SHRINK)
-    share = ndimage.uniform_filter(inside.astype(np.float32), _SHRINK)
+    shrink = max(round(_STEP / float(volume.spacing.mean())), 1)
+    shrunk = (slice(shrink // 2, None, shrink),) * 3
+    smooth = ndimage.uniform_filter(np.where(inside, grey, 0), shrink)
+    share = ndimage.uniform_filter(inside.astype(np.float32), shrink)
     few = share[shrunk] > 0.5
     image = sitk.GetImageFromArray(np.where(few, smooth[shrunk] / np.maximum(share[shrunk], 0.5), 0))
-    image.SetSpacing([float(s) for s in 1e3 * _SHRINK * volume.spacing[::-1]])
+    image.SetSpacing([float(s) for s in 1e3 * shrink * volume.spacing[::-1]])
     where = sitk.GetImageFromArray(few.astype(np.uint8))
     where.CopyInformation(image)
     n4 = sitk.N4BiasFieldCorrectionImageFilter()
@@ -52,7 +53,9 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     n4.Execute(image, where)
     logs = sitk.GetArrayFromImage(n4.GetLogBiasFieldAsImage(image))
     logs = logs.clip(logs[few].min(), logs[few].max())
-    at = [(np.arange(size) - offset) / _SHRINK for size, offset in _axes(volume.data.shape, box)]
+    # uniform_filter of an even size is centred half a voxel below its index.
+    first = shrink // 2 - (0.5 if shrink % 2 == 0 else 0.0)
+    at = [(np.arange(size) - part.start - first) / shrink for size, part in zip(volume.data.shape, box, strict=True)]
     whole = _resampled(logs.astype(np.float64), at)
     whole = np.exp(whole - np.log(np.exp(whole[mask]).mean()))
     return Volume(whole.astype(np.float32), volume.affine)
@@ -83,12 +86,6 @@ def _zero(volume: Volume, mask: np.ndarray) -> float:
     dark, middle = np.quantile(volume.data[mask], [0.001, 0.5])
     background, _ = border(volume)
     return float(background) if background <= dark else float(dark - 0.25 * (middle - dark))
-
-
-def _axes(shape: tuple[int, ...], box: tuple[slice, ...]) -> list[tuple[int, float]]:
-    """Size of each axis, and the index on it of the first shrunk voxel's middle."""
-    # uniform_filter of an even size is centred half a voxel below its index.
-    return [(size, part.start + _SHRINK // 2 - 0.5) for size, part in zip(shape, box, strict=True)]
 
 
 def _resampled(values: np.ndarray, at: list[np.ndarray]) -> np.ndarray:

@@ -6,13 +6,17 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError, naming
-from ngbrain.image.align import Alignment, align, foreground
+from ngbrain.image.align import ALIKE, Alignment, align, thinned
 from ngbrain.image.bias import unbiased
+from ngbrain.image.contrast import TISSUES, contrast
 from ngbrain.image.volume import Scan, Volume, mni152
 
-_WANTED = "a T1 in which white matter is brighter than grey and fluid is dark, of a head upright as its header says, and whole"
-_ALIKE = 0.45  # least likeness to the template; measured: T1s above 0.7, other contrasts, balls, noise and wrong headers below 0.3
-_AROUND = 16  # voxels about the template's brain that are looked at
+_WANTED = "a T1 of a whole head or brain"
+_T1 = "a T1, in which white matter is brightest and fluid darkest"
+# Least step from grey to white matter; measured: T1s 0.9 and more, one after contrast agent 0.4, FLAIR and PD to 0.25.
+_STEP = 0.33
+_VOXEL = 2e-3  # m, on which the brain is looked for
+_AROUND = 8  # such voxels about the template's brain that are looked at
 _SURE, _FAR = 6.0, 9.0  # mm inside the template's brain all is brain, mm outside it none
 _LEVELS = (0.02, 0.40, 0.85)  # quantiles of the grey values in there that are near fluid, grey and white matter
 _FAT = 0.6  # of the step from grey to white matter: what is brighter than white matter by more is no brain
@@ -32,8 +36,7 @@ def strip(scan: Scan) -> np.ndarray:
     of fluid around go with it. Nothing of this is learnt; the template is all that it knows.
 
     Raises:
-        InputError: nothing in the picture is like the inside of the template's brain (correlation below 0.45), or it
-            is next to nothing but background.
+        InputError: as `placed` does.
         MissingExtra: nilearn or SimpleITK is not installed.
 
     >>> rng = np.random.default_rng(1)
@@ -42,35 +45,41 @@ def strip(scan: Scan) -> np.ndarray:
     Traceback (most recent call last):
     ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
     """
-    head, template, found = scan.volume, mni152().volume, placed(scan)
+    template, found = mni152().volume, placed(scan)
+    head = thinned(scan.volume, _VOXEL)
     to = np.linalg.inv(template.affine) @ np.linalg.inv(found.affine) @ head.affine
     whole = (template.data != 0).astype(np.float32)
     prior = ndimage.affine_transform(whole, to[:3, :3], to[:3, 3], head.data.shape, order=1) > 0.5
     there = ndimage.find_objects(prior.astype(np.uint8))[0]
     box = tuple(slice(max(part.start - _AROUND, 0), part.stop + _AROUND) for part in there)
     even = unbiased(Volume(head.data[box], head.affine), prior[box])
-    mask = np.zeros_like(prior)
+    mask = np.zeros(prior.shape, np.float32)
     mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
-    return mask
+    to = np.linalg.inv(head.affine) @ scan.volume.affine
+    fine = ndimage.affine_transform(mask, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest")
+    return np.asarray(ndimage.binary_fill_holes(fine > 0.5))
 
 
 def placed(scan: Scan) -> Alignment:
     """Where the template's brain lies in a scan, with a skull or without.
 
-    A surface coil, three times as bright in front as behind, hides the likeness: where there is none, the coil's field is
-    taken out of the whole head, and the template laid in again.
-
-    Raises `InputError` as `strip` does.
+    Raises:
+        InputError: next to nothing but background; nothing like the template's brain (likeness below 0.4); or another
+            contrast than that of a T1, in which fluid is dark and white matter bright.
+        MissingExtra: nilearn is not installed.
     """
-    head, template = scan.volume, mni152().volume
     with naming(scan.source):
-        found = align(head, template)
-        if found.likeness < _ALIKE:
-            even = align(unbiased(head, foreground(head)), template)
-            found = max(found, even, key=lambda place: place.likeness)
-    if found.likeness < _ALIKE:
-        what = f"a picture in which nothing is like a brain (correlation with the MNI152 template {found.likeness:.2f})"
-        raise InputError("image", what, _WANTED, scan.source)
+        found = align(scan.volume, mni152().volume)
+        if found.likeness < ALIKE:
+            what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
+            raise InputError("image", f"{what}, at least {ALIKE:g} needed)", _WANTED)
+        seen = contrast(scan.volume, found.affine)
+        if seen.order != TISSUES:
+            what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
+            raise InputError("image", what.replace("grey", "grey matter").replace("white", "white matter"), _T1)
+        if seen.step < _STEP:
+            what = f"a picture in which white matter is hardly brighter than grey (by {seen.step:.2f} of the spread of grey values"
+            raise InputError("image", f"{what}, at least {_STEP:g} needed)", _T1)
     return found
 
 

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import places
-from ngbrain.image.align import align
+from ngbrain.image.align import ALIKE, align
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
@@ -46,7 +46,6 @@ _EDGE = 0.7  # mm, of those in which edges are
 _TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
 _NEAR = 8.0  # mm about its expected course
 _BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
-_LIKE = 0.45  # least likeness to the template, as for a brain in its skull
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +78,8 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment`, 0 outside
 
     Raises:
-        InputError: the two are on different voxels; no tissue; or the brain is not like the template's (correlation
-            below 0.45).
+        InputError: the two are on different voxels; no tissue; or the brain is not like the template's (likeness
+            below 0.4).
         MissingExtra: nilearn or scikit-image is not installed.
 
     >>> from ngbrain.image.tissues import structured  # structures of a scan's tissues, from the cache
@@ -96,7 +95,7 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     dark = min(float(t1.data[brain].min()), 0.0)
     head = Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
     place = align(head, mni152().volume)
-    if place.likeness < _LIKE:
+    if place.likeness < ALIKE:
         what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f})"
         raise InputError("image", what, "a T1 of a whole brain")
     middle = MidSurface.of(head, place.affine)
