@@ -56,8 +56,6 @@ def suffix_of(path: str | os.PathLike[str]) -> str:
     raise InputError("mesh file", repr(Path(path).name), ", ".join(SUFFIXES))
 
 
-
-
 def _write_meshio(path: Path, elements: Elements) -> None:
     kind = _FORMATS[path.suffix]
     blocks, numbers, sets, groups = [], [], {}, {}

@@ -167,7 +167,7 @@ def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str,
         if value.dim != 1:
             raise InputError(name, f"a function of {value.dim} components", "one component")
         return value
-    flag = isinstance(value, type(True))
+    flag = isinstance(value, bool)
     if flag or not isinstance(value, Complex):
         raise InputError(name, repr(value), "a number, a Parameter, a CoefficientFunction or a GridFunction")
     if not (complex_too or isinstance(value, Real)):

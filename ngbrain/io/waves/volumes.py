@@ -71,7 +71,7 @@ def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with points in place of `spacing`, and everything on voxels at these points, numbered along x first."""
     found = dict(keys)
     if "spacing" not in found:
-        if "points" in found and np.ndim(found.get("displacement")) == 2:  # one load
+        if "points" in found and np.ndim(found.get("displacement", 0)) == 2:  # one load
             found["displacement"] = np.asarray(found["displacement"])[None]
         return found
     name = next((each for each in ("displacement", "samples", "phase") if each in found), None)
