@@ -77,7 +77,9 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
     tell("meshing")
     try:
         opening = Opening(floor, **shape) if floor else None
-        result, mesh = write_subject(subject, arguments.output, arguments.route, size, arguments.curve, opening)
+        result, mesh = write_subject(
+            subject, arguments.output, arguments.route, size, arguments.curve, opening, arguments.surfaces
+        )
     except InputError as wrong:
         name = wrong.field.removeprefix("cleft.").removesuffix("_mm")
         if name == wrong.field:
@@ -89,7 +91,7 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
 
 def _imported(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
     """A mesh of another program as it is: what would change it or needs labels is refused."""
-    _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "landmark", "radius"))
+    _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius"))
     tell("reading")
     result, mesh = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
     return _reported(arguments, result, mesh, None, None, tell)
@@ -164,6 +166,12 @@ def summary(result: dict[str, Any]) -> list[str]:
         lines.append(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
     if off := result.get("curved"):
         lines.append(f"interfaces off by {off['mean_mm_before']:.3f} mm, curved by {off['mean_mm_after']:.3f} mm")
+    if found := result.get("surfaces"):
+        thick = found["thickness_mm"]
+        lines.append(
+            f"cortex {thick['mean']:.2f} mm thick (quartiles {thick['p25']:.2f} to {thick['p75']:.2f}), by {found['by']}; white "
+            f"surface {found['white']['area_cm2']:.0f} cm², pial {found['pial']['area_cm2']:.0f} cm²"
+        )
     few = {repair["region"] for repair in result["repairs"]} - set(result["checks"]["changed_ml"])
     return lines + [_changed(result, name) for name in sorted(few)]
 
@@ -171,6 +179,8 @@ def summary(result: dict[str, Any]) -> list[str]:
 def cautions(result: dict[str, Any]) -> list[str]:
     """Regions that the mesh shows badly, and those that were changed too much."""
     changed = [f"do not use without a look: {_changed(result, name)}" for name in result["checks"]["changed_ml"]]
+    if crossed := result.get("surfaces", {}).get("crossings"):
+        changed.append(f"the white and pial surfaces cross at {crossed} pairs of triangles")
     return changed + [
         f"{name} is off by {error:+.0%} in volume: too thin for such elements, or too close to what is around"
         for name, error in result["checks"]["regions_off"].items()

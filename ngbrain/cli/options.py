@@ -141,6 +141,9 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 10.5, conforming 20)"
     )
+    parser.add_argument(
+        "--surfaces", action="store_true", help="white and pial surface and the cortex's thickness too, as GIfTI"
+    )
     parser.add_argument("--curve", action="store_true", help="curve the interfaces of tissues, with second order")
     parser.add_argument(
         "--landmark", action="append", default=[], metavar="NAME=PLACE", help="name a place; as often as needed"

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
 
 from ngbrain.errors import InputError, require
+from ngbrain.io.exchange import replaced
 from ngbrain.io.foreign import check_width, length
 from ngbrain.mesh.surfacemesh import SurfaceMesh
 
@@ -112,3 +114,29 @@ def _check_closed(points: np.ndarray, triangles: np.ndarray, path: Path) -> None
     if len(odd):
         at = ", ".join(f"{1e3 * x:.1f}" for x in points[odd[0]].mean(axis=0))
         raise InputError("surface", f"open at {len(odd)} edges, the first at ({at}) mm", "a closed surface", path)
+
+
+def write_surface(path: str | os.PathLike[str], surface: SurfaceMesh, structure: str = "Cortex") -> None:
+    """Write a surface as GIfTI, in mm where its scan is; the file is whole or not there."""
+    gifti = require("nibabel.gifti", "mri")
+    place = gifti.GiftiCoordSystem("NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_SCANNER_ANAT", np.eye(4))
+    meta = gifti.GiftiMetaData({"AnatomicalStructurePrimary": structure})
+    points = gifti.GiftiDataArray(
+        (1e3 * surface.points).astype(np.float32), "NIFTI_INTENT_POINTSET", coordsys=place, meta=meta
+    )
+    triangles = gifti.GiftiDataArray(surface.triangles.astype(np.int32), "NIFTI_INTENT_TRIANGLE")
+    _save(Path(path), gifti.GiftiImage(darrays=[points, triangles]))
+
+
+def write_values(path: str | os.PathLike[str], values: np.ndarray, name: str) -> None:
+    """Write values (n,) at the vertices of a surface as GIfTI; the file is whole or not there."""
+    gifti = require("nibabel.gifti", "mri")
+    array = gifti.GiftiDataArray(
+        values.astype(np.float32), "NIFTI_INTENT_SHAPE", meta=gifti.GiftiMetaData({"Name": name})
+    )
+    _save(Path(path), gifti.GiftiImage(darrays=[array]))
+
+
+def _save(path: Path, image: Any) -> None:
+    with replaced(path, path.suffix) as part:
+        require("nibabel", "mri").save(image, part)

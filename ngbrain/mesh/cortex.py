@@ -127,7 +127,7 @@ _ROOM = 2  # voxels around the labels, for what grows
 
 def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict[str, int]]:
     """Masks from inside to outside, each with its 26 neighbours in the next one: then no cube holds two surfaces."""
-    if not any(_part_of(name, "white") for name in labels.regions):
+    if not any(part_of(name, "white") for name in labels.regions):
         wanted = "a region called white, or white_left and white_right"
         raise InputError("labels", f"of {', '.join(labels.regions) or 'nothing'}", wanted)
     data, names = np.pad(labels.volume.data, _ROOM), labels.regions
@@ -136,7 +136,7 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
         return np.isin(data, [names.index(name) + 1 for name in which if name in names])
 
     shaped = ball if spheres else largest
-    inside = [name for name in names if any(_part_of(name, whole) for whole in WHITE)]
+    inside = [name for name in names if any(part_of(name, whole) for whole in WHITE)]
     tissue, white, fluid = region(*set(names) - {FLUID}), region(*inside), region("ventricles")
     pial = shaped(tissue)
     cavities = _without_specks(fluid, labels.volume.voxel_volume)
@@ -154,7 +154,8 @@ def _masks(labels: LabelMap, spheres: bool) -> tuple[dict[str, np.ndarray], dict
     return masks, {name: int((mask != asked[name]).sum()) for name, mask in masks.items()}
 
 
-def _part_of(name: str, whole: str) -> bool:
+def part_of(name: str, whole: str) -> bool:
+    """Whether a region is another or a part of it: `white_left` of `white`."""
     return name == whole or name.startswith(f"{whole}_")
 
 

@@ -73,8 +73,7 @@ def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> lis
 
     Taubin's steps (Taubin 1995, doi:10.1145/218380.218473): a vertex moves half of the way to the middle of its neighbours,
     then a little more than that back; at last all of a surface's vertices by one distance along their normals, to the
-    volume. Vertices of triangles that cross go back to where they were, more and more of those around them
-    with every round, of 12 at most: `crossings` tells what is left.
+    volume; then they are `untangled`.
 
     >>> from ngbrain.mesh.contour import contour
     >>> rough = SurfaceMesh(*contour(np.linalg.norm(np.indices((15, 15, 15)) - 7, axis=0) < 5))
@@ -82,9 +81,17 @@ def faired(surfaces: list[SurfaceMesh], volumes: list[float], steps: int) -> lis
     >>> bool(smooth.area < rough.area), round(smooth.volume / rough.volume, 3), smooth.genus
     (True, 1.0, 0)
     """
+    smooth = [SurfaceMesh(_smooth(s, v, steps), s.triangles) for s, v in zip(surfaces, volumes, strict=True)]
+    return untangled(surfaces, smooth)
+
+
+def untangled(surfaces: list[SurfaceMesh], moved: list[SurfaceMesh]) -> list[SurfaceMesh]:
+    """Surfaces with moved vertices, but for those of triangles that would cross: they go back, and more of those around.
+
+    In 12 rounds at most: `crossings` tells what is left.
+    """
     first = np.cumsum([0, *(len(s.points) for s in surfaces)])
-    rough = np.concatenate([s.points for s in surfaces])
-    smooth = np.concatenate([_smooth(s, volume, steps) for s, volume in zip(surfaces, volumes, strict=True)])
+    rough, smooth = (np.concatenate([s.points for s in every]) for every in (surfaces, moved))
     triangles = np.concatenate([s.triangles + k for s, k in zip(surfaces, first, strict=False)])
     joined = SurfaceMesh(rough, triangles).adjacency()
     looked_at = triangles

@@ -28,6 +28,7 @@ from ngbrain.io import versions, write_json
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.mesh import files
 from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.corticalfiles import write_cortex
 from ngbrain.mesh.curving import Curving, bent
 from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
@@ -181,6 +182,7 @@ def write_subject(
     size: Graded | None = None,
     curve: bool = False,
     opening: Opening | None = None,
+    cortex: bool = False,
 ) -> tuple[dict[str, Any], Elements]:
     """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
 
@@ -189,6 +191,7 @@ def write_subject(
     path   .vtkhdf, which `ngbrain.io.load` gives back to the bit, or a suffix of `ngbrain.io.exchange`
     curve  bring the interfaces, with second order, closer to where the labels' regions meet (`ngbrain.mesh.curving`): the mesh
            in the .vtkhdf file is curved, and so are its 10-node tetrahedra in ParaView
+    cortex  write the white and pial surfaces too (`ngbrain.mesh.corticalfiles`), of the labels before they are cut
     opening  cut it open first (`ngbrain.mesh.opening`), with elements of `size.near` at the walls
 
     Returns the result and the mesh, with straight edges. Raises `InputError` for another suffix, for a curved mesh that is not
@@ -211,7 +214,7 @@ def write_subject(
         found = f"{np.count_nonzero(subject.labels.volume.data)} voxels in islands, which are left out"
         raise InputError("labels", found, "a head")
     size = size or Graded(ROUTES[route].size, ROUTES[route].size)
-    cut = {}
+    whole, cut = clean, {}
     if opening:
         cut = {"cut": _cut(opening.cleft(clean), opening)}
         clean, done = opened(clean, opening, route, size.near, size.far)
@@ -230,6 +233,7 @@ def write_subject(
     files.write(path, made, route, mesh)
     labels = path.with_name(f"{stem}_labels.nii.gz")
     write_nifti(labels, on_grid(_numbered(clean), subject.affine, subject.shape))
+    surfaces = write_cortex(whole, subject.t1, path.parent, stem) if cortex else None
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
     site = opening.target if opening else size.site
     shown = points["centre"] if site is None else np.array(site)
@@ -245,12 +249,13 @@ def write_subject(
         **told,
         **cut,
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
+        **({"surfaces": surfaces} if surfaces else {}),
         "repairs": [_placed(repair) for repair in done.repairs],
         "needs": [str(need) for need in needs()],
         "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
         "shown_mm": (1e3 * shown).round(2).tolist(),
         "boundaries": sorted(made.boundaries),
-        "files": [path.name, labels.name, "result.json"],
+        "files": [path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
         "checks": {
             "regions_off": _off(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
