@@ -139,6 +139,9 @@ def arrays_of(raw: bytes, what: str, path: str | os.PathLike[str], most: int = M
             return {member.filename.removesuffix(".npy"): _array(archive, member, what, path) for member in members}
     except InputError:
         raise
+    except zipfile.BadZipFile as error:
+        wanted = "a whole archive of arrays, as numpy.savez writes it"
+        raise InputError(what, "damaged, or no archive", wanted, path) from error
     except Exception as error:  # whatever damaged bytes lead zipfile and NumPy into
         wanted = "a whole archive of plain arrays, without pickles"
         raise InputError(what, f"unreadable ({type(error).__name__}: {error})", wanted, path) from error

@@ -136,7 +136,7 @@ def staged(tmp_path, monkeypatch):
             return self.path
 
     def solve(scene, folder, threads, resume, tell, *, checks, callback):
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         answer = dict.fromkeys(
             (
                 "peak_pressure_mmHg",
@@ -403,7 +403,7 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     assumed = [f"ngbrain: warning: {text}" for text in Scene.from_toml(scene).warnings]
     status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
     assert status == 0 and lines == [*assumed, f"ngbrain: {sure}"]
-    status = main(["retract", str(scene), "-o", str(tmp_path / "out")])
+    status = main(["retract", str(scene), "-o", str(tmp_path / "out"), "--force"])
     out, err = capsys.readouterr()
     assert status == 0 and err.splitlines() == assumed and out.splitlines()[-1] == sure
 

@@ -49,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"ngbrain: {error.filename or arguments.output}: {error.strerror or error}", file=sys.stderr)
         return EXIT_INPUT
     except SolverError as error:
-        kept = f"; the steps so far are in {arguments.output}" if hasattr(arguments, "resume") else ""
+        written = arguments.verb != "mesh" and arguments.output.is_dir() and any(arguments.output.iterdir())
+        kept = f"; the steps so far are in {arguments.output}" if written else ""
         print(f"ngbrain: {error}{kept}", file=sys.stderr)
         return EXIT_SOLVER
     except MemoryError:

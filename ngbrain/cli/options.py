@@ -358,12 +358,9 @@ def _positive(text: str) -> int:
 
 def _length(text: str) -> float:
     try:
-        length = 1e-3 * float(text)
-    except ValueError:
-        length = math.nan
-    if not math.isfinite(length):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length in mm")
-    return length
+        return 1e-3 * float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length in mm") from error
 
 
 def _direction(text: str) -> tuple[float, float, float]:
