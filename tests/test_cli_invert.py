@@ -429,3 +429,17 @@ def test_a_hole_in_data_in_their_own_elements_with_a_known_truth(tmp_path, capsy
     write_waves(tmp_path / "hole.npz", plane(element="q4", mask=mask))
     status, _, errors = run(capsys, tmp_path / "hole.npz", "-o", tmp_path / "out", *ROUGH)
     assert status == 0 and any("errors flatter" in line for line in errors)
+
+
+@pytest.mark.parametrize("quiet", [(), ("-q",)])
+def test_what_is_not_to_be_used_is_said_and_ends_with_3(tmp_path, capsys, quiet):
+    data = plane()
+    shuffled = np.random.default_rng(0).permutation(len(data.points))
+    write_waves(tmp_path / "waves.npz", replace(data, displacement=data.displacement[:, shuffled], truth={}))
+    arguments = [a for a in ROUGH if a != "-q"] + ["--rounds", "3", "--no-drop-outliers", *quiet]
+    status, out, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *arguments)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert status == 3 and not result["usable"] and "are not explained" in result["reasons"][0]
+    assert "do not use these maps" in errors[-1] and "are not explained" in errors[-1]
+    assert ("Do not use: " in out) == (not quiet)
+    assert "Do not use" in (tmp_path / "out" / "report.html").read_text()

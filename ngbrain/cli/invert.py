@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.predict import runtime_version, start_of
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, SolverError, require
@@ -31,7 +32,7 @@ from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
-from ngbrain.progress import Progress, terminal
+from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report import parameters
 from ngbrain.solvers.device import Device
 from ngbrain.threads import threads
@@ -61,7 +62,7 @@ SEED = 0
 """Of the probes that estimate how much the data determine."""
 
 
-def run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> int:
     """Read, invert, write, report, print."""
     started, rounds = time.monotonic(), list[Iteration]()
     data = _checked(arguments)
@@ -100,6 +101,10 @@ def run(arguments: argparse.Namespace) -> None:
     report = elastography.build(folder / "report.html", result, inversion.data, inversion.arrays())
     notes = [f"note: {note}" for note in result["notes"]]
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], notes)
+    if not inversion.usable:
+        LOG.warning("do not use these maps: %s", "; ".join(inversion.reasons))
+        return EXIT_SOLVER
+    return 0
 
 
 def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, list[str]]:
@@ -185,7 +190,9 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
 
 def summary(result: dict[str, Any]) -> list[str]:
     """The result as lines: parameters, starts, what was assumed and found."""
-    lines = [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"]
+    reasons = result.get("reasons")
+    lines = [f"Do not use: {'; '.join(reasons)}", ""] if reasons else []
+    lines += [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"]
     for row in parameters.parameters(result):
         median, iqr, error = (text for text, _ in row.cells)
         lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")

@@ -12,6 +12,14 @@ SOFTEST, STIFFEST = 1.0, 1e8
 what they are."""
 SOFT, STIFF = 50.0, 1e6
 """The same, that few have."""
+TISSUES: dict[str, tuple[float, float]] = {
+    "brain": (300.0, 8e3),
+    "liver": (600.0, 2e4),
+    "breast": (300.0, 6e4),
+    "muscle": (800.0, 1e5),
+    "phantom": (200.0, 1e5),
+}
+"""Medians of |G*| (Pa) that such tissue has at 20 to 200 Hz, healthy or not, with a factor to spare on either side."""
 FEW = 4.0
 """Points along a wave, of which fewer tell little."""
 
@@ -19,7 +27,7 @@ FEW = 4.0
 def check_frequency(data: WaveData, shear: float) -> None:
     """Raise `InputError` about the frequency where waves mean a modulus (Pa) that is not between `SOFTEST` and `STIFFEST`."""
     if data.frequency.any() and not SOFTEST <= shear <= STIFFEST:
-        wanted = f"Hz, 0 at rest: soft tissue has {_pascal(SOFTEST)} to {_pascal(STIFFEST)}"
+        wanted = f"Hz, 0 at rest: soft tissue has {pascal(SOFTEST)} to {pascal(STIFFEST)}"
         raise InputError("frequency", f"{data.frequency.max():g}, so that {_means(data, shear)}", wanted)
 
 
@@ -35,15 +43,40 @@ def of_frequency(data: WaveData, shear: float) -> list[str]:
     return notes
 
 
+def of_tissue(data: WaveData, shear: float) -> list[str]:
+    """What to say where a median |G| (Pa) is out of the range of the tissue that the data name."""
+    if data.tissue is None or not data.frequency.any():
+        return []
+    low, high = TISSUES[data.tissue]
+    if low <= shear <= high:
+        return []
+    times = shear / high if shear > high else low / shear
+    beyond = "above" if shear > high else "below"
+    usual = f"what {data.tissue} has ({pascal(low)} to {pascal(high)})"
+    asked = "is the frequency in Hz, not rad/s, are points in m, is the pixel size right?"
+    return [f"the median modulus of {pascal(shear)} is {times:.3g} times {beyond} {usual}: {asked}"]
+
+
+def of_size(data: WaveData) -> list[str]:
+    """What to say of displacements larger than the region itself: theory is linear, so that a unit may be wrong without harm."""
+    across, most = float(np.ptp(data.points, axis=0).max()), float(np.nanmax(np.abs(data.displacement[:, data.mask])))
+    if most <= across:
+        return []
+    return [
+        f"displacements reach {most:.3g} m in a region of {across:.3g} m: are they in m? Moduli do not change with their unit"
+    ]
+
+
 def _means(data: WaveData, shear: float) -> str:
-    return f"waves of {1e3 * _length(data, shear):.3g} mm mean a shear modulus of {_pascal(shear)}"
+    return f"waves of {1e3 * _length(data, shear):.3g} mm mean a shear modulus of {pascal(shear)}"
 
 
 def _length(data: WaveData, shear: float) -> float:
     return float(np.sqrt(shear / data.density) / data.frequency.max())
 
 
-def _pascal(value: float) -> str:
+def pascal(value: float) -> str:
+    """A modulus in words, in Pa, kPa, MPa or GPa."""
     for unit, size in (("GPa", 1e9), ("MPa", 1e6), ("kPa", 1e3)):
         if value >= size:
             return f"{value / size:.3g} {unit}"

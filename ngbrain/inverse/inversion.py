@@ -12,7 +12,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived, median_shear, shear_of
-from ngbrain.inverse.believable import of_frequency
+from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
@@ -39,6 +39,7 @@ from ngbrain.inverse.unseen import (
     of_one_slice,
     of_scale,
 )
+from ngbrain.inverse.verdict import reasons_against
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -79,6 +80,7 @@ class Inversion:
     resolution  a hint at the finest detail of each map, m (see `quality`)
     strain      octahedral shear strain of the data, and over its noise
     checks      name → number: the data's strain over noise (median), distance of a resonance, misfit over its expected level
+    stated      noise relative to the rms as it was given, or as a smooth fit leaves it
     notes       what a reader has to know, in words
     end         where error bars start from (`uncertainty`); None of zones
     """
@@ -99,6 +101,7 @@ class Inversion:
     model: dict[str, Any]
     checks: dict[str, float | bool]
     strain: Strain
+    stated: float = np.nan
     notes: list[str] = field(default_factory=list)
     end: End | None = field(default=None, repr=False)
 
@@ -106,6 +109,16 @@ class Inversion:
     def answers(self) -> dict[str, dict[str, float]]:
         """Of the maps, as in `result.json`."""
         return answers(self.data, self.maps)
+
+    @property
+    def reasons(self) -> list[str]:
+        """What speaks against using the maps, see `verdict`."""
+        return reasons_against(self.data, self.maps, self.stated, self.noise_found)
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing does."""
+        return not self.reasons
 
     @property
     def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
@@ -158,6 +171,8 @@ class Inversion:
             for row in self.rows
         }
         return {
+            "usable": self.usable,
+            "reasons": self.reasons,
             "answers": self.answers,
             "by_label": self.by_label,
             "solves": asdict(self.solves),
@@ -169,7 +184,12 @@ class Inversion:
                 "determined": self.determined,
                 "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
             },
-            "noise": {"assumed": overall(self.data, self.noise), "found": self.noise_found, **self._range()},
+            "noise": {
+                "stated": self.stated,
+                "assumed": overall(self.data, self.noise),
+                "found": self.noise_found,
+                **self._range(),
+            },
             "starts": rows,
             "chosen": self.chosen,
             "notes": self.notes,
@@ -193,6 +213,7 @@ def concluded(
     chosen: str,
     *,
     noise: Relative,
+    stated: float,
     floor: float,
     regulariser: str,
     weight: str,
@@ -230,7 +251,13 @@ def concluded(
             effect = bulk_effect(experiment, unknowns.theta(best.x), noise)
             checks["bulk_change_over_noise"] = effect
             notes.append(of_bulk(effect))
-    notes += [*of_scale(data), *of_frequency(data, median_shear(data, maps))]
+    median = median_shear(data, maps)
+    notes += [
+        *of_scale(data),
+        *of_frequency(data, median),
+        *of_tissue(data, median),
+        *of_size(data),
+    ]
     if data.motion == "anti_plane":
         notes += of_one_slice(data)
     if EXPONENT in maps:
@@ -264,6 +291,7 @@ def concluded(
         },
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
+        stated=stated,
         notes=notes + ([strain.note] if strain.note else []),
         end=End(experiment, problem, best.x),
     )

@@ -197,6 +197,7 @@ def invert(
         rows,
         kept.chosen,
         noise=sure,
+        stated=overall(data, total(level, floor, model_error)),
         floor=floor,
         regulariser=kind,
         weight=weight,

@@ -27,7 +27,7 @@ from ngbrain.inverse.misfit import MisfitKind, misfit_of
 from ngbrain.inverse.outliers import cleaned
 from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import PRIORS, Prior, priors
-from ngbrain.inverse.quality import Relative, noise_level, noise_of, total
+from ngbrain.inverse.quality import Relative, noise_level, noise_of, overall, total
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.starts import assumed_start, at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
@@ -138,6 +138,7 @@ def invert_in_space(
         rows,
         kept.chosen,
         noise=sure,
+        stated=overall(data, sure),
         floor=LEAST,
         regulariser=kind,
         weight="evidence",

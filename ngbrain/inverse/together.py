@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.answers import median_shear
-from ngbrain.inverse.believable import of_frequency
+from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
 from ngbrain.inverse.driven import driven, free_part
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
@@ -186,7 +186,8 @@ def concluded(
     of_plane, combined = of_fibres(data, last.maps)
     notes = [*notes, *_of_zones(found, level), *of_misfit(level.ratio, overall(data, noise), floor)]
     notes += [*of_few(last.determined), *of_plane, *of_scale(data), *([] if effect is None else [of_bulk(effect)])]
-    notes += of_frequency(data, median_shear(data, last.maps))
+    median = median_shear(data, last.maps)
+    notes += [*of_frequency(data, median), *of_tissue(data, median), *of_size(data)]
     checks: dict[str, float | None] = {
         "misfit_over_expected": level.ratio,
         "converged": rows[-1].converged,
@@ -228,6 +229,7 @@ def concluded(
         },
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
+        stated=overall(data, noise),
         notes=notes + ([strain.note] if strain.note else []),
     )
 

@@ -16,10 +16,12 @@ from ngbrain.io.waves.grid import Grid, hull
 SYMMETRIES = ("isotropic", "transversely_isotropic")
 RHEOLOGIES = ("elastic", "viscoelastic")
 ELEMENTS = ("q4", "q4p0")
+TISSUES = ("brain", "liver", "breast", "muscle", "phantom")
 MOTIONS = ("in_plane", "anti_plane")
 TRUTHS = ("youngs", "shear", "mu", "zeta", "phi")
 _LARGEST = 2.0  # m, across all points
 _DENSITY = (100.0, 20000.0)  # kg/m³
+_MOVED = 10.0  # times the size of the region
 _NOISIEST = 10.0
 _POSITIVE = ("youngs", "shear", "mu")
 
@@ -47,6 +49,7 @@ class WaveData:
         labels: (n,) whole numbers from 0 on, or None.
         truth: name → (n,): youngs, shear (complex), mu (Pa), zeta, phi.
         motion: of points in the plane: in_plane (plane strain) or anti_plane, one component, through the plane; None in space.
+        tissue: brain, liver, breast, muscle or phantom: moduli beyond its range are warned of; None: not said.
         affine: (4, 4), indices of the image that the points are the voxels of → m; None: not from an image.
 
     Raises:
@@ -82,6 +85,7 @@ class WaveData:
     truth: Mapping[str, np.ndarray] = field(default_factory=dict)
     affine: np.ndarray | None = None
     motion: str | None = None
+    tissue: str | None = None
 
     def __post_init__(self) -> None:
         known = {
@@ -90,6 +94,7 @@ class WaveData:
             "element": (None, *ELEMENTS),
             "motion": (None, *MOTIONS),
         }
+        known["tissue"] = (None, *TISSUES)
         for name, values in known.items():
             if getattr(self, name) not in values:
                 hint = nearest(str(getattr(self, name)), [value for value in values if value])
@@ -159,11 +164,10 @@ class WaveData:
             if np.isnan(each).all():
                 raise InputError("displacement", f"NaN everywhere in load {load}", "a measured component")
         across = float(np.ptp(self.points, axis=0).max())
-        # Resonances do reach a tenth of the size; never all of it.
-        if (most := float(np.nanmax(np.abs(u)))) > across:
-            raise InputError(
-                "displacement", f"{most:.6g} at most", f"metres: below {across:.6g} m, the size of the region"
-            )
+        # Theory is linear: computed waves near a resonance may be larger than the body. Units that cannot be are far beyond.
+        if (most := float(np.nanmax(np.abs(u)))) > _MOVED * across:
+            wanted = f"metres: below {_MOVED * across:.6g} m, {_MOVED:g} times the size of the region"
+            raise InputError("displacement", f"{most:.6g} at most", wanted)
         frequency = _array("frequency", self.frequency, (len(u),), "fiu").astype(float)
         if not (np.isfinite(frequency) & (frequency >= 0)).all():
             raise InputError("frequency", frequency.tolist(), "Hz, at least 0")

@@ -22,7 +22,19 @@ from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres,
 from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.reading import check_regular, hdf5, read_npz
 
-_OPTIONAL = ("poisson", "bulk", "fibre", "element", "dirichlet", "mask", "noise", "labels", "affine", "motion")
+_OPTIONAL = (
+    "poisson",
+    "bulk",
+    "fibre",
+    "element",
+    "dirichlet",
+    "mask",
+    "noise",
+    "labels",
+    "affine",
+    "motion",
+    "tissue",
+)
 _KEYS = (
     *REQUIRED,
     *_OPTIONAL,
@@ -131,7 +143,7 @@ def _plain(name: str, value: Any) -> Any:
     value = np.asarray(value)
     if value.dtype.kind in "SU" and value.ndim == 0:
         return value.item().decode(errors="replace") if value.dtype.kind == "S" else value.item()
-    if name in ("symmetry", "rheology", "element", "motion"):
+    if name in ("symmetry", "rheology", "element", "motion", "tissue"):
         raise InputError(name, f"{value.dtype} of shape {value.shape}", "text")
     return value.reshape(()) if value.shape == (1,) and name in ("density", "poisson", "bulk", "noise") else value
 
