@@ -33,7 +33,7 @@ from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.priors import Prior
-from ngbrain.inverse.quality import noise_of
+from ngbrain.inverse.quality import noise_of, overall
 from ngbrain.inverse.weights import Determined, Level, Policy
 from ngbrain.inverse.zones import PartOfWaves
 
@@ -159,6 +159,7 @@ def invert_among(
         rows,
         "zones",
         noise=data.noise,
+        stated=overall(data, data.noise),
         floor=floor,
         regulariser="smooth",
         weight="evidence",

@@ -11,8 +11,8 @@ import meshio
 import numpy as np
 
 from ngbrain.errors import InputError, require
-from ngbrain.io.exchange import replaced
 from ngbrain.io.foreign import check_width, length
+from ngbrain.io.whole import whole
 from ngbrain.mesh.surfacemesh import SurfaceMesh
 
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
@@ -32,6 +32,8 @@ def is_surface(path: str | os.PathLike[str]) -> bool:
     path = Path(path)
     if path.name.lower().endswith((*_MESHIO, _GIFTI)):
         return True
+    if not path.is_file():  # a pipe may never begin
+        return False
     try:
         with path.open("rb") as file:
             return file.read(3) == _FREESURFER
@@ -138,5 +140,4 @@ def write_values(path: str | os.PathLike[str], values: np.ndarray, name: str) ->
 
 
 def _save(path: Path, image: Any) -> None:
-    with replaced(path, path.suffix) as part:
-        require("nibabel", "mri").save(image, part)
+    whole(path, lambda part: require("nibabel", "mri").save(image, part))
