@@ -2,14 +2,15 @@
 
 All coordinates are in mm of the symmetric template that nilearn ships (ICBM 2009a; right, front, up from the anterior
 commissure), rounded to whole millimetres. They are for telling what is surely inside from what is surely outside: the
-borders themselves come from the subject's own scan. The tentorium and the corpus callosum were read off the template's
-picture; outline of the brain stem, and places and sizes of the nuclei, were set with atlases of MNI space beside it
+borders themselves come from the subject's own scan. The tentorium, corpus callosum and ventricles were read off the
+template; outline of the brain stem, and places and sizes of the nuclei, were set with atlases of MNI space beside it
 (neuromorphometrics); centres of nuclei are within 3 mm of Tzourio-Mazoyer et al. 2002, doi:10.1006/nimg.2001.0978.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
@@ -54,6 +55,25 @@ _STEM = np.array(
 _TOP = np.array([(-14.0, -18.0), (-27.0, 2.0)])
 # The corpus callosum in the mid plane from the rostrum over the genu to the splenium, y and z.
 CALLOSUM = np.array([(12, -5), (24, -3), (31, 8), (24, 19), (10, 25), (-10, 27), (-25, 23), (-36, 15), (-38, 8)], float)
+# The middle of the right lateral ventricle, from frontal to occipital horn and into the temporal horn: x, y, z and radius.
+_VENTRICLE = (
+    np.array(
+        [
+            (16, 32, 2, 3.5),
+            (10, 24, 6, 4),
+            (8, 16, 12, 4.5),
+            (7, 6, 17, 5),
+            (7, -6, 20, 5),
+            (9, -18, 21, 5),
+            (15, -28, 20, 5),
+            (20, -36, 16, 6),
+            (25, -45, 9, 6),
+            (28, -56, 5, 3.5),
+        ],
+        float,
+    ),
+    np.array([(25, -45, 9, 6), (31, -41, 0, 3), (34, -28, -12, 2.5), (33, -14, -19, 2.5)], float),
+)
 CRISTA_GALLI = np.array([58.0, -24.0])
 """y and z: where the falx begins in front."""
 
@@ -82,6 +102,24 @@ def stem(points: Points) -> tuple[np.ndarray, np.ndarray]:
     (y0, z0), along = _TOP[0], _TOP[1] - _TOP[0]
     normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
     return radius, (points[:, 1] - y0) * normal[0] + (points[:, 2] - z0) * normal[1]
+
+
+def ventricle(points: Points) -> np.ndarray:
+    """Distance (n,) of points (n, 3) from the middle of the nearer lateral ventricle, over its radius there.
+
+    >>> ventricle(np.array([[7.0, 6, 17], [-7, 6, 22], [50, 0, 0]])).round(1)
+    array([0. , 1. , 9. ])
+    """
+    right = points * [1.0, 1, 1]
+    right[:, 0] = np.abs(points[:, 0])
+    best = np.full(len(points), np.inf)
+    for course in _VENTRICLE:
+        for a, b in pairwise(course):
+            line = b[:3] - a[:3]
+            along = ((right - a[:3]) @ line / (line @ line)).clip(0, 1)
+            radius = a[3] + along * (b[3] - a[3])
+            best = np.minimum(best, np.linalg.norm(right - a[:3] - along[:, None] * line, axis=1) / radius)
+    return best
 
 
 @dataclass(frozen=True)

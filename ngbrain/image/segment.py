@@ -9,6 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError
+from ngbrain.image import places
+from ngbrain.image.contrast import tissue_maps
 from ngbrain.image.topology import drown
 from ngbrain.image.ventricles import at_half_height, find_ventricles
 from ngbrain.image.volume import Volume
@@ -24,9 +26,17 @@ _START = (0.05, 0.45, 0.85)  # quantiles of the grey values in a brain that are 
 # fat. With a few ml of it the brightest class is theirs, and all of the brain's tissue in the others.
 _VESSEL, _NOISES = 0.6, 2.0
 _BINS, _ROUNDS_OF_BINS = 512, 200
-_COUPLING, _ROUNDS = 0.75, 4
+_COUPLING, _ROUNDS = 0.4, 4
+_FIELDS = 4  # times that what is left of a field is taken out
+_SLOW = 20.0  # mm: standard deviation of the Gaussian that field is smoothed by
+# Standard deviation of smoothing, in voxels of the scan; reached where noise is this much of the step from grey to white matter.
+_WIDEST, _NOISY = 0.6, 0.2
+_FLUID_ENDS = 0.5  # on the way from fluid (0) to grey matter (1)
+_VAGUE = 5.0  # mm, over which the template's maps of tissues are smoothed
+_TRUST, _RARE = 0.8, 0.02  # power to which they are believed, and the least share of a tissue
 _SLAB = 8  # layers of voxels at a time, so that they stay in the cache
 _RIND = 3  # mm
+_FAR = 5.0  # radii from the middle of a ventricle, beyond which distances are not told apart
 _LEAST_VENTRICLES = 2.0  # ml
 
 
@@ -34,12 +44,14 @@ _LEAST_VENTRICLES = 2.0  # ml
 class Labels:
     """Tissue in each voxel.
 
-    volume  uint8: OUTSIDE, CSF, GREY, WHITE or VENTRICLE, named in NAMES
-    white   float32: share of white matter that the grey value of a voxel speaks for, 0 to 1; as noisy as the scan
+    volume    uint8: OUTSIDE, CSF, GREY, WHITE or VENTRICLE, named in NAMES
+    white     float32: share of white matter that the grey value of a voxel speaks for, 0 to 1; as noisy as the scan
+    contrast  from grey to white matter, in standard deviations of the grey values of one tissue
     """
 
     volume: Volume
     white: Volume
+    contrast: float
 
     def volumes_ml(self) -> dict[str, float]:
         """Millilitres of each tissue by name."""
@@ -47,12 +59,17 @@ class Labels:
         return {name: float(counts[label]) for label, name in enumerate(NAMES) if label != OUTSIDE}
 
 
-def segment(t1: Volume, brain: np.ndarray) -> Labels:
+def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-3) -> Labels:
     """Label the tissue in a T1, given the mask `brain` (nx, ny, nz), on voxels of 1 mm.
+
+    place   (4, 4), takes points of the MNI152 template (m) to points of the head (m)
+    voxel   edge (m) of the voxels that the scan was taken with
 
     A mixture of five Gaussians of one variance: fluid, grey, white, and between them voxels of two tissues, whose mean
     is the mean of the two. Fitted by EM first to the histogram, then to the picture with a Potts prior between voxels
-    with a common face (mean field). A voxel is labelled by its expected position between the three pure tissues.
+    with a common face (mean field). Beside that a tissue is the likelier the more of it the template has within some mm, as
+    far as an affine map tells; what field that leaves over 20 mm is taken out, and the fit repeated. Noise is smoothed
+    by up to 0.6 of the scan's voxels. A voxel is labelled by its expected position between the three pure tissues.
     The variance is shared: free ones shrink onto white matter, the most uniform tissue, and lose a quarter of it.
 
     Any scale and offset of the grey values will do. A slow field over the picture is for `ngbrain.image.bias` to take
@@ -66,11 +83,18 @@ def segment(t1: Volume, brain: np.ndarray) -> Labels:
     box = ndimage.find_objects(brain.astype(np.uint8))[0]
     inside = np.pad(brain[box], 1)  # a layer of outside, so that neighbours need no cases
     grey = np.pad(_normalised(t1.data, brain)[box], 1)
-    scale, share = _fit(grey, inside)
-    labels = np.where(inside, CSF + (scale > 0.5) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
+    prior = _prior(t1, place, box)
+    smooth = _smoothed(grey, inside, voxel / t1.spacing)
+    for _ in range(_FIELDS):
+        scale, _, _ = _fit(smooth, inside, prior, rounds=1)
+        field = _left_over(smooth, scale, inside, 1e3 * float(t1.spacing.mean()))
+        grey, smooth = grey / field, smooth / field
+    scale, share, contrast = _fit(smooth, inside, prior)
+    labels = np.where(inside, CSF + (scale > _FLUID_ENDS) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
     _drown_islands(labels)
     _check_contrast(labels)
-    ventricles = find_ventricles(inside, labels == CSF, labels == WHITE)
+    near = np.pad(_from_ventricles(t1, place, brain.shape)[box], 1, constant_values=_FAR)
+    ventricles = find_ventricles(inside, labels == CSF, labels == WHITE, near)
     if ventricles.any():
         ventricles = at_half_height(ventricles, grey, (labels == GREY) | (labels == WHITE))
     size = ventricles.sum() * t1.voxel_volume * 1e6
@@ -83,7 +107,18 @@ def segment(t1: Volume, brain: np.ndarray) -> Labels:
     whole, white = np.zeros(brain.shape, np.uint8), np.zeros(brain.shape, np.float32)
     whole[box] = labels[core]
     white[box] = np.where(inside, share, 0)[core]
-    return Labels(Volume(whole, t1.affine), Volume(white, t1.affine))
+    return Labels(Volume(whole, t1.affine), Volume(white, t1.affine), contrast)
+
+
+def _from_ventricles(t1: Volume, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """`ngbrain.image.places.ventricle` of all voxels, up to _FAR, by interpolation on the template's voxels of 2 mm."""
+    size = np.array([60, 78, 54])
+    affine = np.diag([2e-3, 2e-3, 2e-3, 1.0])
+    affine[:3, 3] = [-0.06, -0.1, -0.05]
+    points = 1e3 * Volume(np.empty(0), affine).to_world(np.argwhere(np.ones(size, bool)))
+    near = places.ventricle(points).clip(0, _FAR).astype(np.float32).reshape(size)
+    to = np.linalg.inv(affine) @ np.linalg.inv(place) @ t1.affine
+    return ndimage.affine_transform(near, to[:3, :3], to[:3, 3], shape, order=1, cval=_FAR)
 
 
 def _normalised(data: np.ndarray, brain: np.ndarray) -> np.ndarray:
@@ -96,40 +131,104 @@ def _normalised(data: np.ndarray, brain: np.ndarray) -> np.ndarray:
     return ((data - low) / (high - low)).clip(0, 1).astype(np.float32)
 
 
-def _noise(data: np.ndarray, brain: np.ndarray) -> float:
-    """Standard deviation of the noise, from the median difference of neighbours; anatomy adds a little."""
-    steps = np.abs(np.diff(data, axis=0))[brain[1:] & brain[:-1]]
+def _noise(data: np.ndarray, brain: np.ndarray, apart: int = 1) -> float:
+    """Standard deviation of the noise, from the median difference of voxels some `apart`; anatomy adds a little."""
+    steps = np.abs(data[apart:] - data[:-apart])[brain[apart:] & brain[:-apart]]
     return float(np.median(steps)) / (0.6745 * 2**0.5)
 
 
-def _fit(grey: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Expected position between the pure tissues, 0 fluid, 1 grey, 2 white, and most likely share of white matter.
+def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.ndarray:
+    """Smoothed within the brain the more the noisier it is; `voxel` (3,) of the scan in voxels of the picture."""
+    _, matter, white = np.quantile(grey[inside], _START)
+    noise = _noise(grey, inside, max(round(float(voxel[0])), 1)) / max(white - matter, 1e-6)
+    width = _WIDEST * min(noise / _NOISY, 1.0) * voxel
+    share = ndimage.gaussian_filter(inside.astype(np.float32), width)
+    smooth = ndimage.gaussian_filter(np.where(inside, grey, 0), width) / np.maximum(share, 1e-3)
+    return np.where(inside, smooth, grey).astype(np.float32)
 
-    Both float32 for each voxel, and meaningless outside. The share knows no neighbours: these make voxels pure.
+
+def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
+    """Logarithm of how likely the five classes are by the template, (5, ...) on a box of the picture and a layer more."""
+    fluid, grey, white = tissue_maps()
+    there = 1e3 * grey.to_world(np.argwhere(np.ones(grey.data.shape, bool)))
+    near = np.flatnonzero((np.abs(there) < [45, 60, 45]).all(axis=1))
+    radius = np.min([nucleus.radius(there[near]) for nucleus in places.NUCLEI.values()], axis=0)
+    deep = np.zeros(grey.data.shape, np.float32)
+    deep.reshape(-1)[near] = ((1.2 - radius) / 0.3).clip(0, 1)
+    matter = grey.data + white.data
+    shares = [fluid.data, grey.data + deep * (matter - grey.data), white.data * (1 - deep)]
+    to = np.linalg.inv(grey.affine) @ np.linalg.inv(place) @ t1.affine
+    start = to[:3, 3] + to[:3, :3] @ [axis.start - 1 for axis in box]
+    shape = tuple(axis.stop - axis.start + 2 for axis in box)
+    pure = np.array(
+        [
+            ndimage.affine_transform(ndimage.gaussian_filter(each, _VAGUE), to[:3, :3], start, shape, order=1)
+            for each in shares
+        ]
+    )
+    pure += _RARE  # where the template has no brain, all are as likely
+    dark, middle, bright = _TRUST * np.log(pure / pure.sum(axis=0))
+    return np.array([dark, (dark + middle) / 2, middle, (middle + bright) / 2, bright], np.float32)
+
+
+def _left_over(grey: np.ndarray, scale: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
+    """The factor by which grey values are too bright over some 20 mm, given tissues; voxels of `size` mm."""
+    tissue = inside & (scale > 0.75)
+    of_grey = np.median(grey[inside & (np.abs(scale - 1) < 0.25)])
+    of_white = np.median(grey[inside & (scale > 1.75)])
+    expected = of_grey + (scale - 1).clip(0, 1) * (of_white - of_grey)
+    logs = np.where(tissue, np.log(np.maximum(grey, 1e-3) / expected).clip(-0.3, 0.3), 0)
+    every = max(round(4 / size), 1)
+    pairs = []
+    for each in (logs, tissue.astype(np.float32)):
+        coarse = ndimage.uniform_filter(each, every)[(slice(every // 2, None, every),) * 3]
+        pairs.append(ndimage.gaussian_filter(coarse, _SLOW / (every * size)))
+    slow = pairs[0] / np.maximum(pairs[1], 1e-3)
+    step = np.full(3, 1 / every)
+    whole = ndimage.affine_transform(slow, step, -(every // 2) * step, grey.shape, order=1, mode="nearest")
+    return np.exp(whole).astype(np.float32)
+
+
+def _fit(
+    grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, rounds: int = _ROUNDS
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Expected position between the pure tissues, 0 fluid, 1 grey, 2 white; most likely share of white matter; contrast.
+
+    The first two float32 for each voxel, and meaningless outside. The share knows no neighbours: these make voxels pure.
     """
     means, sigma, weights = _fit_histogram(grey[inside])
     new = np.zeros((len(_SHARES), *grey.shape), np.float32)
     old = np.zeros_like(new)
-    for sweep in range(_ROUNDS + 1):
-        moments = np.zeros((len(_SHARES), 3))
+    for sweep in range(rounds + 1):
+        moments, expected = np.zeros((len(_SHARES), 3)), np.zeros(len(_SHARES))
         for i in range(1, len(grey) - 1, _SLAB):
             slab = slice(i, min(i + _SLAB, len(grey) - 1))
             z = (grey[slab] - (_SHARES @ means).astype(np.float32)[:, None, None, None]) / np.float32(sigma)
-            energy = -0.5 * z**2 + np.log(weights).astype(np.float32)[:, None, None, None]
+            energy = -0.5 * z**2 + np.log(weights).astype(np.float32)[:, None, None, None] + prior[:, slab]
             if sweep:
                 energy += np.float32(_COUPLING) * _neighbours(old, slab)
             energy -= energy.max(axis=0)
             share = np.exp(energy, out=energy)
             share *= inside[slab] / share.sum(axis=0)
             new[:, slab] = share
+            by_place = weights.astype(np.float32)[:, None, None, None] * np.exp(prior[:, slab])
+            expected += (by_place * (inside[slab] / by_place.sum(axis=0))).reshape(len(share), -1).sum(axis=1)
             flat = grey[slab].ravel()
             moments += share.reshape(len(share), -1) @ np.column_stack([np.ones_like(flat), flat, flat**2])
-        means, sigma, weights = _maximised(moments)
+        # Weights such that the classes have as many voxels by place as by grey value.
+        before = weights
+        means, sigma, _ = _maximised(moments)
+        weights = np.maximum(before * moments[:, 0] / np.maximum(expected, 1e-6), 1e-6)
+        weights /= weights.sum()
         old, new = new, old
     fluid, matter, white = means.astype(np.float32)
     grey_share = np.clip((grey - fluid) / (matter - fluid), 0, 1)
     white_share = np.clip((grey - matter) / (white - matter), 0, 1)
-    return old[1] * grey_share + old[2] + old[3] * (1 + white_share) + 2 * old[4], white_share
+    return (
+        old[1] * grey_share + old[2] + old[3] * (1 + white_share) + 2 * old[4],
+        white_share,
+        float((means[2] - means[1]) / sigma),
+    )
 
 
 def _fit_histogram(values: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:

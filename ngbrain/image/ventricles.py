@@ -1,61 +1,59 @@
-"""Which of the fluid in a brain is the lateral ventricles: told from cisterns and sulci by depth and by their walls."""
+"""Which of the fluid in a brain is the lateral ventricles: told from cisterns and sulci by place, by necks and by walls."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
 
-_DEPTH = 15.0  # mm below the surface of the brain; sulci and most cisterns are above
-_SEED = 300  # mm³ that must be left of a piece when thin sheets are cut
-_WALL = (3.0, 5.0)  # mm from the seed: beyond the fluid and the voxels that it shares with its wall
+from ngbrain.errors import require
+
+_DEPTH = 8.0  # mm below the surface of the brain; fluid above is sulci
+_CORE, _REACH = 1.0, 4.0  # distance from the expected course over its radius: ventricle if fluid, and none
+_WALL = (3.0, 5.0)  # mm from a horn: beyond the fluid and the voxels that it shares with its wall
 _WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and less around cisterns
-_REACH = 5  # mm of fluid around a seed that go with it, whatever their wall
 
 _BAND = 2.0  # mm to both sides of the first edge that the edge is looked for in
 _BESIDE = (2.5, 5.5)  # mm out: what the wall is made of, past the voxels that it shares with the fluid
 _SMOOTH = 2.0  # mm, over which grey values of the wall are averaged
 
-_FACES, _EDGES = (ndimage.generate_binary_structure(3, rank) for rank in (1, 2))
+_FACES = ndimage.generate_binary_structure(3, 1)
 
 
-def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray) -> np.ndarray:
+def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, near: np.ndarray) -> np.ndarray:
     """The lateral ventricles, with the third where a wide foramen joins it, as a mask.
 
-    Eroding deep fluid leaves seeds without thin sheets. Those whose wall is mostly white matter are kept: around the
-    ventricles lie corpus callosum and radiations, around the equally deep cistern of the great vein grey matter. They
-    grow back out to the walls, and take in what then touches them and has such a wall itself: tips of horns.
+    Fluid where ventricles are expected is flooded from there, fluid near the surface of the brain and far from ventricles
+    from there, wide places first, so that the two meet in the necks between them. Pieces of fluid that neither reaches
+    belong if their wall is mostly white matter: tips of horns.
 
     Args:
         brain: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
         fluid: mask of all cerebrospinal fluid.
         white: mask of white matter.
+        near: distance from where ventricles are expected, over how thick they are there (`ngbrain.image.places.ventricle`).
 
     >>> z = np.indices((70, 70, 70)) - 34.5
     >>> radius, hole = np.linalg.norm(z, axis=0), np.linalg.norm(z * [[[[1]]], [[[1]]], [[[2]]]], axis=0) < 12
-    >>> bool((find_ventricles(radius < 34, hole, (radius < 30) & ~hole) == hole).all())
+    >>> bool((find_ventricles(radius < 34, hole, (radius < 30) & ~hole, radius / 5) == hole).all())
     True
     """
-    depth = ndimage.distance_transform_edt(brain)
+    flood = require("skimage.segmentation", "mri").watershed
     found = np.zeros_like(brain)
-    if not (depth > _DEPTH).any():
+    if not (near < _REACH).any():
         return found
-    box = ndimage.find_objects((depth > _DEPTH).astype(np.uint8))[0]  # walls are looked at up to its faces
-    deep, white = fluid[box] & (depth[box] > _DEPTH), white[box]
-    pieces, count = ndimage.label(ndimage.binary_erosion(deep, _EDGES))
-    large = np.bincount(pieces.ravel(), minlength=count + 1) >= _SEED
-    large[0] = False
-    if not large.any():
+    within = ndimage.find_objects((near < _REACH).astype(np.uint8))[0]
+    box = tuple(slice(max(axis.start - 2, 0), axis.stop + 2) for axis in within)
+    depth = ndimage.distance_transform_edt(brain)[box]
+    fluid, white, near = fluid[box], white[box], near[box]
+    marks = np.zeros(fluid.shape, np.uint8)
+    marks[fluid & ((near > _REACH) | (depth < _DEPTH))] = 2
+    marks[fluid & (near < _CORE)] = 1
+    if not (marks == 1).any():
         return found
-    seeds = np.where(large[pieces], pieces, 0)
-    grown = _in_white(seeds, white, np.zeros_like(deep))
-    if not grown.any():
-        return found
-    grown = ndimage.binary_dilation(grown, _FACES, _REACH, mask=deep)
-    # Horns may hang on thinly, and then how far a seed reaches into them is a matter of voxels.
-    pieces, _ = ndimage.label(deep & ~grown)
-    near = ndimage.binary_dilation(grown, _FACES)
-    horns = np.isin(pieces, np.setdiff1d(pieces[near], [0]))
-    grown |= _in_white(np.where(horns, pieces, 0), white, ndimage.binary_dilation(grown, _FACES, int(_WALL[0])))
+    basins = flood(-ndimage.distance_transform_edt(fluid), marks, mask=fluid)
+    grown = basins == 1
+    pieces, _ = ndimage.label(fluid & (basins == 0) & (near < _REACH))
+    grown |= _in_white(pieces, white, ndimage.binary_dilation(grown, _FACES, int(_WALL[0])))
     found[box] = ndimage.binary_fill_holes(grown)  # the choroid plexus
     return found
 
@@ -94,6 +92,8 @@ def at_half_height(ventricles: np.ndarray, picture: np.ndarray, tissue: np.ndarr
     inside, picture, tissue = ventricles[box], picture[box], tissue[box]
     out, deep = ndimage.distance_transform_edt(~inside), ndimage.distance_transform_edt(inside)
     core = deep > 1.5
+    if not core.any():
+        return ventricles
     wall = tissue & (out > _BESIDE[0]) & (out <= _BESIDE[1])
     behind, near = (
         ndimage.gaussian_filter(part, _SMOOTH) for part in (np.where(wall, picture, 0.0), wall.astype(float))
