@@ -40,7 +40,7 @@ def faults(triangles: np.ndarray, n: int) -> np.ndarray:
 def boundary(tets: np.ndarray, neighbours: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Triangles (k, 3) between tetrahedra (m, 4) inside and what is not, and the corner (k,) of the one inside opposite to each."""
     within = np.where(neighbours >= 0, inside[neighbours], False)
-    t, corner = np.nonzero(inside[:, None] & ~within)
+    corner, t = np.nonzero((inside[:, None] & ~within).T)
     faces = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     return tets[t[:, None], faces[corner]], tets[t, corner]
 
