@@ -17,7 +17,7 @@ from ngbrain.mesh.refined import refined
 from ngbrain.mesh.subject import Subject, write_subject
 
 GREY_VALUES = {"air": 0.0, "csf": 0.3, "grey": 0.72, "white": 1.0}
-INNER, SUB = 22.0, 4
+INNER, SUB = 22.0, 3
 
 
 def constructed(outer, aside=0.0, noise=0.03):
