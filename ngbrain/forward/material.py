@@ -37,7 +37,7 @@ class Material:
 
     def __post_init__(self) -> None:
         if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):
-            raise InputError("Material.law", repr(self.law), "a law of shape, of `ngbrain.materials` or one's own")
+            raise InputError("Material.law", repr(self.law), "an object with `energy(C)`, W in Pa of a 3×3 tensor C")
         if not self.bulk_is_infinite:
             positive(self.bulk, "Material.bulk")
         checked(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
