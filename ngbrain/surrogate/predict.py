@@ -93,6 +93,10 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     """
     if data.symmetry != "isotropic":
         raise InputError("symmetry", data.symmetry, "isotropic: the operator has learnt no fibres; `invert` knows them")
+    if data.motion == "anti_plane":
+        raise InputError(
+            "motion", "anti_plane", "in_plane: the operator has learnt no motion through it; `invert` knows it"
+        )
     moving = data.frequency > 0
     name = "waves" if moving.any() else "compression"
     if name == "compression" and data.rheology != "elastic":

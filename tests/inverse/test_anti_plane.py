@@ -13,6 +13,7 @@ from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.invert import invert
 from ngbrain.io.waves import WaveData, read_waves, write_waves
 from ngbrain.materials import Shearing
+from ngbrain.surrogate.predict import predict
 
 G, SIDE = 2000 + 800j, 0.06
 
@@ -108,5 +109,9 @@ def test_what_is_refused():
         WaveData(
             grid(3, 3, 3), 1e-6 * np.ones((1, 27, 1)), [50.0], 1e3, "isotropic", "viscoelastic", motion="anti_plane"
         )
+    with pytest.raises(InputError, match="motion is anti_plane; wanted: in_plane"):
+        predict(plane())
+    with pytest.raises(InputError, match="motion is in_plane; wanted: anti_plane for one component"):
+        WaveData(points, 1e-6 * u, [50.0], 1000.0, "isotropic", "viscoelastic", poisson=0.4)
     with pytest.raises(InputError, match="two frequencies or more"):
         invert(plane(), dispersion="power")
