@@ -31,6 +31,7 @@ from ngbrain.inverse.quality import Relative, noise_level, noise_of, overall, to
 from ngbrain.inverse.quantities import unknowns_of
 from ngbrain.inverse.starts import assumed_start, at_least_one, compared, multiples_of
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
+from ngbrain.inverse.zones import PartOfWaves
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import logged, reporting
 from ngbrain.solvers.device import Device
@@ -105,7 +106,8 @@ def invert_in_space(
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
     multiples, made, where = multiples_of(levels), misfit_of(misfit), Device.named(device)
-    check_passive(data)
+    if not isinstance(data, PartOfWaves):  # a zone alone need not show its loss; the body was asked
+        check_passive(data)
     data, notes = cleaned(data) if drop_outliers else (data, [])
     sought, elements = unknowns_of(data, unknowns), elements or elements_in_space(data, labelled)
     found_noise, note = noise_level(data, noise)

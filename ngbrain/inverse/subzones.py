@@ -31,6 +31,7 @@ from ngbrain.inverse.discretise import form_of
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.lattice import Lattice, lattice
+from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import extent
 from ngbrain.inverse.quality import noise_level, total
 from ngbrain.inverse.regularise import smooth
@@ -105,6 +106,7 @@ def invert_by_subzones(
     if labelled and data.labels is None:
         raise InputError("labels", "not given", "a whole number for each point, or one field for all")
     check_frequency(data, uniform_shear(data))
+    check_passive(data)
     level, note = noise_level(data, noise)
     cells = lattice(data, form_of(data))
     zones = cut(data, cells, *_in_cells(data, cells, size, overlap))
