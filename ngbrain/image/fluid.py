@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from ngbrain.errors import InputError
+from ngbrain.image.align import ALIKE, align
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.niftifile import on_grid
-from ngbrain.image.ventricles import find_ventricles
-from ngbrain.image.volume import Volume
+from ngbrain.image.ventricles import find_ventricles, from_ventricles
+from ngbrain.image.volume import Volume, mni152
 
 FLUID, VENTRICLES, GREY, WHITE = "csf", "ventricles", "grey", "white"
 REACH = 7.5e-3
 """Radius (m) of the ball that does not fit into a sulcus: that of FreeSurfer's outer surface for the gyrification index
 (Schaer et al. 2008, doi:10.1109/TMI.2007.903576)."""
+_BRIGHT = {FLUID: 0.1, GREY: 0.6, WHITE: 1.0}
+"""Of tissues in a T1, about."""
 _FLUIDS = (FLUID, VENTRICLES, "fluid")
 
 
@@ -69,8 +73,9 @@ def fluid_in_sulci(labels: LabelMap) -> tuple[LabelMap, float]:
 def ventricles_in_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
     """The map with the lateral ventricles apart from other fluid, and their volume (ml).
 
-    They are found by depth and by the white matter around them (`ngbrain.image.ventricles`), as tissue maps of SPM, CAT and FAST
-    have one class for all fluid.
+    They are found by place and by the white matter around them (`ngbrain.image.ventricles`), as tissue maps of SPM, CAT and FAST
+    have one class for all fluid. The place follows from registering the MNI152 template to a picture in which tissues are as bright
+    as in a T1.
 
     Parameters
     ----------
@@ -80,15 +85,24 @@ def ventricles_in_fluid(labels: LabelMap) -> tuple[LabelMap, float]:
     Returns
     -------
     tuple[LabelMap, float]
-        The map itself and 0.0 if it has ventricles, no `csf` or no `white`, or if none are found.
+        The map itself and 0.0 if it has ventricles, no `csf`, `grey` or `white`, if these are not like a brain, or if no ventricles
+        are found.
     """
-    if VENTRICLES in labels.regions or not {FLUID, WHITE} <= set(labels.regions):
+    if VENTRICLES in labels.regions or not set(_BRIGHT) <= set(labels.regions):
         return labels, 0.0
     upright = labels.upright()
     data, place = np.pad(upright.volume.data, 1), upright.volume.affine.copy()
     place[:3, 3] -= place[:3, :3].sum(axis=1)
-    fluid, white = (data == upright.regions.index(name) + 1 for name in (FLUID, WHITE))
-    found = Volume(find_ventricles(data > 0, fluid, white).astype(np.uint8), place)
+    tissue = {name: data == upright.regions.index(name) + 1 for name in _BRIGHT}
+    picture = sum(brightness * tissue[name] for name, brightness in _BRIGHT.items())
+    try:
+        template = align(Volume(np.asarray(picture, np.float32), place), mni152().volume)
+    except InputError:
+        return labels, 0.0
+    if template.likeness < ALIKE:
+        return labels, 0.0
+    near = from_ventricles(place, template.affine, data.shape)
+    found = Volume(find_ventricles(data > 0, tissue[FLUID], tissue[WHITE], near).astype(np.uint8), place)
     old = labels.volume
     own = [number for number, name in labels.names.items() if name == FLUID]
     shape = (old.data.shape[0], old.data.shape[1], old.data.shape[2])

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.image import places
 from ngbrain.image.contrast import tissue_maps
 from ngbrain.image.topology import drown
-from ngbrain.image.ventricles import at_half_height, find_ventricles
+from ngbrain.image.ventricles import FAR, at_half_height, find_ventricles, from_ventricles
 from ngbrain.image.volume import Volume
 
 OUTSIDE, CSF, GREY, WHITE, VENTRICLE = range(5)
@@ -36,7 +36,6 @@ _VAGUE = 5.0  # mm, over which the template's maps of tissues are smoothed
 _TRUST, _RARE = 0.8, 0.02  # power to which they are believed, and the least share of a tissue
 _SLAB = 8  # layers of voxels at a time, so that they stay in the cache
 _RIND = 3  # mm
-_FAR = 5.0  # radii from the middle of a ventricle, beyond which distances are not told apart
 _LEAST_VENTRICLES = 2.0  # ml
 
 
@@ -93,7 +92,7 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     labels = np.where(inside, CSF + (scale > _FLUID_ENDS) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
     _drown_islands(labels)
     _check_contrast(labels)
-    near = np.pad(_from_ventricles(t1, place, brain.shape)[box], 1, constant_values=_FAR)
+    near = np.pad(from_ventricles(t1.affine, place, brain.shape)[box], 1, constant_values=FAR)
     ventricles = find_ventricles(inside, labels == CSF, labels == WHITE, near)
     if ventricles.any():
         ventricles = at_half_height(ventricles, grey, (labels == GREY) | (labels == WHITE))
@@ -108,17 +107,6 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     whole[box] = labels[core]
     white[box] = np.where(inside, share, 0)[core]
     return Labels(Volume(whole, t1.affine), Volume(white, t1.affine), contrast)
-
-
-def _from_ventricles(t1: Volume, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """`ngbrain.image.places.ventricle` of all voxels, up to _FAR, by interpolation on the template's voxels of 2 mm."""
-    size = np.array([60, 78, 54])
-    affine = np.diag([2e-3, 2e-3, 2e-3, 1.0])
-    affine[:3, 3] = [-0.06, -0.1, -0.05]
-    points = 1e3 * Volume(np.empty(0), affine).to_world(np.argwhere(np.ones(size, bool)))
-    near = places.ventricle(points).clip(0, _FAR).astype(np.float32).reshape(size)
-    to = np.linalg.inv(affine) @ np.linalg.inv(place) @ t1.affine
-    return ndimage.affine_transform(near, to[:3, :3], to[:3, 3], shape, order=1, cval=_FAR)
 
 
 def _normalised(data: np.ndarray, brain: np.ndarray) -> np.ndarray:

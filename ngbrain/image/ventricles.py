@@ -6,6 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import require
+from ngbrain.image import places
+from ngbrain.image.volume import Volume
 
 _DEPTH = 8.0  # mm below the surface of the brain; fluid above is sulci
 _CORE, _REACH = 1.0, 4.0  # distance from the expected course over its radius: ventricle if fluid, and none
@@ -15,6 +17,8 @@ _WHITE = 0.45  # of the wall; measured: 0.6 and more around ventricles, 0.35 and
 _BAND = 2.0  # mm to both sides of the first edge that the edge is looked for in
 _BESIDE = (2.5, 5.5)  # mm out: what the wall is made of, past the voxels that it shares with the fluid
 _SMOOTH = 2.0  # mm, over which grey values of the wall are averaged
+
+FAR = 5.0  # radii from the middle of a ventricle, beyond which distances are not told apart
 
 _FACES = ndimage.generate_binary_structure(3, 1)
 
@@ -30,7 +34,7 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, nea
         brain: mask (nx, ny, nz) on voxels of 1 mm, not touching the faces of the array.
         fluid: mask of all cerebrospinal fluid.
         white: mask of white matter.
-        near: distance from where ventricles are expected, over how thick they are there (`ngbrain.image.places.ventricle`).
+        near: distance from where ventricles are expected, over how thick they are there (`from_ventricles`).
 
     >>> z = np.indices((70, 70, 70)) - 34.5
     >>> radius, hole = np.linalg.norm(z, axis=0), np.linalg.norm(z * [[[[1]]], [[[1]]], [[[2]]]], axis=0) < 12
@@ -56,6 +60,20 @@ def find_ventricles(brain: np.ndarray, fluid: np.ndarray, white: np.ndarray, nea
     grown |= _in_white(pieces, white, ndimage.binary_dilation(grown, _FACES, int(_WALL[0])))
     found[box] = ndimage.binary_fill_holes(grown)  # the choroid plexus
     return found
+
+
+def from_ventricles(affine: np.ndarray, place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """`ngbrain.image.places.ventricle` of all voxels, up to `FAR`, by interpolation on the template's voxels of 2 mm.
+
+    affine  (4, 4), takes indices to points (m) of the head; place: points of the template (m) to those
+    """
+    size = np.array([60, 78, 54])
+    template = np.diag([2e-3, 2e-3, 2e-3, 1.0])
+    template[:3, 3] = [-0.06, -0.1, -0.05]
+    points = 1e3 * Volume(np.empty(0), template).to_world(np.argwhere(np.ones(size, bool)))
+    near = places.ventricle(points).clip(0, FAR).astype(np.float32).reshape(size)
+    to = np.linalg.inv(template) @ np.linalg.inv(place) @ affine
+    return ndimage.affine_transform(near, to[:3, :3], to[:3, 3], shape, order=1, cval=FAR)
 
 
 def _in_white(pieces: np.ndarray, white: np.ndarray, elsewhere: np.ndarray) -> np.ndarray:
