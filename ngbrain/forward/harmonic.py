@@ -259,7 +259,7 @@ class Harmonic:
             raise InputError("bulk", None, f"a bulk modulus in Pa for the form {self.form}")
         positive(self.density, "density")
         if self.bulk is not None:
-            positive(self.bulk, "bulk")
+            positive(self.bulk, "bulk", complex_too=True)
         if not isinstance(self.law, OfSmallStrain) and not callable(self.law):
             raise InputError(
                 "law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω"

@@ -11,7 +11,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, barrier, quadratic
-from ngbrain.materials.base import Deformation, Value, checked, density, positive
+from ngbrain.materials.base import Deformation, Value, checked, density
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import viscous
 from ngbrain.materials.volumetric import coupled
@@ -39,7 +39,7 @@ class Material:
         if not any(hasattr(self.law, name) for name in ("energy", "density", "branches")):
             raise InputError("Material.law", repr(self.law), "an object with `energy(C)`, W in Pa of a 3×3 tensor C")
         if not self.bulk_is_infinite:
-            positive(self.bulk, "Material.bulk")
+            checked(self.bulk, "Material.bulk", lambda k: k >= 0, "a number of at least 0")
         checked(self.pointwise, "Material.pointwise", lambda kappa: kappa >= 0, "a number of at least 0")
 
     @property

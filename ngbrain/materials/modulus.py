@@ -201,8 +201,6 @@ class PronySeries(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.mu, "PronySeries.mu")
-        if not len(self.g):
-            raise InputError("PronySeries.g", "empty", "a share for each branch")
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):

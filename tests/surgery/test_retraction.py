@@ -46,6 +46,7 @@ def staged_run(monkeypatch):
     model = Namespace(scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None)
     monkeypatch.setattr(retraction.Model, "of", lambda scene: model)
     monkeypatch.setattr(retraction, "check_moduli", lambda model: ["stiff"])
+    monkeypatch.setattr(retraction, "check_corridor", lambda model: [])
     monkeypatch.setattr(retraction, "_tasks", lambda *args: args[-1])
     monkeypatch.setattr(retraction, "_of_protocols", lambda model, runs, threads: {"answers": dict(runs)})
     monkeypatch.setattr(
