@@ -48,7 +48,7 @@ def test_from_measured_waves_fields_and_waves_find_each_other():
     data, told = wave_data(), []
     invert_in_space(data, in_elements(data, order=2), rounds=1, tell=told.append)
     way = [each.misfit / each.expected for each in told if each.phase == "waves"]
-    assert way[0] > 20 and way[-1] < 3
+    assert way[0] > 5 and way[-1] < 3
 
 
 @pytest.mark.slow
@@ -102,7 +102,7 @@ def test_killed_on_its_way_from_measured_waves_it_goes_on_there(tmp_path):
     with pytest.raises(KeyboardInterrupt):  # in the second round: what the first one found is written
         invert_in_space(data, elements, rounds=1, checkpoint=path, tell=killed)
     again = invert_in_space(data, elements, rounds=1, checkpoint=path, tell=second.append)
-    assert len(first) >= 3 and len(second) == len(first) - 1
+    assert len(first) >= 2 and len(second) == len(first) - 1
     assert [each.misfit for each in second] == pytest.approx([each.misfit for each in first[1:]], rel=0.01)
     assert np.allclose(again.maps["storage"], whole.maps["storage"], rtol=0.05)
 
