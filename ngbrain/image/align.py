@@ -15,7 +15,7 @@ from ngbrain.image.volume import Volume
 ALIKE = 0.4
 """Least likeness of two brains. Measured: T1s of heads 0.49 and more, stripped ones 0.7 and more, T2s 0.35 to 0.5."""
 
-_COARSE, _FINE = 8e-3, 4e-3  # m, voxels of the search and of the final fit
+_COARSE, _FINE, _FINEST = 8e-3, 4e-3, 2e-3  # m, voxels of the search, of the fit and of its end
 _LOCAL = 20e-3  # m, standard deviation of the Gaussian over which grey values are normalised
 _FLOOR = 0.05  # of a bright voxel: smaller local spreads are background noise, which is not to be amplified
 _BRIGHT = 0.95  # quantile of the grey values of a head above which they are clipped: fat carries no information
@@ -26,6 +26,7 @@ _SIZES = (0.82, 0.90, 0.98, 1.07)
 _STARTS, _APART = 3, 25e-3  # starts kept of each search, and the least distance (m) between their corners
 _PATCH = 44  # voxels, edge of the cube that holds the template at any turn and size
 _ROUNDS = 30
+_NEAR, _SETTLED = 0.05, 1e-4  # gain in log-likelihood below which steps end, and at the end
 _ARM = 0.07  # m: a turn by 1 moves the brain's surface about as much as a shift by this
 # Adult brains against MNI152, which is larger than most: logarithm of the mean stretch, and of its differences by axis.
 _SIZE, _SIZE_SPREAD, _SHAPE_SPREAD = -0.06, 0.08, 0.035
@@ -75,14 +76,17 @@ def align(head: Volume, template: Volume) -> Alignment:
     fine = thinned(head, _FINE)
     coarse = normalised(thinned(fine, _COARSE))
     fine = normalised(fine)
+    finest = normalised(thinned(head, _FINEST))
     looks = _dressed(template)
-    best = _best(coarse, fine, looks, _TURNS)
+    best = _best(coarse, fine, finest, looks, _TURNS)
     if best.likeness < _ENOUGH:
-        best = max(best, _best(coarse, fine, looks, _FAR_TURNS), key=lambda place: place.likeness)
+        best = max(best, _best(coarse, fine, finest, looks, _FAR_TURNS), key=lambda place: place.likeness)
     return best
 
 
-def _best(coarse: Volume, fine: Volume, looks: list[Volume], turns: Iterable[tuple[float, ...]]) -> Alignment:
+def _best(
+    coarse: Volume, fine: Volume, finest: Volume, looks: list[Volume], turns: Iterable[tuple[float, ...]]
+) -> Alignment:
     """The best place that the searches with each look of the template lead to."""
     at_8, at_4 = ([_Pair.of(head, look, _COARSE) for look in looks] for head in (coarse, fine))
     turns, places = list(turns), []
@@ -90,6 +94,8 @@ def _best(coarse: Volume, fine: Volume, looks: list[Volume], turns: Iterable[tup
         climbed = [pair.climbed(start) for start in _found(coarse, look, turns)]
         places.append(finer.climbed(max(climbed, key=pair.score)))
     best = max(places, key=lambda place: sum(pair.score(place) for pair in at_4))
+    look = looks[int(np.argmax([pair.correlation(best) for pair in at_4]))]
+    best = _Pair.of(finest, look, _FINE).climbed(best, _SETTLED)
     return Alignment(best, max(pair.correlation(best) for pair in at_4))
 
 
@@ -150,7 +156,9 @@ class _Pair:
         where = np.argwhere(lattice & ~np.isnan(look.data))
         values = look.data[tuple(where.T)]
         count = len(where) * min(1.0, (step / _INDEPENDENT) ** 3)
-        return cls(head, np.gradient(head.data, *head.spacing), look.to_world(where), values - values.mean(), count)
+        # By the chain rule along the axes of the world, whichever way those of the voxels run.
+        slope = np.tensordot(np.linalg.inv(head.affine[:3, :3]).T, np.array(np.gradient(head.data)), 1)
+        return cls(head, list(slope), look.to_world(where), values - values.mean(), count)
 
     def seen(self, affine: np.ndarray, picture: np.ndarray) -> np.ndarray:
         """Values (n,) of a picture of the head at the points of the template; 0 outside."""
@@ -173,7 +181,7 @@ class _Pair:
         # Of a linear fit with correlation c, residuals have a variance of 1 - c²; below 0 any slope will do.
         return self.count * (-0.5 * np.log1p(-(min(max(alike, 0.0), 0.999) ** 2)) + min(alike, 0.0)) - 0.5 * unusual
 
-    def climbed(self, affine: np.ndarray) -> np.ndarray:
+    def climbed(self, affine: np.ndarray, enough: float = _NEAR) -> np.ndarray:
         """The place that damped Gauss-Newton steps lead to, none of which lowers the score."""
         best, damping = self.score(affine), 1e-3
         for _ in range(_ROUNDS):
@@ -187,7 +195,7 @@ class _Pair:
             else:
                 break
             gain, best, affine, damping = score - best, score, trial, damping / 4
-            if gain < 0.05:
+            if gain < enough:
                 break
         return affine
 
