@@ -14,6 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 
 T = TypeVar("T")
@@ -96,7 +97,7 @@ def check_lengths(name: str, values: object, count: int | None = None, most: flo
     values : object
         A number, or several.
     count : int, optional
-        How many it must be.
+        How many; None for a single number.
     most : float
         The longest (m).
 
@@ -111,15 +112,9 @@ def check_lengths(name: str, values: object, count: int | None = None, most: flo
     Traceback (most recent call last):
     ngbrain.errors.InputError: maxh is -0.1; wanted: metres, more than 0 and at most 10
     """
-    try:
-        lengths = np.atleast_1d(np.asarray(values))
-    except ValueError:
-        lengths = np.array([None])
-    wanted = f"metres, more than 0 and at most {most:g}"
-    if count is not None and lengths.shape != (count,):
-        raise InputError(name, values, f"{count} values")
-    if lengths.dtype.kind not in "iuf" or not np.all((lengths > 0) & (lengths <= most)):
-        raise InputError(name, values, wanted)
+    lengths = numbers(name, values, () if count is None else (count,), f"metres, more than 0 and at most {most:g}")
+    if not np.all((lengths > 0) & (lengths <= most)):
+        raise InputError(name, values, f"metres, more than 0 and at most {most:g}")
 
 
 def check_count(name: str, value: float, volume: float) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.expressions import LONGEST, MOST, ways
-from ngbrain.scene.tissues import Tissue
+from ngbrain.scene import Tissue
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ from ngbrain.scene.tissues import Tissue
 )
 def test_usual_patterns_are_cheap(pattern, most):
     assert re.compile(pattern) and ways(pattern) == most <= MOST
-    assert Tissue(pattern, mu=1000.0).region == pattern
+    assert Tissue(region=pattern, mu=(1000.0,)).region == pattern
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_usual_patterns_are_cheap(pattern, most):
 def test_patterns_that_take_for_ever_are_refused(pattern):
     assert re.compile(pattern) and ways(pattern) > MOST
     with pytest.raises(InputError, match="region"):
-        Tissue(pattern, mu=1000.0)
+        Tissue(region=pattern, mu=(1000.0,))
 
 
 def test_no_pattern_that_passes_takes_long(rng):

@@ -36,6 +36,8 @@ class Form:
     @classmethod
     def named(cls, name: str) -> Form:
         """From "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous) or "P3" (displacement); Q instead of P means the same."""
+        if not isinstance(name, str):
+            raise InputError("form", repr(name), "a name such as P2/P1 or P3, or auto")
         match = re.fullmatch(r"[PQ](\d)(?:/(?:[PQ](\d)|L2\((\d)\)))?", name)
         if not match or match[1] == "0":
             raise InputError("form", repr(name), 'one such as "P2", "P2/P1", "P4/L2(2)", or "auto"')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Complex, Real
-from typing import Protocol, TypeAlias, cast, runtime_checkable
+from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
 
 import ngsolve as ngs
 import numpy as np
@@ -167,13 +167,17 @@ def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str,
         if value.dim != 1:
             raise InputError(name, f"a function of {value.dim} components", "one component")
         return value
-    flag = isinstance(value, bool)
-    if flag or not isinstance(value, Complex):
+    given: Any = value
+    if isinstance(given, bool) or not isinstance(given, Complex):
         raise InputError(name, repr(value), "a number, a Parameter, a CoefficientFunction or a GridFunction")
     if not (complex_too or isinstance(value, Real)):
         raise InputError(name, value, "a real number")
-    if not np.isfinite(complex(value)) or not fits(float(value.real)):
-        raise InputError(name, value, wanted)
+    try:
+        plain = complex(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        plain = complex(np.inf)
+    if not np.isfinite(plain) or not fits(plain.real):
+        raise InputError(name, value if np.isfinite(plain) else "not finite", wanted)
     return value
 
 

@@ -100,6 +100,10 @@ class Polynomial(Addable):
         for power in self.c:
             if len(power) != 2 or not all(isinstance(n, int) and n >= 0 for n in power) or not any(power):
                 raise InputError("Polynomial.c", f"the powers {power}", "two whole numbers of at least 0, not both 0")
+        if not self.c:
+            raise InputError("Polynomial.c", "empty", "a coefficient or more")
+        for power, value in self.c.items():
+            checked(value, f"Polynomial.c[{power[0]}, {power[1]}]", lambda _: True, "a finite number")
         if first := [self.c[power] for power in ((1, 0), (0, 1)) if power in self.c]:
             _stiff("Polynomial", "c[1, 0] + c[0, 1]", *first)
 
@@ -231,9 +235,13 @@ def _power(base: CoefficientFunction, exponent: int) -> CoefficientFunction:
 
 def _stiff(law: str, name: str, *parts: Value) -> None:
     """Raise `InputError` if numbers add up to no initial stiffness."""
+    for part in parts:
+        checked(part, f"{law}.{name}", lambda _: True, "finite numbers")
     if not any(isinstance(part, CoefficientFunction) for part in parts):
         positive(sum(parts), f"{law}.{name}")
 
 
 def _terms(value: Value | Sequence[Value]) -> list[Value]:
-    return list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
+    if isinstance(value, np.ndarray):
+        return list(value) if value.ndim else [value.item()]
+    return list(value) if isinstance(value, list | tuple) else [value]

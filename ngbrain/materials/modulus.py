@@ -22,6 +22,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.arguments import several
 from ngbrain.errors import InputError
 from ngbrain.materials.base import Law, Value, checked, positive
 from ngbrain.materials.points import initial_modulus
@@ -201,6 +202,7 @@ class PronySeries(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.mu, "PronySeries.mu")
+        several("PronySeries.g", self.g), several("PronySeries.tau", self.tau)
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):

@@ -12,6 +12,7 @@ import netgen.meshing as meshing
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 
 
@@ -25,9 +26,9 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
     >>> mesh.nv, mesh.ne, mesh.GetBoundaries()
     (12, 6, ('bottom', 'right', 'top', 'left'))
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x, y = (numbers(f"rectangles.{name}", lines, (None,)) for name, lines in (("x", x), ("y", y)))
     for name, lines in (("x", x), ("y", y)):
-        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0) or not np.isfinite(lines).all():
+        if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"rectangles.{name}", lines, "two growing coordinates or more")
     made = meshing.Mesh(dim=2)
     node = [[made.Add(meshing.MeshPoint(meshing.Pnt(a, b, 0))) for a in x] for b in y]
@@ -59,9 +60,9 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
     >>> mesh.ne, mesh.nv, round(ngs.Integrate(1, mesh), 9)
     (11, 35, 11.0)
     """
-    planes = [np.asarray(line, float) for line in (x, y, z)]
+    planes = [numbers(f"boxes.{name}", lines, (None,)) for name, lines in zip("xyz", (x, y, z), strict=True)]
     for name, lines in zip("xyz", planes, strict=True):
-        if lines.ndim != 1 or len(lines) < 2 or not np.all(np.diff(lines) > 0) or not np.isfinite(lines).all():
+        if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
     shape = tuple(len(lines) for lines in planes)
     cells = np.asarray(cells, bool)

@@ -11,6 +11,7 @@ import ngsolve as ngs
 import numpy as np
 from scipy.optimize import brentq
 
+from ngbrain.arguments import number, numbers
 from ngbrain.errors import InputError, nearest
 from ngbrain.mesh.cleft import Cleft, frame
 from ngbrain.mesh.curved import curve
@@ -49,8 +50,8 @@ class Sizes:
     def __post_init__(self) -> None:
         for name in ("site", "near", "far"):
             check_lengths(f"Sizes.{name}", getattr(self, name))
-        if not 0 < self.grading <= 1:
-            raise InputError("Sizes.grading", self.grading, "how fast elements may grow, more than 0 and at most 1")
+        wanted = "how fast elements may grow, more than 0 and at most 1"
+        number("Sizes.grading", self.grading, lambda grading: 0 < grading <= 1, wanted)
 
 
 def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0.01) -> ngs.Mesh:
@@ -61,7 +62,7 @@ def block(size: tuple[float, float, float] = (0.06, 0.06, 0.04), maxh: float = 0
     ['back', 'bottom', 'front', 'left', 'right', 'top']
     """
     check_lengths("block.size", size, 3)
-    check_lengths("block.maxh", maxh, 1)
+    check_lengths("block.maxh", maxh)
     check_count("block.maxh", maxh, float(np.prod(size)))
     box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(*map(float, size)))
     box.mat("tissue")
@@ -81,11 +82,9 @@ def cleft_to(
 
     Raises `InputError` when the target lies outside the brain or in a ventricle.
     """
-    target = np.asarray(target, float)
+    target = numbers("cleft.target_mm", target, (3,), "three finite coordinates")
     check_lengths("opening", opening)
     check_lengths("width", width)
-    if target.shape != (3,) or not np.isfinite(target).all():
-        raise InputError("cleft.target_mm", target, "three finite coordinates")
     if np.sum((target / SEMI_AXES) ** 2) >= 1:
         raise InputError(
             "cleft.target_mm", _mm(target), "a point inside the brain, which is an ellipsoid of half axes 66, 84, 60 mm"

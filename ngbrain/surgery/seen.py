@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.reading import read_text
@@ -47,20 +48,24 @@ class Seen:
     sigma: tuple[float, float]
 
     def __post_init__(self) -> None:
-        times, landmarks = np.asarray(self.times, float), np.asarray(self.landmarks, float)
+        times = numbers("Seen.times", self.times, (None,), "growing times (s) of at least 0")
+        landmarks = numbers("Seen.landmarks", self.landmarks, (None, 3), "finite places (n, 3), m")
+        sigma = numbers("Seen.sigma", self.sigma, (2,), "two positive standard deviations (m, N), finite")
         m, n = len(times), len(landmarks)
         for name, value, shape in (
             ("landmarks", landmarks, (n, 3)),
             ("displacements", self.displacements, (m, n, 3)),
             ("force", self.force, (m,)),
         ):
-            if np.shape(value) != shape:
-                raise InputError(f"Seen.{name}", f"of shape {np.shape(value)}", f"{shape}: times and landmarks say so")
-        if not np.all((times >= 0) & (times < np.inf)) or not np.all(np.diff(times) > 0):
+            found = getattr(value, "shape", None)
+            if found != shape or value.dtype.kind not in "iuf":
+                wanted = f"an array of numbers of shape {shape}: times and landmarks say so"
+                raise InputError(f"Seen.{name}", f"of shape {found}" if found else type(value).__name__, wanted)
+        if not np.all(times >= 0) or not np.all(np.diff(times) > 0):
             raise InputError("Seen.times", times, "growing times (s) of at least 0")
-        if not np.isfinite(landmarks).all() or np.isinf(self.data).any():
-            raise InputError("Seen", "not finite", "finite places; measurements may be NaN where there is none")
-        if not all(0 < sigma < math.inf for sigma in self.sigma):
+        if np.isinf(self.data).any():
+            raise InputError("Seen", "infinite", "finite numbers; measurements may be NaN where there is none")
+        if not np.all(sigma > 0):
             raise InputError("Seen.sigma", self.sigma, "two positive standard deviations (m, N), finite")
         if np.all(np.isnan(self.data)):
             raise InputError("Seen", "nothing but NaN", "displacements or forces")

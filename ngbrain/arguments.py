@@ -1,0 +1,86 @@
+"""Arguments that are numbers, looked at by type and size before anything is computed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import InputError
+
+
+def number(name: str, value: Any, fits: Callable[[float], bool], wanted: str) -> float:
+    """A real number that fits.
+
+    Raises
+    ------
+    InputError
+        It is of another type, not finite or does not fit; `wanted` says in words what does.
+
+    Examples
+    --------
+    >>> number("grading", None, lambda g: 0 < g <= 1, "more than 0 and at most 1")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: grading is None; wanted: more than 0 and at most 1
+    """
+    found = numbers(name, value, (), wanted)
+    if not fits(float(found)):
+        raise InputError(name, value, wanted)
+    return float(found)
+
+
+def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str = "") -> np.ndarray:
+    """Finite real numbers as an array.
+
+    Parameters
+    ----------
+    name : str
+        What they are, for messages.
+    values : array_like
+        A number, or sequences of numbers.
+    shape : tuple of int or None
+        Of the array; None for any length along an axis.
+    wanted : str
+        What is wanted, in words.
+
+    Raises
+    ------
+    InputError
+        They are of another type or shape, or not finite.
+
+    Examples
+    --------
+    >>> numbers("x", [1, 2], (None,))
+    array([1., 2.])
+    >>> numbers("x", "abc", (None,))
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: x is 'abc'; wanted: finite numbers of shape (any,)
+    """
+    wanted = wanted or f"finite numbers of shape ({''.join(f'{n},' if n else 'any,' for n in shape)})"
+    try:
+        found = np.asarray(values)
+    except ValueError as error:  # sequences of several lengths
+        raise InputError(name, "of uneven lengths", wanted) from error
+    fitting = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
+    if found.dtype.kind not in "iuf" or not fitting:
+        shown = repr(values) if found.size < 8 else f"{found.dtype} of shape {found.shape}"
+        raise InputError(name, shown[:200], wanted)
+    if not np.isfinite(found).all():
+        raise InputError(name, repr(values) if found.size < 8 else "not finite", wanted)
+    return found.astype(float)
+
+
+def several(name: str, values: Any) -> Sequence[Any]:
+    """A sequence that is not empty; `InputError` for anything else.
+
+    >>> several("tau", None)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: tau is None; wanted: a list of one value or more
+    """
+    if isinstance(values, str | bytes) or not hasattr(values, "__len__") or not hasattr(values, "__getitem__"):
+        raise InputError(name, repr(values)[:200], "a list of one value or more")
+    if np.ndim(values) == 0 or len(values) == 0 or isinstance(values, dict):
+        raise InputError(name, repr(values)[:200], "a list of one value or more")
+    found: Sequence[Any] = values
+    return found
