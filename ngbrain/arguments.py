@@ -84,3 +84,14 @@ def several(name: str, values: Any) -> Sequence[Any]:
         raise InputError(name, repr(values)[:200], "a list of one value or more")
     found: Sequence[Any] = values
     return found
+
+
+def of_type(name: str, value: Any, kind: type) -> None:
+    """`InputError` unless a value is of a type.
+
+    >>> of_type("mesh", None, dict)
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: mesh is None; wanted: a dict
+    """
+    if not isinstance(value, kind):
+        raise InputError(name, repr(value)[:200], f"a {kind.__name__}")

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import ngsolve as ngs
 
+from ngbrain.arguments import of_type
 from ngbrain.errors import InputError, nearest
+from ngbrain.forward.material import Material
+
+
+def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Mapping[str, object]) -> None:
+    """Raise `InputError` unless a body's arguments are a mesh, materials by pattern and supports by pattern."""
+    of_type("mesh", mesh, ngs.Mesh)
+    of_type("materials", materials, Mapping)
+    of_type("supports", supports, Mapping)
+    for pattern, material in materials.items():
+        of_type(f"materials[{pattern!r}]", material, Material)
 
 
 def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue") -> None:

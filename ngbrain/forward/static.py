@@ -11,7 +11,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import Breakdown, CollapseWarning, Failure, InputError, SolverError, StabilityWarning, gave_up
+from ngbrain.errors import Breakdown, CollapseWarning, Failure, SolverError, StabilityWarning, gave_up
 from ngbrain.forward import stability
 from ngbrain.forward.choice import COMPRESSIBLE, automatic
 from ngbrain.forward.elements import Form, check_elements
@@ -19,7 +19,7 @@ from ngbrain.forward.held import check_held
 from ngbrain.forward.kinematics import Solid, kinematics_of
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
 from ngbrain.forward.material import Material, stiffness
-from ngbrain.forward.patterns import boundaries, check_regions
+from ngbrain.forward.patterns import boundaries, check_regions, check_types
 from ngbrain.forward.supports import Support, Supports
 from ngbrain.materials.base import Deformation
 from ngbrain.solvers import continuation, linear
@@ -81,16 +81,7 @@ class Static:
         solver: str = "auto",
         bonus: int = 0,
     ) -> None:
-        for name, given, kind in (
-            ("mesh", mesh, ngs.Mesh),
-            ("materials", materials, Mapping),
-            ("supports", supports, Mapping),
-        ):
-            if not isinstance(given, kind):
-                raise InputError(name, repr(given)[:200], f"a {kind.__name__}")
-        for pattern, material in materials.items():
-            if not isinstance(material, Material):
-                raise InputError(f"materials[{pattern!r}]", repr(material)[:200], "a Material")
+        check_types(mesh, materials, supports)
         check_regions(mesh, materials)
         for load in loads:
             if hasattr(load, "boundary"):
