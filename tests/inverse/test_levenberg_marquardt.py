@@ -10,7 +10,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
 from ngbrain.inverse.gauss_newton import GaussNewton
-from ngbrain.inverse.levenberg_marquardt import Dense, levenberg_marquardt
+from ngbrain.inverse.levenberg_marquardt import LONGEST, Dense, levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Unknown
 from ngbrain.inverse.phantoms import Phantom
@@ -110,3 +110,20 @@ def test_a_fall_that_nothing_foretold_is_an_end():
     reduced = Reduced(Blind(), LeastSquares(np.zeros(1), 1.0), fields, {"theta": ridge(fields.start)}, {"theta": 1.0})
     found = levenberg_marquardt(reduced, fields.start, Given())
     assert found.converged and found.x == pytest.approx(fields.start, abs=1e-12)
+
+
+def test_no_step_changes_an_unknown_beyond_what_can_be_foretold():
+    """A start far off and hardly a regulariser: steps without bound would take logarithms to where nothing is seen any more."""
+    inversion = small(weight=1e-5, start={"storage": 2e3, "loss": 2e3})
+    seen = []
+    at = inversion.reduced.at
+
+    def watched(x):
+        seen.append(x.copy())
+        return at(x)
+
+    inversion.reduced.at = watched
+    levenberg_marquardt(inversion.reduced, inversion.start, Given(), rounds=6)
+    assert (
+        max(np.abs(np.diff(seen, axis=0)).max(axis=1)) <= 2 * LONGEST
+    )  # from a trial to the next one, both from one point
