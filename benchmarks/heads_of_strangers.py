@@ -129,6 +129,10 @@ def meshed(path: Path) -> Record:
         if done.returncode or not made.exists():
             return found | {"mesh_reason": (done.stderr.strip().splitlines() or [""])[-1][:300]}
         mesh = meshio.read(made)
+        regions = json.loads(made.with_name("result.json").read_text())["regions"]
+    for name, region in regions.items():
+        if name in ("brain", "ventricles"):
+            found[f"mesh_{name}_off"] = round(region["volume_ml"] / region["label_volume_ml"] - 1, 5)
     tets = np.concatenate([block.data for block in mesh.cells if block.type == "tetra"])
     return found | {"tetrahedra": len(tets), "smallest_dihedral_deg": round(smallest_dihedral(mesh.points, tets), 1)}
 
@@ -167,6 +171,9 @@ def table(records: list[Record]) -> str:
         "ceiling grey": "ceiling_grey",
         "ceiling white": "ceiling_white",
         "smallest dihedral": "smallest_dihedral_deg",
+        "brain off": "mesh_brain_off",
+        "ventricles off": "mesh_ventricles_off",
+        "mesh CPU s": "mesh_cpu_s",
     }
     columns = {title: key for title, key in columns.items() if any(key in record for record in records)}
     lines = ["| " + " | ".join([*columns, "note"]) + " |", "|" + "---|" * (len(columns) + 1)]
