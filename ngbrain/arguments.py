@@ -71,8 +71,8 @@ def numbers(name: str, values: Any, shape: tuple[int | None, ...], wanted: str =
     return found.astype(float)
 
 
-def several(name: str, values: Any) -> Sequence[Any]:
-    """A sequence that is not empty; `InputError` for anything else.
+def several(name: str, values: Any, least: int = 1) -> Sequence[Any]:
+    """A sequence of at least so many; `InputError` for anything else.
 
     >>> several("tau", None)
     Traceback (most recent call last):
@@ -80,7 +80,7 @@ def several(name: str, values: Any) -> Sequence[Any]:
     """
     if isinstance(values, str | bytes) or not hasattr(values, "__len__") or not hasattr(values, "__getitem__"):
         raise InputError(name, repr(values)[:200], "a list of one value or more")
-    if np.ndim(values) == 0 or len(values) == 0 or isinstance(values, dict):
+    if getattr(values, "ndim", 1) == 0 or len(values) < least or isinstance(values, dict):
         raise InputError(name, repr(values)[:200], "a list of one value or more")
     found: Sequence[Any] = values
     return found

@@ -110,7 +110,7 @@ def check_lengths(name: str, values: object, count: int | None = None, most: flo
     --------
     >>> check_lengths("maxh", -0.1)
     Traceback (most recent call last):
-    ngbrain.errors.InputError: maxh is -0.1; wanted: metres, more than 0 and at most 10
+    ngbrain.errors.InputError: maxh is -0.1; wanted: metres, more than 0 and at most 1000
     """
     lengths = numbers(name, values, () if count is None else (count,), f"metres, more than 0 and at most {most:g}")
     if not np.all((lengths > 0) & (lengths <= most)):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError, nearest, require
-from ngbrain.image.align import ALIKE, align
+from ngbrain.image.align import ALIKE, INSIDE, align, correlation_inside
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume, upright
 
@@ -43,10 +43,10 @@ def transported(labels: LabelMap, template: Volume, brain: Volume, method: str =
         raise InputError("method", repr(method), nearest(method, METHODS))
     template = upright(template)
     place = align(brain, template)
-    if place.likeness < ALIKE:
-        raise InputError(
-            "template", f"unlike the brain (correlation {place.likeness:.2f})", "T1s of two brains, without skulls"
-        )
+    inside = correlation_inside(brain, template, place.affine)
+    if place.likeness < ALIKE or inside < INSIDE:
+        what = f"unlike the brain (correlation {place.likeness:.2f}, inside {inside:.2f})"
+        raise InputError("template", what, "T1s of two brains, without skulls")
     sitk = require("SimpleITK", "mri")
     atlas = upright(labels.volume)
     fixed, to = _image(sitk, brain.data, brain.affine), np.linalg.inv(place.affine)

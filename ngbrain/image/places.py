@@ -108,7 +108,7 @@ def ventricle(points: Points) -> np.ndarray:
     """Distance (n,) of points (n, 3) from the middle of the nearer lateral ventricle, over its radius there.
 
     >>> ventricle(np.array([[7.0, 6, 17], [-7, 6, 22], [50, 0, 0]])).round(1)
-    array([0. , 1. , 9. ])
+    array([0. , 1. , 8.3])
     """
     right = points * [1.0, 1, 1]
     right[:, 0] = np.abs(points[:, 0])

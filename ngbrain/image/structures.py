@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import places
-from ngbrain.image.align import ALIKE, align
+from ngbrain.image.align import ALIKE, INSIDE, align, correlation_inside
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
@@ -95,8 +95,9 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     dark = min(float(t1.data[brain].min()), 0.0)
     head = Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
     place = align(head, mni152().volume)
-    if place.likeness < ALIKE:
-        what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f})"
+    inside = correlation_inside(head, mni152().volume, place.affine)
+    if place.likeness < ALIKE or inside < INSIDE:
+        what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f}, inside {inside:.2f})"
         raise InputError("image", what, "a T1 of a whole brain")
     middle = MidSurface.of(head, place.affine)
     box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in ndimage.find_objects(brain.astype(np.uint8))[0])

@@ -175,9 +175,9 @@ def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str,
     try:
         plain = complex(value)
     except OverflowError:  # a whole number of hundreds of digits
-        plain = complex(np.inf)
+        raise InputError(name, "a number with too many digits", wanted) from None
     if not np.isfinite(plain) or not fits(plain.real):
-        raise InputError(name, value if np.isfinite(plain) else "not finite", wanted)
+        raise InputError(name, value, wanted)
     return value
 
 

@@ -202,7 +202,7 @@ class PronySeries(Modulus):
 
     def __post_init__(self) -> None:
         positive(self.mu, "PronySeries.mu")
-        several("PronySeries.g", self.g), several("PronySeries.tau", self.tau)
+        several("PronySeries.g", self.g, 0), several("PronySeries.tau", self.tau, 0)
         if len(self.g) != len(self.tau):
             raise InputError("PronySeries.tau", f"{len(self.tau)} values", f"as many as g has: {len(self.g)}")
         for g, tau in zip(self.g, self.tau, strict=True):
