@@ -74,8 +74,8 @@ def align(head: Volume, template: Volume) -> Alignment:
 
     >>> from ngbrain.image.volume import mni152
     >>> template = mni152().volume
-    >>> align(template, template).affine[:3, 3].round(3)
-    array([0., 0., 0.])
+    >>> np.abs(align(template, template).affine[:3, 3]).max() < 1e-3
+    np.True_
     """
     _check_bright(head)
     fine = thinned(head, _FINE)

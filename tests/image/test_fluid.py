@@ -50,7 +50,7 @@ def test_what_has_fluid_or_no_grey_matter_is_left_alone():
 
 
 def test_ventricles_are_told_from_other_fluid():
-    """Of the template, as FAST would label it: shares of tissues, the largest one; lateral ventricles by nilearn's T1 have 10 to 40 ml."""
+    """Of the template, as FAST would label it by the largest share; its lateral ventricles have 10 to 40 ml."""
     fluid, grey, white = tissue_maps()
     brain = mni152().volume.data > 0
     classes = np.where(brain, 1 + np.argmax([fluid.data, grey.data, white.data], axis=0), 0)
