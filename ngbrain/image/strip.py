@@ -53,11 +53,12 @@ def strip(scan: Scan) -> np.ndarray:
     there = ndimage.find_objects(prior.astype(np.uint8))[0]
     box = tuple(slice(max(part.start - _AROUND, 0), part.stop + _AROUND) for part in there)
     even = unbiased(Volume(head.data[box], head.affine), prior[box])
-    mask = np.zeros(prior.shape, np.float32)
+    mask = np.zeros_like(prior)
     mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
+    outside = _beyond(mask, 1e3 * head.spacing)
     to = np.linalg.inv(head.affine) @ scan.volume.affine
-    fine = ndimage.affine_transform(mask, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest")
-    return np.asarray(ndimage.binary_fill_holes(fine > 0.5))
+    fine = ndimage.affine_transform(outside, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest")
+    return np.asarray(ndimage.binary_fill_holes(fine <= _FILM))
 
 
 def placed(scan: Scan) -> Alignment:
@@ -99,7 +100,14 @@ def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.nda
     full = _within(np.pad(brain, margin), _FOLD, spacing)
     full = ndimage.distance_transform_edt(full, sampling=spacing) > _FOLD
     brain |= full[tuple(slice(before, -after) for before, after in margin)]
-    return np.asarray(ndimage.binary_fill_holes(_within(brain, _FILM, spacing)))
+    return np.asarray(ndimage.binary_fill_holes(brain))
+
+
+def _beyond(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
+    """How far a voxel's centre lies outside the mask's surface (mm), below 0 inside: finer than its voxels are."""
+    out, inside = (ndimage.distance_transform_edt(each, sampling=spacing) for each in (~mask, mask))
+    half = spacing.mean() / 2
+    return np.where(mask, half - inside, out - half).astype(np.float32)
 
 
 def _within(mask: np.ndarray, reach: float, spacing: np.ndarray) -> np.ndarray:
