@@ -38,8 +38,8 @@ from ngsolve.meshes import MakeStructured3DMesh  # noqa: E402
 Array = np.ndarray
 Record = dict
 TOLERANCE, ITERATIONS = 1e-10, 3000
-DIRECT_UNKNOWNS = {True: 120_000, False: 50_000}
-"""Above this the processor makes no factors, on all threads and on one: they would take minutes."""
+DIRECT_UNKNOWNS = 120_000
+"""Above this the processor makes no factors: they would take minutes."""
 HELD = "back|left|right|front"
 ERROR_ALLOWED = 1e-8
 """Relative residual, or distance from what the processor finds."""
@@ -297,12 +297,12 @@ def methods(system: System) -> dict[str, Callable[[], Record]]:
     found: dict[str, Callable[[], Record]] = {f"{krylov}, device": lambda: on_device(system)}
     if krylov == "cg":
         found["cg in single precision, refined, device"] = lambda: refined(system)
-    if len(system.b) <= DIRECT_UNKNOWNS[True] and system.definite:
+    if len(system.b) <= DIRECT_UNKNOWNS and system.definite:
         found["cholesky, device"] = lambda: cholesky_on_device(system)
     found["cudss, device"] = lambda: cudss(system)
     for count in sorted({1, os.cpu_count() or 1}, reverse=True):
         found[f"{krylov}, processor, threads {count}"] = lambda count=count: on_processor(system, count)
-        if len(system.b) <= DIRECT_UNKNOWNS[count > 1]:
+        if len(system.b) <= DIRECT_UNKNOWNS:
             found[f"direct, processor, threads {count}"] = lambda count=count: direct_on_processor(system, count)
     return found
 
