@@ -6,7 +6,7 @@ measurement that takes more than its cap is ended and recorded so; what could no
 
     python benchmarks/gpu.py --pack DIR                      gather the parts, where there is a package index (once)
     python benchmarks/gpu.py --stage DIR/part-1 [--out FILE] on the machine with the GPU, for each part: unpack, measure, save
-    python benchmarks/gpu.py [--out FILE] [--minutes 8]      measure with what is installed
+    python benchmarks/gpu.py [--out FILE] [--minutes 7.5]      measure with what is installed
     python benchmarks/gpu.py --quick [--json]                small sizes; without a GPU on NGSolve's reference device
     python benchmarks/gpu.py --chart FILE.png < gpu.json     time against unknowns, and inversions over MatNLI's time
 """
@@ -200,7 +200,7 @@ def main() -> None:
     parser.add_argument("--stage", type=Path, nargs="+", metavar="PART")
     parser.add_argument("--site", type=Path, default=SITE, help=f"where parts are unpacked ({SITE})")
     parser.add_argument("--out", type=Path, help="where records are kept (out/gpu/gpu.json, or gpu_quick.json)")
-    parser.add_argument("--minutes", type=float, default=8.0)
+    parser.add_argument("--minutes", type=float, default=7.5)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--chart", metavar="PNG")
