@@ -5,7 +5,7 @@ import pytest
 from planewaves import RHO, grid, pressure_wave, relative, shear_waves, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.direct import helmholtz, helmholtz_of_curl, local_frequency, navier
+from ngbrain.inverse.direct import _directions, helmholtz, helmholtz_of_curl, local_frequency, navier
 from ngbrain.inverse.smoothing import fit_splines, moving_least_squares
 
 G = 2000 + 800j
@@ -107,3 +107,12 @@ def test_local_frequency_sees_two_halves():
     left, right = (x > -0.075) & (x < -0.03), (x > 0.03) & (x < 0.075)
     assert np.median(found[left]) == pytest.approx(1000, rel=0.1)
     assert np.median(found[right]) == pytest.approx(4000, rel=0.25)
+
+
+@pytest.mark.parametrize(("dim", "number", "nearest"), [(2, 6, 60.0), (3, 12, 63.4349)])
+def test_directions_are_spread_evenly(dim, number, nearest):
+    ways = _directions(dim)
+    assert ways.shape == (number, dim) and np.allclose(np.linalg.norm(ways, axis=1), 1)
+    assert ways.T @ ways == pytest.approx(number / dim * np.eye(dim), abs=1e-12)
+    angles = np.degrees(np.arccos(np.clip(ways @ ways.T, -1, 1))) + 360 * np.eye(number)
+    assert angles.min(axis=1) == pytest.approx(np.full(number, nearest), abs=1e-3)

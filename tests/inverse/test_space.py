@@ -14,7 +14,7 @@ from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.quantities import quantities
-from ngbrain.inverse.space import invert_in_space
+from ngbrain.inverse.space import _shared, invert_in_space
 from ngbrain.io.waves import WaveData
 
 
@@ -244,3 +244,11 @@ def test_elements_of_a_block_are_all_there(n, order):
     elements = in_elements(data, order)
     assert elements.inside.all()
     assert ngs.Integrate(1, elements.mesh) == pytest.approx(line[-1] ** 3)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_points_for_each_node(order):
+    data = wave_data()
+    experiment = Experiment(data, in_elements(data, order=order))
+    nodes = ngs.H1(experiment.body.mesh, order=order).ndof
+    assert _shared(experiment) == pytest.approx(len(experiment.model.points) / nodes)

@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import ball_in_bar
+import ngsolve as ngs
 import numpy as np
 import pytest
 from planewaves import RHO, grid, shear_waves, wave_number
@@ -13,8 +14,9 @@ from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.inverse.files import finite
 from ngbrain.inverse.lattice import lattice
 from ngbrain.inverse.space import invert_in_space
-from ngbrain.inverse.subzones import _in_cells, invert_by_subzones
+from ngbrain.inverse.subzones import Common, _in_cells, invert_by_subzones
 from ngbrain.io.waves import WaveData
+from ngbrain.mesh import block
 
 SHEAR, HERTZ = 4000 + 1200j, 80.0
 ZONES = {"size": 0.027, "overlap": 0.009, "rounds": 5}
@@ -170,3 +172,19 @@ def test_zones_find_a_ball_that_their_cut_goes_through_as_one_inversion_does():
         assert np.sqrt(np.mean(off**2)) < rms
         assert zones.checks[f"disagreement_{name}"] < 0.6 * zones.checks[f"disagreement_{name}_first"]
     assert zones.checks["misfit_as_one_body"] < 1.05 * whole.checks["misfit_over_expected"]
+
+
+def test_weights_mean_the_same_in_a_zone_as_in_the_body():
+    """A slope costs as much in two halves as in the whole."""
+    sides = np.array([0.04, 0.02, 0.02])
+    whole, half = (block(tuple(sides / (share, 1, 1)), maxh=0.01) for share in (1, 2))
+    common = Common(float(sides[0]), False, 1, None)
+
+    def cost(mesh):
+        space = ngs.H1(mesh, order=1)
+        field = ngs.GridFunction(space)
+        field.Set(100 * ngs.x)
+        return common.prior(space, np.zeros(space.ndof)).value(field.vec.FV().NumPy())
+
+    assert 2 * cost(half) == pytest.approx(cost(whole), rel=0.02)
+    assert cost(whole) == pytest.approx(0.5 * 100**2 * np.prod(sides) / sides[0], rel=0.02)

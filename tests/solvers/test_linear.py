@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngbrain.errors import InputError, MissingExtra
 from ngbrain.mesh import block
 from ngbrain.solvers import direct, krylov
-from ngbrain.solvers.linear import Direct, choose, prepare, reused
+from ngbrain.solvers.linear import Direct, Reused, choose, prepare, reused
 from ngbrain.solvers.multigrid import Patches
 
 SIDE = 0.02
@@ -266,3 +266,25 @@ def test_only_a_factor_is_reused(cube):
 def test_the_choice_says_why(kind, n, ratio, more, name):
     choice = choose(kind, n, ratio, **more)
     assert choice.name == name and choice.why and "\n" not in choice.why
+
+
+def test_iterations_that_are_foretold():
+    assert "about 36 iterations" in choose("displacement", 1_000_000, 4.0, order=4).why
+    assert "about 21 iterations" in choose("displacement", 1_000_000, 25.0).why
+
+
+@pytest.mark.parametrize("kind", ["continuous pressure", "discontinuous pressure"])
+def test_fields_of_an_older_factors_solution_weigh_alike(kind, cube):
+    form, assemble = squeezed(kind, True, cube)
+    make = prepare("umfpack", form)
+    assemble(0.0)
+    kept, r = make(), gravity(form)
+    assemble(0.002)
+    solve, seen = reused(form, kept, r, 1e-8, 80), []
+    again = Reused(solve.condensed, lambda b: seen.append(solve.old(b)) or seen[-1], 1e-8, 80)
+    again(r)
+    held = [field for field in solve.condensed.fields if not solve.condensed.free[field].any()]  # condensed out
+    assert len(held) < len(solve.condensed.fields)
+    for field in solve.condensed.fields:
+        size = np.linalg.norm((again._scale * seen[0] * solve.condensed.free)[field])
+        assert size == pytest.approx(0 if field in held else 1)
