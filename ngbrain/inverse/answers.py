@@ -79,13 +79,13 @@ def by_label(values: np.ndarray, labels: np.ndarray) -> dict[int, dict[str, floa
 
 
 def relative_l2_error(estimate: np.ndarray, truth: np.ndarray) -> float:
-    """‖estimate - truth‖₂ / ‖truth‖₂ over the points; infinite if the estimate is missing (NaN) at one of them.
+    """‖estimate - truth‖₂ / ‖truth‖₂ over the points; infinite if the estimate is missing (NaN) at one of them or the truth is 0.
 
     >>> relative_l2_error(np.array([3.0, 5.0]), np.array([3.0, 4.0]))
     0.2
     """
-    off = float(np.linalg.norm(estimate - truth))
-    return off / float(np.linalg.norm(truth)) if np.isfinite(off) else float("inf")
+    off, size = float(np.linalg.norm(estimate - truth)), float(np.linalg.norm(truth))
+    return off / size if np.isfinite(off) and size > 0 else float("inf")
 
 
 def answers(data: WaveData, found: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:

@@ -17,6 +17,7 @@ from ngbrain.forward.body import Body
 from ngbrain.forward.steps import Control, Progress, StepControl
 from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
+from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.elements import centres
 from ngbrain.pool import Tell
 from ngbrain.reading import read_json
@@ -111,17 +112,19 @@ def one_order_more(model: Model, folder: Path | None, resume: bool, tell: Tell) 
             low, high = kept["answers"]
             return low, high
     tell(ORDER, 0.0, 0.0)
-    found = orders(model)
+    found = orders(model, path and path.with_suffix(".npz"), resume)
     if path is not None:
         write_json(path, {"scene": scene, "answers": found})
+        path.with_suffix(".npz").unlink(missing_ok=True)
     return found
 
 
-def orders(model: Model) -> tuple[Answer, Answer]:
+def orders(model: Model, path: Path | None = None, resume: bool = False) -> tuple[Answer, Answer]:
     """At full opening, and nothing after it, on a coarse mesh: at the scene's order and one more.
 
     Elastic: the law that one step of the ramp's length from rest amounts to, so that the way there does not matter. One
-    order more is used within `REACH` of the cleft; further out the tissue goes where the poorer solution has it.
+    order more is used within `REACH` of the cleft; further out the tissue goes where the poorer solution has it. Where both
+    stand is kept in `path` (.npz) after each step, and taken from there on resume.
     """
     coarse = _coarse(model)
     ramp, order = model.scene.retraction.ramp, model.scene.body.order
@@ -137,6 +140,13 @@ def orders(model: Model) -> tuple[Answer, Answer]:
     high.body.begin(ramp)
     embedded, walls = ngs.GridFunction(high.body.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
     reached = (0.0, high.body.state)
+    scene = model.scene.to_dict()
+    kept = load_state(path) if resume and path is not None and path.exists() else {}
+    if kept.get("scene") == scene:
+        low.restore(kept["low"])
+        high.restore(kept["high"])
+        high.body.begin(ramp)
+        reached = kept["reached"]
 
     def follow(body: Body, at: Progress, record: NewtonRecord) -> None:
         nonlocal reached
@@ -149,6 +159,9 @@ def orders(model: Model) -> tuple[Answer, Answer]:
         if at.t == protocol.times[-1]:
             for run in runs:
                 run.look(run.transient.body, at, record)
+        elif path is not None:
+            state = {"scene": scene, "low": low.checkpoint(), "high": high.checkpoint(), "reached": reached}
+            save_state(path, state)
 
     low.run(follow)
     first, second = (answer(run.outcome(), model.scene.patient) for run in runs)

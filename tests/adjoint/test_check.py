@@ -15,8 +15,10 @@ def f(x):
 GRADIENT = np.array([np.exp(X[0]) * np.sin(X[1]), np.exp(X[0]) * np.cos(X[1]), 3 * X[2] ** 2])
 
 
-def test_right_gradient_has_rate_two():
-    assert np.all(np.abs(taylor(f, GRADIENT, X, DX) - 2) < 0.1)
+@pytest.mark.parametrize("steps", [1, 4])
+def test_right_gradient_has_rate_two(steps):
+    rates = taylor(f, GRADIENT, X, DX, steps)
+    assert rates.shape == (steps,) and np.all(np.abs(rates - 2) < 0.1)
 
 
 @pytest.mark.parametrize("wrong", [-GRADIENT, 1.001 * GRADIENT, GRADIENT * [1, 0, 1]])

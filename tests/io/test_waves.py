@@ -113,6 +113,7 @@ WRONG = [
     ("displacement", lambda d: d.displacement * np.nan, "NaN everywhere in load 0"),
     ("displacement", lambda d: np.full((2, 30, 2), np.inf), "infinite"),
     ("displacement", lambda d: d.displacement * 1e6, "metres"),
+    ("displacement", lambda d: d.displacement * 1e-300, "above"),
     ("frequency", lambda d: [50.0], "(2)"),
     ("frequency", lambda d: [50.0, -1.0], "at least 0"),
     ("frequency", lambda d: [50.0, np.nan], "Hz"),

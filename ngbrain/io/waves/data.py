@@ -21,7 +21,7 @@ MOTIONS = ("in_plane", "anti_plane")
 TRUTHS = ("youngs", "shear", "mu", "zeta", "phi")
 _LARGEST = 2.0  # m, across all points
 _DENSITY = (100.0, 20000.0)  # kg/m³
-_MOVED = 10.0  # times the size of the region
+_MOVED, _STILL = 10.0, 1e-12  # times the size of the region
 _NOISIEST = 10.0
 _POSITIVE = ("youngs", "shear", "mu")
 
@@ -168,6 +168,8 @@ class WaveData:
         if (most := float(np.nanmax(np.abs(u)))) > _MOVED * across:
             wanted = f"metres: below {_MOVED * across:.6g} m, {_MOVED:g} times the size of the region"
             raise InputError("displacement", f"{most:.6g} at most", wanted)
+        if 0 < most < _STILL * across:
+            raise InputError("displacement", f"{most:.6g} at most", f"metres: above {_STILL * across:.6g} m somewhere")
         frequency = _array("frequency", self.frequency, (len(u),), "fiu").astype(float)
         if not (np.isfinite(frequency) & (frequency >= 0)).all():
             raise InputError("frequency", frequency.tolist(), "Hz, at least 0")
