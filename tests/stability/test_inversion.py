@@ -167,7 +167,7 @@ def test_inverse_crime_is_told():
     assert committed(coarse.data(), coarse.inversion().model.body)
     assert not committed(coarse.data(), fine.inversion().model.body)
     assert not committed(coarse.data(), other.inversion().model.body)
-    for size in (1.01, 1 + 1e-6):
+    for size in (1.01, 1 + 5e-9):
         moved = replace(coarse.data(), points=size * coarse.points)
         assert not committed(moved, coarse.inversion().model.body)
     assert not committed(replace(coarse.data(), element=None), coarse.inversion().model.body)
