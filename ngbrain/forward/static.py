@@ -11,6 +11,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.arguments import of_type
 from ngbrain.errors import Breakdown, CollapseWarning, Failure, SolverError, StabilityWarning, gave_up
 from ngbrain.forward import stability
 from ngbrain.forward.choice import COMPRESSIBLE, automatic
@@ -331,6 +332,7 @@ class Static:
     def _choose(self, form: str | Form) -> tuple[Form, str]:
         if isinstance(form, Form):
             return form, "taken at its word"
+        of_type("form", form, str)
         if form == "auto":
             return automatic(self.mesh, self.ratio, self.supports.held)
         named = Form.named(form)

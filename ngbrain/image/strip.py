@@ -57,7 +57,9 @@ def strip(scan: Scan) -> np.ndarray:
     mask[box] = _refined(even.data, prior[box], 1e3 * head.spacing)
     outside = _beyond(mask, 1e3 * head.spacing)
     to = np.linalg.inv(head.affine) @ scan.volume.affine
-    fine = ndimage.affine_transform(outside, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest")
+    fine = ndimage.affine_transform(
+        outside, np.diag(to)[:3], to[:3, 3], scan.volume.data.shape, order=1, mode="nearest"
+    )
     return np.asarray(ndimage.binary_fill_holes(fine <= _FILM))
 
 

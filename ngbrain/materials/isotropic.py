@@ -122,7 +122,7 @@ def Yeoh(c1: Value, c2: Value = 0.0, c3: Value = 0.0) -> Polynomial:  # noqa: N8
     >>> Yeoh(100.0, 20.0) == Polynomial({(1, 0): 100.0, (2, 0): 20.0})
     True
     """
-    given = {(i, 0): c for i, c in enumerate((c1, c2, c3), 1) if i == 1 or isinstance(c, CoefficientFunction) or c}
+    given = {(i, 0): c for i, c in enumerate((c1, c2, c3), 1) if i == 1 or not (isinstance(c, float | int) and c == 0)}
     return Polynomial(given)
 
 

@@ -65,11 +65,13 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
         if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
     shape = tuple(len(lines) for lines in planes)
-    cells = np.asarray(cells, bool)
+    wanted = f"some of {tuple(n - 1 for n in shape)}"
+    try:
+        cells = np.asarray(cells, bool)
+    except ValueError as error:  # sequences of several lengths
+        raise InputError("boxes.cells", "of uneven lengths", wanted) from error
     if cells.shape != tuple(n - 1 for n in shape) or not cells.any():
-        raise InputError(
-            "boxes.cells", f"{int(cells.sum())} of {cells.shape}", f"some of {tuple(n - 1 for n in shape)}"
-        )
+        raise InputError("boxes.cells", f"{int(cells.sum())} of {cells.shape}", wanted)
     corners = np.argwhere(cells)[:, None] + _CORNERS
     used, hexes = np.unique(np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), shape), return_inverse=True)
     hexes = hexes.reshape(-1, 8)

@@ -35,7 +35,7 @@ ODD = (
 )
 ARRAYS = (
     lambda a: a[:-1] if a.ndim else np.array([a]),
-    lambda a: a * np.nan if a.dtype.kind in "fc" else a.astype(float),
+    lambda a: a * np.nan if a.dtype.kind in "fc" else a.astype(float if a.dtype.kind in "biuf" else "U8"),
     lambda a: a.astype("S8") if a.dtype.kind in "fiu" else np.array("?"),
     lambda a: np.zeros((0, *a.shape[1:]), a.dtype) if a.ndim else np.array(-1.0),
     lambda a: a.reshape(-1),

@@ -96,9 +96,9 @@ class WaveData:
         }
         known["tissue"] = (None, *TISSUES)
         for name, values in known.items():
-            if getattr(self, name) not in values:
-                hint = nearest(str(getattr(self, name)), [value for value in values if value])
-                raise InputError(name, repr(getattr(self, name)), hint)
+            value = getattr(self, name)
+            if not (value is None or isinstance(value, str)) or value not in values:
+                raise InputError(name, repr(value)[:200], nearest(str(value), [each for each in values if each]))
         self._check_points()
         self._check_motion()
         self._check_displacement()
@@ -153,9 +153,10 @@ class WaveData:
 
     def _check_displacement(self) -> None:
         n, d = len(self.points), len(self.components)
-        if np.ndim(self.displacement) == 3 and np.shape(self.displacement)[2] == 1 < d == 2:
+        given = self.displacement
+        if isinstance(given, np.ndarray) and given.ndim == 3 and given.shape[2] == 1 < d == 2:
             raise InputError("motion", self.motion, "anti_plane for one component, the motion through the plane")
-        u = _array("displacement", self.displacement, (None, n, d), "fiuc").astype(complex)
+        u = _array("displacement", given, (None, n, d), "fiuc").astype(complex)
         if not len(u):
             raise InputError("displacement", "of no load", "at least one")
         if np.isinf(u).any():
@@ -194,7 +195,7 @@ class WaveData:
             self._set(bulk=bulk if bulk.imag else bulk.real)
         if self.fibre is not None:
             n, d = self.points.shape
-            one = np.ndim(self.fibre) == 1
+            one = even("fibre", self.fibre).ndim == 1
             fibre = np.broadcast_to(_array("fibre", self.fibre, (d,) if one else (n, d), "fiu").astype(float), (n, d))
             length = np.linalg.norm(fibre, axis=1)
             off = self.mask & ~(np.abs(length - 1) < 1e-3)
@@ -330,10 +331,7 @@ class WaveData:
 
 def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: str = "") -> np.ndarray:
     """An array of these kinds of number and this shape: None is any length, a tuple one of several."""
-    try:
-        array = np.asarray(value)
-    except (ValueError, TypeError) as error:
-        raise InputError(name, f"a {type(value).__name__}", wanted or "an array of numbers") from error
+    array = even(name, value, wanted)
     fits = array.ndim == len(shape) and all(
         want is None or (size in want if isinstance(want, tuple) else size == want)
         for size, want in zip(array.shape, shape, strict=True)
@@ -349,6 +347,14 @@ def _array(name: str, value: Any, shape: tuple[Any, ...], kinds: str, wanted: st
     return array
 
 
+def even(name: str, value: Any, wanted: str = "") -> np.ndarray:
+    """As an array; `InputError` for sequences of several lengths."""
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise InputError(name, f"a {type(value).__name__}", wanted or "an array of numbers") from error
+
+
 def _number(name: str, value: Any, low: float, high: float, wanted: str) -> float:
     number = float(_array(name, value, (), "fiu", wanted))
     if not low <= number <= high:
@@ -357,7 +363,7 @@ def _number(name: str, value: Any, low: float, high: float, wanted: str) -> floa
 
 
 def _noise(name: str, value: Any, mask: np.ndarray) -> float | np.ndarray:
-    if np.ndim(value) == 0:
+    if even(name, value).ndim == 0:
         return _number(name, value, 0.0, _NOISIEST, "relative, from 0 on (0.02: two per cent)")
     n = len(mask)
     array = _array(name, value, (n,), "fiu", f"one number, relative (0.02: two per cent), or {n}, one for each point")

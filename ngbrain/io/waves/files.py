@@ -14,7 +14,7 @@ import numpy as np
 
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.image.niftifile import NIFTI
-from ngbrain.io.waves.data import TRUTHS, WaveData
+from ngbrain.io.waves.data import TRUTHS, WaveData, even
 from ngbrain.io.waves.matlab import read_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
@@ -120,6 +120,8 @@ def to_keys(data: WaveData) -> dict[str, Any]:
 
 def from_keys(keys: Mapping[str, Any]) -> WaveData:
     """The data that a file holds; 0-d arrays become numbers and text."""
+    for name, value in keys.items():
+        even(name, value)
     keys = as_amplitudes(at_points(in_metres(keys)))
     if missing := lacking(keys):
         raise InputError(", ".join(missing), "missing", f"wave data with {', '.join(REQUIRED)} and poisson or bulk")

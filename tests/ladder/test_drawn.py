@@ -1,0 +1,141 @@
+"""Scenes drawn at random: what the ladder answers, what it states as error, and what it flags, against judges of their own.
+
+Every tenth scene is a bar on rollers, whose force has a closed form; all others are judged by the richest model there is.
+An answer without a flag must hold its tolerance, and a stated error must be near the true one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from ngbrain.errors import SolverError
+from ngbrain.ladder.bodies import Bench
+from ngbrain.ladder.climb import Keeper, climb
+from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.rungs import axes_of
+from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+
+TOLERANCE = 0.1
+FAST = (*range(0, 80, 10), 6, 8, 12, 16)
+"""Seeds of cheap ones."""
+SLOW = range(200)
+ROLLERS = (Given(boundary="left", along="x"), Given(boundary="front", along="y"), Given(boundary="bottom", along="z"))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one scene: how far off, what was stated, and whether it was flagged."""
+
+    seed: int
+    error: float
+    stated: float
+    flags: list[str]
+
+
+def bar(rng):
+    """A bar on rollers, pulled or pressed along z, and the force (N) on its top."""
+    size = tuple(rng.uniform(0.01, 0.03, 3))
+    mu, nu, stretch = 10 ** rng.uniform(2.5, 4), rng.uniform(0.2, 0.49), rng.uniform(0.8, 1.2)
+    given = (*ROLLERS, Given(boundary="top", by=(0, 0, (stretch - 1) * size[2]), along="z"))
+    cell = 0.9 * min(size)
+    scene = Loading(
+        piece=Piece(size=size, cell=cell), stuff=(Stuff(mu=(mu,), poisson=nu),), given=given, ask=(Ask(boundary="top"),)
+    )
+    bulk = 2 * mu * (1 + nu) / (3 * (1 - 2 * nu))
+
+    def stresses(across):
+        # W = μ/2 (J^(-2/3) Σλ² - 3) + K/2 (J - 1)², stretches (across, across, stretch): the two ∂W/∂λ
+        J, squares = stretch * across**2, stretch**2 + 2 * across**2
+        volume = bulk * (J - 1) - mu / 3 * J ** (-5 / 3) * squares
+        return mu * J ** (-2 / 3) * np.array([across, stretch]) + volume * np.array([across * stretch, across**2])
+
+    across = brentq(lambda x: stresses(x)[0], 0.5, 1.6, xtol=1e-14)
+    return scene, np.array([stresses(across)[1] * size[0] * size[1]])
+
+
+def drawn(seed):
+    """A scene: size, tissue, supports, loads and question at random."""
+    rng = np.random.default_rng([11, seed])
+    size = tuple(rng.uniform(0.012, 0.03, 3))
+    mu, nu = 10 ** rng.uniform(2.5, 4), rng.choice([0.3, 0.45, 0.49])
+    stuff = {"mu": (mu,), "poisson": float(nu)}
+    kind = rng.choice(["plain", "fibres", "relaxing"])
+    if kind == "fibres":
+        stuff |= {"k1": mu * rng.uniform(0.2, 2), "k2": rng.uniform(0.5, 10), "fibre": tuple(rng.normal(size=3))}
+    if kind == "relaxing":
+        stuff |= {"mu": (mu, mu * rng.uniform(0.3, 2)), "tau": (10 ** rng.uniform(-1, 2),)}
+    course = {"ramp": float(10 ** rng.uniform(-0.5, 1)), "elapsed": float(10 ** rng.uniform(1.1, 2.5))}
+    way = rng.normal(size=3) * [0.5, 0.5, 1]
+    way *= rng.uniform(0.01, 0.12) * size[2] / np.abs(way).max()
+    given, pull = [Given(boundary="bottom")], []
+    if rng.random() < 0.6:
+        given.append(Given(boundary="top", by=tuple(way)))
+    else:
+        pull.append(Pull(boundary="top", traction=tuple(way / size[2] * mu)))
+        if rng.random() < 0.3:  # where both are driven, forces at their edge have no limit
+            given.append(Given(boundary="left", along="y"))
+    axis = int(np.abs(way).argmax())
+    along = tuple(float(i == axis) for i in range(3))
+    top = (0.0, 0.0, float(size[2]))
+    if pull:
+        ask = Ask(quantity="displacement", point=top, direction=along, tolerance=TOLERANCE)
+    elif rng.random() < 0.3:
+        ask = Ask(quantity="strain", percentile=90, tolerance=TOLERANCE)
+    else:
+        ask = Ask(boundary="top", direction=along, tolerance=TOLERANCE)
+    piece = Piece(size=size, cell=0.8 * max(size))
+    return Loading(
+        piece=piece,
+        stuff=(Stuff(**stuff),),
+        given=tuple(given),
+        pull=tuple(pull) or None,
+        course=Course(**course),
+        ask=(ask,),
+    )
+
+
+def outcome(seed):
+    """One scene climbed and judged; None where even its judge finds no equilibrium."""
+    if seed % 10 == 0:
+        scene, truth = bar(np.random.default_rng([12, seed]))
+        scene = replace(scene, ask=(replace(scene.ask[0], tolerance=TOLERANCE),))
+        found = climb(scene)
+    else:
+        scene = drawn(seed)
+        axes = axes_of(scene)
+        try:
+            truth = Keeper(Bench(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
+        except SolverError:
+            return None
+        found = climb(scene)
+    error = float(np.abs(relative(found.chosen.answers, truth)).max())
+    return Outcome(seed, error, float(found.error.max()), list(found.flags))
+
+
+def check(outcomes):
+    """What has to hold of all of them."""
+    for each in outcomes:
+        print(each)
+    silent = [each for each in outcomes if not each.flags]
+    assert all(each.error <= 1.5 * TOLERANCE for each in silent)
+    assert sum(each.error <= TOLERANCE for each in silent) >= 0.97 * len(silent)
+    assert len(silent) >= 2 / 3 * len(outcomes)
+
+
+def test_answers_hold_what_they_state():
+    found = [each for seed in FAST if (each := outcome(seed))]
+    assert len(found) == len(FAST)
+    check(found)
+
+
+@pytest.mark.slow
+def test_two_hundred_scenes():
+    found = [each for seed in SLOW if (each := outcome(seed))]
+    assert len(found) >= 0.95 * len(SLOW)
+    check(found)
+    judged = [each for each in found if each.error > 0.01 and np.isfinite(each.stated)]
+    near = [0.3 <= each.stated / each.error <= 3 for each in judged]
+    print(sum(near), "of", len(near))
+    assert sum(near) >= 0.9 * len(near)

@@ -1,0 +1,39 @@
+"""The check with one order more is stopped on its way and goes on from there."""
+
+from dataclasses import replace
+
+import pytest
+
+from ngbrain.scene import Scene
+from ngbrain.surgery import checks
+from ngbrain.surgery.model import Model
+
+pytest.importorskip("nibabel")
+
+
+class Stopped(Exception):  # noqa: N818
+    """In place of a kill."""
+
+
+@pytest.mark.slow
+def test_stopped_after_three_steps_it_goes_on_there(tmp_path, monkeypatch):
+    scene = Scene.shipped("idealised_fast")
+    coarse = replace(scene.body, site=7e-3, near=14e-3, far=34e-3)
+    model = Model.of(replace(scene, body=coarse, retraction=replace(scene.retraction, opening=2e-3)))
+    path, save, saved = tmp_path / "state.npz", checks.save_state, []
+
+    def once(where, state):
+        save(where, state)
+        saved.append(state["reached"][0])
+        if len(saved) == 3:
+            raise Stopped
+
+    whole = checks.orders(model)
+    monkeypatch.setattr(checks, "save_state", once)
+    with pytest.raises(Stopped):
+        checks.orders(model, path)
+    rest = checks.orders(model, path, resume=True)
+    assert rest[0] == whole[0]
+    for name in ("peak_pressure_mmHg", "peak_force_N"):  # its factor is made anew: the same to Newton's tolerance
+        assert rest[1][name] == pytest.approx(whole[1][name], rel=1e-4)
+    assert len(saved) >= 5 and saved == sorted(set(saved))  # no step was taken twice
