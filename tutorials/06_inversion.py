@@ -171,4 +171,4 @@ assert theirs[0] > 5 * ours[0] and theirs[1] > 5 * ours[1]
 assert abs(found.checks["misfit_over_expected"] - 1) < 0.15
 assert errors["smooth, 5 % noise"][0] < 0.05
 assert errors["magnitude and phase"][1] < 0.75 * ours[1]
-assert errors["2 % gross errors"][1] > 2 * errors["left out"][1]  # one of the eight points is not noticed
+assert errors["left out"][0] < 0.04 and errors["2 % gross errors"][0] > 2 * errors["left out"][0]

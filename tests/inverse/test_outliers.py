@@ -9,6 +9,7 @@ from spoiled import spoiled
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.outliers import without_outliers
+from ngbrain.inverse.phantoms import Phantom
 
 G = 2000 + 800j
 
@@ -21,6 +22,23 @@ def test_they_are_found_and_nothing_else_is(shape):
     found = np.isnan(without_outliers(bad).displacement)
     assert found[:, ~where].mean() < 0.003
     assert found[:, where].mean() > 0.9  # some are as small as noise is
+
+
+@pytest.mark.parametrize(("row", "column"), [(0, 10), (5, 3), (10, 10)])
+@pytest.mark.parametrize("shape", [(2, 1), (1, 3), (2, 2)])
+def test_errors_side_by_side_do_not_hide_each_other(row, column, shape):
+    points = grid(24, 20)
+    data = waves(points, shear_waves(points, G)).with_noise(0.01, seed=1)
+    patch = np.arange(480).reshape(20, 24)[row : row + shape[0], column : column + shape[1]].ravel()
+    u = data.displacement.copy()
+    u[:, patch] += 2 * data.rms.max()
+    found = np.isnan(without_outliers(replace(data, displacement=u)).displacement)
+    assert found[:, patch].all() and found.sum() == found[:, patch].sum()
+
+
+def test_where_moduli_jump_nearly_all_stays():
+    data = Phantom.named("CV-B").measured(0.01).data()
+    assert np.isnan(without_outliers(data).displacement).mean() < 2e-3
 
 
 def test_of_good_data_every_datum_stays():
