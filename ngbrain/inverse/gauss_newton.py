@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
+from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
 from ngbrain.inverse.found import Found, Iteration, Ledger
 from ngbrain.inverse.optimality import Optimality
@@ -152,7 +155,22 @@ class GaussNewton:
         return step, None
 
     def _bounded(self, dx: Array) -> float:
-        return min(1.0, LONGEST / max(float(np.abs(dx).max()), 1e-300))
+        # By values at the points of the data: of higher order, unknowns are no values.
+        unknowns, blocks = self.unknowns.unknowns, self.reduced.unknowns.blocks
+        values = [dx[blocks[name]] for name in self._fields if unknowns[name].basis is not None]
+        values += [self._at_points[name] @ dx[blocks[name]] for name in self._at_points]
+        return min(1.0, LONGEST / max(float(np.abs(np.concatenate(values)).max()), 1e-300))
+
+    @cached_property
+    def _at_points(self) -> dict[str, sp.csr_array]:
+        found, once = {}, dict[int, sp.csr_array]()
+        for name in self._fields:
+            if self.unknowns.unknowns[name].basis is None:
+                space = self.model.fields[name].space
+                if space.globalorder not in once:
+                    once[space.globalorder] = evaluation(space, self.model.points)
+                found[name] = once[space.globalorder]
+        return found
 
     def _found(self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool) -> FoundWaves:
         level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)

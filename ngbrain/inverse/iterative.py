@@ -16,12 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic import Harmonic
-from ngbrain.forward.points import evaluation
 from ngbrain.forward.sensitivity import Linearised
 from ngbrain.inverse.blocks import Extensions
 from ngbrain.inverse.found import Found, Iteration
@@ -151,24 +149,6 @@ class Iterative(GaussNewton):
         level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)
         self.arrived = Found(point.x, point.value, level, weights, False, self.misfit.count, history)
         return point
-
-    def _bounded(self, dx: Array) -> float:
-        # By values at the points of the data: of higher order, unknowns are no values.
-        unknowns, blocks = self.unknowns.unknowns, self.reduced.unknowns.blocks
-        values = [dx[blocks[name]] for name in self._fields if unknowns[name].basis is not None]
-        values += [self._at_points[name] @ dx[blocks[name]] for name in self._at_points]
-        return super()._bounded(np.concatenate(values))
-
-    @cached_property
-    def _at_points(self) -> dict[str, sp.csr_array]:
-        found, once = {}, dict[int, sp.csr_array]()
-        for name in self._fields:
-            if self.unknowns.unknowns[name].basis is None:
-                space = self.model.fields[name].space
-                if space.globalorder not in once:
-                    once[space.globalorder] = evaluation(space, self.model.points)
-                found[name] = once[space.globalorder]
-        return found
 
     def _still(self, history: list[Iteration]) -> bool:
         # Traces are estimates, so what the data hardly determine never quite settles.
