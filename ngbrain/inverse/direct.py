@@ -114,11 +114,11 @@ def _median_softness(data: WaveData) -> complex:
 def _softness(data: WaveData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """1/G at points, their weights as `uniform_modulus` has them, and which points (indices) these are.
 
-    Of the curl, or of the displacement itself where it has one component or one was not measured.
+    Of the curl, as far as it is known, or, wrong where there is a pressure, of the displacement where no load has two components.
     """
     field, moving, counts = smoothed(data), data.frequency > 0, np.flatnonzero(data.mask)
-    whole = len(data.components) > 1 and bool(np.isfinite(data.displacement[:, counts]).any(axis=1).all())
-    q, bent = field.curl() if whole else field.values(), field.curl_laplacian() if whole else field.laplacian()
+    turning = bool((np.isfinite(data.displacement[:, counts]).any(axis=1).sum(axis=1) > 1).any())
+    q, bent = (field.curl(), field.curl_laplacian()) if turning else (field.values(), field.laplacian())
     q = data.density * (2 * np.pi * data.frequency[moving, None, None]) ** 2 * q[moving][:, counts]
     against = np.nansum(np.abs(q) ** 2, axis=(0, 2))
     sums = np.nansum(np.conj(q) * bent[moving][:, counts], axis=(0, 2))

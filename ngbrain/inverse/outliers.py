@@ -22,6 +22,9 @@ AROUND = {2: 8, 3: 18}
 """How many points are around one, by the dimension."""
 STIFF = 0.3
 """Coefficients of the smooth field for each point at most: with more it would follow single points."""
+SMALLEST, FULLEST = 6, 0.4
+"""Coefficients along an axis of the smallest spline, see `fit_splines`, and how many it may have for each point: on 9 × 9 exact
+points (.44) it misses 14 of 162 good displacements, on 90 points none."""
 ROUNDS = 10
 
 
@@ -51,6 +54,11 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
         raise InputError("far", far, "a positive number of standard deviations")
     around, none = _around(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
+    number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
+    if data.structured and number < least:  # what bends more than the smallest spline would count as errors
+        raise InputError(
+            "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to tell gross errors by"
+        )
     out = none
     for near in (0.0, NEAR):  # suspects, then the gross errors among them
         errors = none

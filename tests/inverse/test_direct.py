@@ -1,11 +1,20 @@
 """Direct inversion and local frequency: homogeneous moduli exactly, pressure waves told apart, masks, loads and frequencies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planewaves import RHO, grid, pressure_wave, relative, shear_waves, waves
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.direct import _directions, helmholtz, helmholtz_of_curl, local_frequency, navier
+from ngbrain.inverse.direct import (
+    _directions,
+    helmholtz,
+    helmholtz_of_curl,
+    local_frequency,
+    navier,
+    uniform_modulus,
+)
 from ngbrain.inverse.smoothing import fit_splines, moving_least_squares
 
 G = 2000 + 800j
@@ -24,6 +33,15 @@ def test_a_homogeneous_modulus_is_found_exactly(shape):
     for found in (helmholtz(data, field), helmholtz_of_curl(data, field), helmholtz(data, field, window=4e-3)):
         assert np.abs(found[core] / G - 1).max() < 0.01 and found == pytest.approx(G, rel=0.3)
     assert np.median(helmholtz(data).real) == pytest.approx(2000, rel=1e-4)
+
+
+@pytest.mark.parametrize("missing", [[], [0]])
+def test_a_pressure_does_not_stiffen_the_start_in_space(missing):
+    points = grid(16, 15, 14)
+    data = waves(points, shear_waves(points, G) + pressure_wave(points, LARGE))
+    u = data.displacement.copy()
+    u[:, :, missing] = np.nan
+    assert uniform_modulus(replace(data, displacement=u)).value == pytest.approx(G, rel=0.03)
 
 
 @pytest.mark.parametrize("shape", [(40, 40), (24, 22, 20)])

@@ -198,7 +198,7 @@ def test_free_edges_have_no_unknowns_and_the_truth_comes_back_either_way(shaken)
     data, top = shaken(0.0, 0)
     (driven, of_all), (free, of_top) = map(inverted, (data, replace(data, dirichlet=top)))
     assert (of_all, of_top) == (2 * 32, 2 * 9)
-    assert max(errors(data, driven).values()) < 1e-3 and max(errors(data, free).values()) < 1e-3
+    assert max(errors(data, driven).values()) < 2e-4 and max(errors(data, free).values()) < 2e-4
     assert free.model["free_boundary"] == {
         "share": pytest.approx(0.75),
         "from_mm": pytest.approx([0, 0]),
