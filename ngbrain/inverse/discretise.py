@@ -1,8 +1,9 @@
 """Which elements wave data are inverted in: those they were made in, or our own over the same points.
 
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data, and triangles between scattered points; in space
-hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order. What drives their boundary is up to the data (`driven`).
+there are data (of tracked displacements at rest half as many along each axis), and triangles between scattered points; in space
+hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order, of tracked ones in
+order 1. What drives their boundary is up to the data (`driven`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.driven import ALL, driven
 from ngbrain.inverse.lattice import Lattice, lattice
+from ngbrain.inverse.tracked import COARSER, is_tracked
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import rectangles
 
@@ -90,8 +92,9 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     fields = _fields(order)
     grid = data.structured
     if grid is not None and grid.along and data.mask.all():
+        points, fields = (order * COARSER, 1) if is_tracked(data) else (order, fields)
         sides = [
-            np.linspace(start, start + step * (n - 1), max(2, round((n - 1) / order) + 1))
+            np.linspace(start, start + step * (n - 1), max(2, round((n - 1) / points) + 1))
             for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)
         ]
         mesh, held = driven(data, rectangles(*sides))

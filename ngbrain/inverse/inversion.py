@@ -29,6 +29,7 @@ from ngbrain.inverse.quality import (
     strain_of,
 )
 from ngbrain.inverse.quantities import EXPONENT
+from ngbrain.inverse.tracked import is_tracked, of_tracked
 from ngbrain.inverse.unseen import (
     bulk_effect,
     moduli_of_fibres,
@@ -260,6 +261,8 @@ def concluded(
     ]
     if data.motion == "anti_plane":
         notes += of_one_slice(data)
+    if is_tracked(data):
+        notes += of_tracked(data, maps["youngs"])
     if EXPONENT in maps:
         power = float(np.nanmedian(maps.pop(EXPONENT)))
         checks[EXPONENT] = power

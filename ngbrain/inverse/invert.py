@@ -29,6 +29,7 @@ from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of,
 from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.space import ROUNDS, invert_in_space
 from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
+from ngbrain.inverse.tracked import is_tracked, least_error
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -88,7 +89,8 @@ def invert(
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
     noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit, such as another discretisation
-    regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation
+    regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation;
+                 of displacements that are tracked at rest steps, see `tracked`
     weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
     uniform      whether to try uniform fields as a start too
     levels       where these start, as multiples of the modulus that the waves suggest; the lowest J is kept. By default at 1 in the
@@ -117,7 +119,9 @@ def invert(
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
-    kinds, settling, made = priors(regulariser), weighting(weight), misfit_of(misfit)
+    tracked = is_tracked(data)
+    kinds = priors("steps" if tracked and regulariser == "auto" else regulariser)
+    settling, made = weighting(weight), misfit_of(misfit)
     for name, value in (("noise", noise), ("model_error", model_error)):
         if value is not None and not 0 <= value < np.inf:
             raise InputError(name, value, "a relative level of at least 0")
@@ -161,6 +165,8 @@ def invert(
     level, note = noise_level(data, noise)
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
+    if tracked:
+        floor = max(floor, least_error(data))
     sure = total(level, floor, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []

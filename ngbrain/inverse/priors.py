@@ -2,6 +2,7 @@
 
 smooth   of small slope, see `regularise.smooth`
 edges    of few flat parts, see `regularise.total_variation`; an edge is `EDGE` of the body wide
+steps    the same with `STEP`: the longer that is, the less a steep edge costs beside a slope as high
 matern   with bumps of a size, see `regularise.matern`; correlated over `REACH` of the body
 """
 
@@ -19,7 +20,7 @@ from ngbrain.inverse.regularise import matern, smooth, total_variation
 
 Prior: TypeAlias = Callable[[ngs.FESpace, np.ndarray], Regulariser]
 """A space and x̄ → a regulariser of fields in it."""
-EDGE, REACH = 0.1, 0.1
+EDGE, STEP, REACH = 0.1, 0.3, 0.1
 AUTO = ("smooth", "edges")
 """Those of which cross-validation chooses unasked."""
 
@@ -33,6 +34,7 @@ def extent(space: ngs.FESpace) -> float:
 PRIORS: dict[str, Prior] = {
     "smooth": smooth,
     "edges": lambda space, reference: total_variation(space, reference, EDGE * extent(space)),
+    "steps": lambda space, reference: total_variation(space, reference, STEP * extent(space)),
     "matern": lambda space, reference: matern(space, reference, REACH * extent(space)),
 }
 
