@@ -46,7 +46,7 @@ STARTS: dict[str, tuple[float, ...] | None] = {
 }
 """Levels of uniform fields to start from, see `invert`."""
 IN_ZONES = {
-    "--model-error": (0.0,),
+    "--model-error": (None, 0.0),
     "--discretisation": (None, "fe"),
     "--regulariser": ("smooth", "auto"),
     "--weight": ("evidence",),

@@ -17,7 +17,7 @@ SCHEMES = ("freesurfer", "synthseg", "muse", "spm", "cat", "fast", "ngbrain")
 UNITS = ("m", "cm", "mm", "um")
 DISCRETISATIONS = ("data", "fe")
 STARTS = ("auto", "waves", "all", "many")
-PRIORS = ("smooth", "edges", "matern")
+PRIORS = ("smooth", "edges", "steps", "matern")
 WEIGHTINGS = ("evidence", "discrepancy", "l-curve")
 UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
@@ -185,7 +185,10 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
         "--noise", type=float, metavar="SIGMA", help="relative to each component's rms (what DATA says, or found)"
     )
     parser.add_argument(
-        "--model-error", type=float, default=0.0, metavar="SIGMA", help="what the model cannot fit, likewise (0)"
+        "--model-error",
+        type=float,
+        metavar="SIGMA",
+        help="what the model cannot fit, likewise (0; ultrasound at rest: it is said)",
     )
     parser.add_argument(
         "--discretisation",
@@ -193,7 +196,10 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
         help="the data's own elements, or ours (the data's, if it has some)",
     )
     parser.add_argument(
-        "--regulariser", choices=("auto", *PRIORS), default="auto", help="auto: smooth or edges, by cross-validation"
+        "--regulariser",
+        choices=("auto", *PRIORS),
+        default="auto",
+        help="auto: smooth or edges, by cross-validation; steps for ultrasound at rest",
     )
     parser.add_argument(
         "--weight",

@@ -1,7 +1,7 @@
 """Which elements wave data are inverted in: those they were made in, or our own over the same points.
 
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data (of tracked displacements at rest half as many along each axis), and triangles between scattered points; in space
+there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; in space
 hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order, of tracked ones in
 order 1. What drives their boundary is up to the data (`driven`).
 """
@@ -21,7 +21,7 @@ from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.driven import ALL, driven
 from ngbrain.inverse.lattice import Lattice, lattice
-from ngbrain.inverse.tracked import COARSER, is_tracked
+from ngbrain.inverse.tracked import COARSER, FEWEST, is_tracked
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import rectangles
 
@@ -92,11 +92,12 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     fields = _fields(order)
     grid = data.structured
     if grid is not None and grid.along and data.mask.all():
-        points, fields = (order * COARSER, 1) if is_tracked(data) else (order, fields)
-        sides = [
-            np.linspace(start, start + step * (n - 1), max(2, round((n - 1) / points) + 1))
-            for start, step, n in zip(grid.origin, grid.spacing, grid.shape, strict=True)
-        ]
+        cells = [max(1, round((n - 1) / order)) for n in grid.shape]
+        fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in cells]
+        if is_tracked(data) and fewer != cells:
+            cells, fields = fewer, 1
+        lines = zip(grid.origin, grid.spacing, grid.shape, cells, strict=True)
+        sides = [np.linspace(start, start + step * (n - 1), number + 1) for start, step, n, number in lines]
         mesh, held = driven(data, rectangles(*sides))
         return Discretisation(mesh, form, fields, None, np.ones(len(data.points), bool), held=held)
     mesh, inside = _between(data.points, data.mask)

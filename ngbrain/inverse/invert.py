@@ -29,7 +29,7 @@ from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of,
 from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.space import ROUNDS, invert_in_space
 from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
-from ngbrain.inverse.tracked import is_tracked, least_error
+from ngbrain.inverse.tracked import is_tracked, least_error, of_errors
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -69,7 +69,7 @@ def invert(
     elements: Discretisation | None = None,
     *,
     noise: float | None = None,
-    model_error: float = 0.0,
+    model_error: float | None = None,
     regulariser: str | Prior = "auto",
     weight: str = "evidence",
     uniform: bool = True,
@@ -88,7 +88,8 @@ def invert(
 
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
     noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
-    model_error  of the same kind: what the model cannot fit, such as another discretisation
+    model_error  of the same kind: what the model cannot fit, such as another discretisation; by default none, and of displacements
+                 that are tracked at rest `tracked.least_error`
     regulariser  one of `priors.PRIORS`, a prior of one's own, or auto: smooth or edges, the better by cross-validation;
                  of displacements that are tracked at rest steps, see `tracked`
     weight       one of `weighting.WEIGHTINGS`: evidence, discrepancy or l-curve
@@ -142,7 +143,7 @@ def invert(
             data,
             elements,
             noise=noise,
-            model_error=model_error,
+            model_error=model_error or 0.0,
             regulariser="smooth" if regulariser == "auto" else regulariser,
             labelled=labelled,
             unknowns=unknowns,
@@ -165,9 +166,10 @@ def invert(
     level, note = noise_level(data, noise)
     notes += [note] if note else []
     floor = FLOOR if elements.nodal else OURS
-    if tracked:
+    if tracked and model_error is None:
         floor = max(floor, least_error(data))
-    sure = total(level, floor, model_error)
+        notes.append(of_errors())
+    sure = total(level, floor, model_error or 0.0)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []
     search = _Search(experiment, made, sure, settling, tell)
@@ -203,7 +205,7 @@ def invert(
         rows,
         kept.chosen,
         noise=sure,
-        stated=overall(data, total(level, floor, model_error)),
+        stated=overall(data, total(level, floor, model_error or 0.0)),
         floor=floor,
         regulariser=kind,
         weight=weight,

@@ -18,8 +18,8 @@ Array = np.ndarray
 MODEL_ERROR = 0.1
 """Of the displacement without rigid motion (rms), what counts as error at least. With .06 to .12 the contrast of a cylinder that is
 three times as stiff comes out as 2.9 to 2.7, of a ball as 2.3 to 2.2, two seeds of grain; of a phantom the background gets even."""
-COARSER = 2
-"""Points along each axis for each node of the elements."""
+COARSER, FEWEST = 2, 8
+"""Points along each axis for each node of the elements, where that leaves so many elements along it."""
 END = 0.25
 """Of the depth, the two ends between which strain and modulus are compared."""
 BALL = 1.25
@@ -47,11 +47,17 @@ def least_error(data: WaveData) -> float:
     return max(found)
 
 
+def of_errors() -> str:
+    """That `MODEL_ERROR` is assumed."""
+    return (
+        f"one component at rest: {100 * MODEL_ERROR:g} % of the displacement without rigid motion counts as error, as a plane is "
+        "no model of a body in space and errors of tracking are alike over a grain of speckle; model_error says otherwise"
+    )
+
+
 def of_tracked(data: WaveData, youngs: Array) -> list[str]:
     """What a map of such data means."""
     notes = [
-        f"one component at rest: {100 * MODEL_ERROR:g} % of the displacement without rigid motion counts as error, as a plane is "
-        "no model of a body in space and errors of tracking are alike over a grain of speckle",
         "what is stiff is taken as a cylinder through the plane; the contrast of a ball reads low: where the map has r times the "
         f"surroundings, a ball has 1 + {BALL:g} (r - 1) times",
     ]
@@ -67,9 +73,9 @@ def of_tracked(data: WaveData, youngs: Array) -> list[str]:
     least, most = sorted((1.0, 1 / fall))
     return [
         *notes,
-        f"trend along the beam: strain at small {'xy'[axis]} is {fall:.2g} times that at large; stress that decays in uniform "
+        f"trend along the beam: strain at small {'xy'[axis]} is {fall:.2g} times that at large. Stress that decays in uniform "
         "tissue and tissue that stiffens fit alike, so that its modulus there may be anything from "
-        f"{least:.2g} to {most:.2g} times the other end's; the map's {rise:.2g} is the regulariser's choice, which two loads narrow",
+        f"{least:.2g} to {most:.2g} times the other end's. The map's {rise:.2g} is the regulariser's choice; two loads narrow it",
     ]
 
 
