@@ -1,9 +1,9 @@
 """Which elements wave data are inverted in: those they were made in, or our own over the same points.
 
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; in space
-hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order, of tracked ones in
-order 1. What drives their boundary is up to the data (`driven`).
+there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; in
+space hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order, in those larger
+elements in order 1. What drives their boundary is up to the data (`driven`).
 """
 
 from __future__ import annotations
