@@ -111,9 +111,10 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         if name == "waves":
             poisson = _poisson(data, float(np.exp(np.nanmedian([np.nanmedian(each.mean[0]) for each in found]))))
             found = [answered(operator, view, data.density, poisson) for view in views]
-        notes.append(
-            f"Poisson's ratio is taken as {poisson:.5g} everywhere: that of the bulk modulus and one shear modulus"
+        whose = (
+            "one shear modulus" if name == "waves" else f"a shear modulus of {TYPICAL / 1e3:g} kPa, which is assumed"
         )
+        notes.append(f"Poisson's ratio is taken as {poisson:.5g} everywhere: that of the bulk modulus and {whose}")
     maps, deviations = _combined(data, raster, found)
     left = int(np.isnan(next(iter(maps.values()))).sum())
     if left:

@@ -111,6 +111,11 @@ def test_compression_is_known_up_to_a_factor():
     assert any("up to one factor" in note for note in found.notes)
 
 
+def test_a_shear_modulus_that_is_assumed_at_rest_is_said():
+    notes = predict(pressed(poisson=None, bulk=1e5), algebraic("compression")).notes
+    assert any("a shear modulus of 6 kPa, which is assumed" in note for note in notes)
+
+
 def test_the_axial_direction_is_found_and_turned():
     data = pressed()
     one = predict(data, algebraic("compression"))
