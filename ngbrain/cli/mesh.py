@@ -162,6 +162,10 @@ def summary(result: dict[str, Any]) -> list[str]:
     ]
     quality = result["quality"]
     lines.append(f"{quality['n_tets']} tetrahedra, smallest dihedral angle {quality['min_dihedral_deg']:.1f}°")
+    if "grey_white_contrast" in result:
+        lines.append(
+            f"grey and white matter differ by {result['grey_white_contrast']:.1f} times the spread of one tissue"
+        )
     if snaps := result.get("snaps"):
         lines.append(f"{snaps['snapped']} points snapped onto interfaces, {snaps['rejected']} snaps rejected")
     if off := result.get("curved"):

@@ -50,13 +50,13 @@ def tissues(scan: Scan) -> Volume:
     differ too little to be told apart, and of volumes that people hardly have.
     """
     with naming(scan.source):  # the file, which a picture and a mask do not know
-        return _tissues(*_brain(scan))[0]
+        return _looked_at(*_tissues(*_brain(scan)))
 
 
 def grey_white_contrast(scan: Scan) -> float:
     """From grey to white matter in standard deviations of one tissue's grey values; borders are guesses below LEAST_CONTRAST.
 
-    Segments the scan, unless `tissues` has; raises and warns as that does.
+    Segments the scan, unless `tissues` has; raises as that does.
     """
     with naming(scan.source):
         return _tissues(*_brain(scan))[1]
@@ -137,26 +137,26 @@ def _tissues(picture: Volume, mask: np.ndarray, voxel: float) -> tuple[Volume, f
 
     made_by = (segment, topology, ventricles, places, contrast, align, bias)
     found = kept("labels", [*_seen(picture, mask), voxel], made_by, make)
-    _warn(found["labels"], float(found["contrast"]), picture.voxel_volume)
     return Volume(found["labels"], picture.affine), float(found["contrast"])
 
 
-def _warn(labels: np.ndarray, contrast: float, voxel_volume: float) -> None:
-    """Warn of labels that are to be looked at first."""
+def _looked_at(labels: Volume, contrast: float) -> Volume:
+    """The labels, with a warning if they are to be looked at first."""
     if contrast < LEAST_CONTRAST:
         text = f"grey and white matter differ by {contrast:.1f} times the spread of one tissue's grey values"
         wanted = f"below {LEAST_CONTRAST:g}, their borders are guesses"
-        warnings.warn(f"low contrast: {text}; {wanted}", TissueWarning, stacklevel=4)
+        warnings.warn(f"low contrast: {text}; {wanted}", TissueWarning, stacklevel=3)
     for label, name in enumerate(segment.NAMES):
         low, high = _ADULT.get(name, (0.0, np.inf))
-        millilitres = float((labels == label).sum() * voxel_volume * 1e6)
+        millilitres = float((labels.data == label).sum() * labels.voxel_volume * 1e6)
         if not low <= millilitres <= high:
             text = f"{millilitres:.1f} ml of {name} found, where people have {low:g} to {high:g} ml"
-            warnings.warn(f"{text}: look at the labels", TissueWarning, stacklevel=4)
+            warnings.warn(f"{text}: look at the labels", TissueWarning, stacklevel=3)
+    return labels
 
 
 def _structured(picture: Volume, mask: np.ndarray, voxel: float) -> Structures:
-    labels, _ = _tissues(picture, mask, voxel)
+    labels = _looked_at(*_tissues(picture, mask, voxel))
 
     def make() -> Arrays:
         made = structures(_even(picture, mask), labels)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from pathlib import Path
+from typing import Any
 
 import ngsolve as ngs
 
 from ngbrain.errors import InputError
-from ngbrain.io import QuadraticGrid, save
+from ngbrain.io import QuadraticGrid, save, versions, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.mesh.elements import Elements
 
@@ -25,6 +27,32 @@ def write(path: Path, elements: Elements, route: str, mesh: ngs.Mesh | None = No
         save(path, QuadraticGrid(mesh or elements.mesh()), state={"route": route})
     else:
         write_mesh(path, elements)
+
+
+def write_result(
+    path: Path, source: str, route: str, elements: Elements, started: float, **rest: Any
+) -> dict[str, Any]:
+    """Write result.json beside a mesh: what each has, and the `rest` of this one, which goes before; returns it.
+
+    started   when its making began, by `time.monotonic`
+    """
+    result = {
+        "verb": "mesh",
+        "source": source,
+        "route": route,
+        "notes": [],
+        "repairs": [],
+        "boundaries": sorted(elements.boundaries),
+        "files": [path.name, "result.json"],
+        "checks": {"regions_off": {}, "changed_ml": {}},
+        **rest,
+        "versions": versions(),
+        "seed": 0,
+        "threads": 1,
+        "time_s": time.monotonic() - started,
+    }
+    write_json(path.with_name("result.json"), result)
+    return result
 
 
 def writable(path: Path) -> None:

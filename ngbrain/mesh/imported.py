@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ngbrain.io import versions, write_json
 from ngbrain.io.foreign import read_mesh
 from ngbrain.mesh import files
 from ngbrain.mesh.elements import Elements
@@ -48,22 +47,15 @@ def write_imported(
     low, high = made.points.min(axis=0), made.points.max(axis=0)
     wide = " by ".join(f"{1e3 * side:.0f}" for side in high - low)
     files.write(path, made, ROUTE)
-    result = {
-        "verb": "mesh",
-        "source": str(source),
-        "route": ROUTE,
-        "notes": [f"lengths are in {unit}: a body of {wide} mm"],
-        "regions": {name: {"volume_ml": ml} for name, ml in volumes_ml(made).items()},
-        "quality": {**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())},
-        "boundaries": sorted(made.boundaries),
-        "repairs": [],
-        "shown_mm": (500 * (low + high)).round(2).tolist(),
-        "files": [path.name, "result.json"],
-        "checks": {"regions_off": {}, "changed_ml": {}},
-        "versions": versions(),
-        "seed": 0,
-        "threads": 1,
-        "time_s": time.monotonic() - started,
-    }
-    write_json(path.with_name("result.json"), result)
+    result = files.write_result(
+        path,
+        str(source),
+        ROUTE,
+        made,
+        started,
+        notes=[f"lengths are in {unit}: a body of {wide} mm"],
+        regions={name: {"volume_ml": ml} for name, ml in volumes_ml(made).items()},
+        quality={**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())},
+        shown_mm=(500 * (low + high)).round(2).tolist(),
+    )
     return result, made

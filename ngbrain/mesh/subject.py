@@ -21,10 +21,9 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
-from ngbrain.image.tissues import by_atlas, structured, tissues
+from ngbrain.image.tissues import by_atlas, grey_white_contrast, structured, tissues
 from ngbrain.image.topology import tidied
-from ngbrain.image.volume import Volume, read_scan
-from ngbrain.io import versions, write_json
+from ngbrain.image.volume import Scan, Volume, read_scan
 from ngbrain.io.surfacefile import read_surface
 from ngbrain.mesh import files
 from ngbrain.mesh.cleft import Cleft
@@ -52,6 +51,7 @@ class Subject:
     source   the file
     named    places (m) that the user has named
     notes    what was done to the labels before, in sentences
+    contrast  of grey and white matter in the scan (`ngbrain.image.tissues.grey_white_contrast`), None where no scan gave tissues
     """
 
     labels: LabelMap
@@ -61,6 +61,7 @@ class Subject:
     source: str
     named: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    contrast: float | None = None
 
     def place(self, text: str, field: str = "place") -> tuple[float, float, float]:
         """A point (m) in the file's field of view: "X,Y,Z" in mm, "voxel:I,J,K" of the file from 0, or the name of a landmark.
@@ -93,7 +94,7 @@ class Subject:
     def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
         """From a T1; raises what `read_scan` and `tissues` raise."""
         scan = read_scan(path)
-        return cls(LabelMap(tissues(scan), TISSUES), scan.volume, scan.file_affine, scan.file_shape, scan.source)
+        return cls._of_scan(LabelMap(tissues(scan), TISSUES), scan)
 
     @classmethod
     def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
@@ -106,7 +107,7 @@ class Subject:
         Raises what `read_scan` and `structured` raise.
         """
         scan = read_scan(path)
-        return cls(structured(scan).labels, scan.volume, scan.file_affine, scan.file_shape, scan.source)
+        return cls._of_scan(structured(scan).labels, scan)
 
     @classmethod
     def of_atlas(
@@ -168,6 +169,11 @@ class Subject:
         labels, ml = fluid_in_sulci(file) if fill else (file, 0.0)
         notes += (f"sulci without a label are filled with fluid, {ml:.1f} ml",) if ml else ()
         return cls._of(labels, file.volume, ", ".join(str(path) for _, path in parts), notes)
+
+    @classmethod
+    def _of_scan(cls, labels: LabelMap, scan: Scan) -> Subject:
+        contrast = grey_white_contrast(scan)
+        return cls(labels, scan.volume, scan.file_affine, scan.file_shape, scan.source, contrast=contrast)
 
     @classmethod
     def _of(cls, labels: LabelMap, file: Volume, source: str, notes: tuple[str, ...]) -> Subject:
@@ -237,35 +243,33 @@ def write_subject(
     points = landmarks(clean) | {name: np.array(point) for name, point in subject.named.items()}
     site = opening.target if opening else size.site
     shown = points["centre"] if site is None else np.array(site)
-    result = {
-        "verb": "mesh",
-        "source": subject.source,
-        "route": route,
-        "left_out": ROUTES[route].left_out + _within(made, clean),
-        "notes": list(subject.notes),
-        "labels": ", ".join(f"{i} {name}" for i, name in clean.names.items()),
-        "relabelled_voxels": tidying.moved,
-        "topology": {name: asdict(topology) for name, topology in tidying.after.items()},
+    contrast = subject.contrast
+    result = files.write_result(
+        path,
+        subject.source,
+        route,
+        made,
+        started,
+        left_out=ROUTES[route].left_out + _within(made, clean),
+        notes=list(subject.notes),
+        labels=", ".join(f"{i} {name}" for i, name in clean.names.items()),
+        relabelled_voxels=tidying.moved,
+        topology={name: asdict(topology) for name, topology in tidying.after.items()},
         **told,
         **cut,
+        **({} if contrast is None else {"grey_white_contrast": contrast}),
         **({"snaps": dict(done.snaps)} if done.snaps else {}),
         **({"surfaces": surfaces} if surfaces else {}),
-        "repairs": [_placed(repair) for repair in done.repairs],
-        "needs": [str(need) for need in needs()],
-        "landmarks_mm": {name: (1e3 * point).round(2).tolist() for name, point in points.items()},
-        "shown_mm": (1e3 * shown).round(2).tolist(),
-        "boundaries": sorted(made.boundaries),
-        "files": [path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
-        "checks": {
+        repairs=[_placed(repair) for repair in done.repairs],
+        needs=[str(need) for need in needs()],
+        landmarks_mm={name: (1e3 * point).round(2).tolist() for name, point in points.items()},
+        shown_mm=(1e3 * shown).round(2).tolist(),
+        files=[path.name, labels.name, *(surfaces["files"] if surfaces else ()), "result.json"],
+        checks={
             "regions_off": _off(told["regions"]),
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
         },
-        "versions": versions(),
-        "seed": 0,
-        "threads": 1,
-        "time_s": time.monotonic() - started,
-    }
-    write_json(path.with_name("result.json"), result)
+    )
     return result, made
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ngbrain.errors import require
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.tissues import LEAST_CONTRAST
 from ngbrain.image.volume import Volume
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.quality import Quality
@@ -54,7 +55,8 @@ def build(
         "space": space(elements, at),
         "quality": histograms(Quality.of(elements)),
     }
-    return write_page(Path(path), "anatomy.html", pictures, result=result, scan=t1 is not None)
+    told = {"result": result, "scan": t1 is not None, "least_contrast": LEAST_CONTRAST}
+    return write_page(Path(path), "anatomy.html", pictures, **told)
 
 
 def slices(elements: Elements, labels: LabelMap, t1: Volume | None, at: Floats) -> bytes:

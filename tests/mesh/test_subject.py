@@ -1,6 +1,7 @@
 """From a file to a mesh in a file: a raw scan of a head, and labels with faults, by every route."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import nibabel
@@ -9,6 +10,7 @@ import pytest
 from colin import colin27, dice
 from phantoms import nested
 
+from ngbrain.cli.mesh import summary
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
@@ -21,6 +23,7 @@ from ngbrain.mesh.grading import Graded
 from ngbrain.mesh.quality import volumes_ml
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.mesh.subject import Subject, write_subject
+from ngbrain.report import anatomy
 
 
 @pytest.mark.parametrize("route", ROUTES)
@@ -82,6 +85,19 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
     assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
     result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=Graded(13e-3, 13e-3))
     assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
+
+
+def test_the_contrast_of_a_scan_is_in_the_result_and_on_its_page(tmp_path):
+    labels = nested((20.0, 15.0, 8.0))
+    without = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
+    for subject, number in ((without, None), (replace(without, contrast=2.43), 2.43)):
+        result, made = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+        assert json.loads((tmp_path / "result.json").read_text()).get("grey_white_contrast") == number
+        page = anatomy.build(tmp_path / "report.html", result, made, labels, None, np.zeros(3)).read_text(
+            encoding="utf-8"
+        )
+        said = "grey and white matter differ by 2.4 times" in "".join(summary(result)), "2.4 times the spread" in page
+        assert said == (number is not None,) * 2
 
 
 def test_output_is_tried_before_the_work(tmp_path):

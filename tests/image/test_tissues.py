@@ -1,0 +1,36 @@
+"""Labels that are to be looked at first: which contrast and which volumes are warned of."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
+from ngbrain.image.tissues import LEAST_CONTRAST, TissueWarning, _looked_at
+from ngbrain.image.volume import Volume
+
+
+def brain(grey=600, white=500, ventricle=20):
+    """Labels of so many ml, on voxels of 1 ml."""
+    data = np.repeat([CSF, GREY, WHITE, VENTRICLE], [200, grey, white, ventricle]).astype(np.uint8)
+    return Volume(data.reshape(-1, 1, 1), np.diag([1e-2, 1e-2, 1e-2, 1.0]))
+
+
+def test_an_ordinary_brain_is_no_matter_for_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert _looked_at(labels := brain(), LEAST_CONTRAST) is labels
+
+
+@pytest.mark.parametrize(
+    "labels, contrast, said",
+    [
+        (brain(), 2.7, "grey and white matter differ by 2.7 times the spread"),
+        (brain(ventricle=3), 6.0, "3.0 ml of ventricle found, where people have 7 to 150 ml"),
+        (brain(grey=300), 6.0, "300.0 ml of grey found"),
+        (brain(white=900), 6.0, "900.0 ml of white found"),
+    ],
+)
+def test_warns_of_low_contrast_and_of_volumes_that_people_hardly_have(labels, contrast, said):
+    with pytest.warns(TissueWarning, match=said):
+        _looked_at(labels, contrast)
