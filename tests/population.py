@@ -1,9 +1,10 @@
 """A seeded population of heads: no two alike, none a real person's, each with the truth that it was drawn from.
 
-MNI152's maps of grey and white matter are bent into another head: size and shape, ventricles from small to wide, sulci
-from closed to open, folds of its own, a nodding and turned position. A T1 of it is drawn with contrast, coil field, noise,
-voxels, field of view, bone, marrow and scalp of its own; label maps are written in FreeSurfer's numbers, without fluid in
-the sulci, or as plain tissues.
+MNI152's maps of grey and white matter are bent into another head: size and shape, ventricles from small to wide with rough
+walls, a nodding and turned position. As the average of many has lost its folds, the cortex is folded anew: along sheets, the
+zero level of a random field, walls of 2 to 3 mm of grey matter touch or stand up to 3 mm apart. A T1 of it is drawn with
+contrast, coil field, noise, voxels, slices, field of view, neck, shoulders, bone, marrow and scalp of its own; label maps are
+written in FreeSurfer's numbers, without fluid in the sulci, or as plain tissues.
 """
 
 from dataclasses import dataclass
@@ -19,47 +20,51 @@ from ngbrain.image.volume import Scan, Volume, straightened
 
 TISSUES = {1: "csf", 2: "grey", 3: "white", 4: "ventricle"}
 CSF, GREY, WHITE, VENTRICLE = TISSUES
-_ALONG = 20.0  # mm, correlation length of the large deformation
+_ALONG = 20.0  # mm, half the correlation length of the large deformation
+_FOLDS = 6.5  # mm, that of the field whose zero level is sulci: gyri are some 14 mm wide
 
 
 @dataclass(frozen=True, eq=False)
 class Individual:
     """A head.
 
-    scan     its T1, as `read_scan` would give it
-    stored   the same as its file has it
+    stored   its T1 as its file has it, None where none was asked for
     tissues  the truth on the voxels of the file: TISSUES
     parts    on the same voxels FreeSurfer's numbers, without fluid in the sulci
     affine   (4, 4), where the template lies in it, but for what is bent (m)
     about    what was varied
     """
 
-    scan: Scan
-    stored: Volume
+    stored: Volume | None
     tissues: LabelMap
     parts: Volume
     affine: np.ndarray
     about: dict[str, float]
 
+    def scan(self, spacing=1e-3):
+        """Its T1, as `read_scan` would give it, on voxels of 1 mm or others (m)."""
+        return Scan(straightened(self.stored, spacing), self.stored.affine, self.stored.data.shape, "individual")
 
-def individual(seed, voxel=None):
-    """The head of a number; `voxel` (mm) instead of voxels of its own."""
+
+def individual(seed, voxel=None, picture=True):
+    """The head of a number; `voxel` (mm) instead of voxels of its own; with a T1 or without."""
     rng = np.random.default_rng([49, seed])
     about = {
         "size": rng.uniform(0.86, 0.99),
-        "ventricles": rng.uniform(-0.1, 0.5),
-        "sulci": rng.uniform(-0.05, 0.2),
-        "nod": rng.uniform(-20, 20),
-        "turn": rng.uniform(-8, 8),
-        "tilt": rng.uniform(-8, 8),
-        "field": rng.uniform(0.05, 0.35),
+        "ventricles": rng.uniform(-0.1, 0.6),
+        "sulci": rng.uniform(0.2, 1.5),
+        "cortex": rng.uniform(2.0, 3.0),
+        "nod": rng.uniform(-30, 30),
+        "turn": rng.uniform(-15, 15),
+        "tilt": rng.uniform(-15, 15),
+        "field": rng.uniform(0.05, 0.5),
         "noise": rng.uniform(0.02, 0.05),
         "contrast": rng.uniform(0.2, 0.32),
         "bone": rng.uniform(5, 9),
         "scalp": rng.uniform(4, 10),
-        "neck": rng.uniform(0, 60),
-        "voxel": rng.choice([0.9, 1.0, 1.2, 2.0]),
-        "slice": rng.choice([1.0, 1.0, 1.0, 1.5]),
+        "neck": rng.uniform(0, 110),
+        "voxel": rng.choice([0.9, 1.0, 1.0, 1.2, 2.0]),
+        "slice": rng.choice([1.0, 1.0, 1.0, 1.5, 2.5]),
     }
     if voxel is not None:
         about |= {"voxel": voxel, "slice": 1.0}
@@ -69,14 +74,14 @@ def individual(seed, voxel=None):
     points, shift = _bent(grid, affine, place, about, rng)
     shares, where = _shares(points, grid, sides, about, rng)
     labels = _labelled(shares, where)
-    picture = _pictured(shares, labels, where, sides, about, rng)
     order, flips = rng.permutation(3), rng.choice([-1, 1], 3)
-    stored = _reordered(Volume(picture, affine), order, flips)
+    stored = None
+    if picture:
+        stored = _reordered(Volume(_pictured(shares, labels, where, sides, about, rng), affine), order, flips)
     tissues = _reordered(Volume(labels, affine), order, flips)
     parts = _reordered(Volume(_freesurfer(labels, where), affine), order, flips)
-    scan = Scan(straightened(stored), stored.affine, stored.data.shape, f"individual {seed}")
     about["bent"] = float(1e3 * np.linalg.norm(shift, axis=-1).std())
-    return Individual(scan, stored, LabelMap(tissues, TISSUES), parts, place, about)
+    return Individual(stored, LabelMap(tissues, TISSUES), parts, place, about)
 
 
 def _place(about, rng):
@@ -105,21 +110,24 @@ def _smooth(shape, sides, length, rng):
     step = length / 2.5 / sides
     coarse = tuple(np.ceil(np.array(shape) / step).astype(int) + 2)
     field = ndimage.gaussian_filter(rng.standard_normal(coarse), 1.2)
-    where = np.meshgrid(*[np.arange(n) / s for n, s in zip(shape, step, strict=True)], indexing="ij")
-    return ndimage.map_coordinates(field / field.std(), where, order=1, mode="nearest").astype(np.float32)
+    field = (field / field.std()).astype(np.float32)
+    for axis, (n, s) in enumerate(zip(shape, step, strict=True)):
+        hats = (1 - np.abs(np.arange(n)[:, None] / s - np.arange(coarse[axis]))).clip(0).astype(np.float32)
+        field = np.moveaxis(np.tensordot(hats, field, (1, axis)), 0, axis)
+    return np.ascontiguousarray(field)
 
 
 def _bent(shape, affine, place, about, rng):
     """Where the voxels are in the template (m), and by how much they are bent."""
-    to = np.linalg.inv(place) @ affine
+    to = (np.linalg.inv(place) @ affine).astype(np.float32)
     index = np.indices(shape, np.float32).reshape(3, -1).T
     at = (index @ to[:3, :3].T + to[:3, 3]).reshape(*shape, 3)
     sides = 1e3 * np.linalg.norm(affine[:3, :3], axis=0)
-    shift = 2.5e-3 * np.stack([_smooth(shape, sides, _ALONG * 2, rng) for _ in range(3)], axis=-1)
-    middle = np.array([0.0, -0.012, 0.012])  # of the ventricles
+    shift = np.float32(3.5e-3) * np.stack([_smooth(shape, sides, _ALONG * 2, rng) for _ in range(3)], axis=-1)
+    middle = np.array([0.0, -0.012, 0.012], np.float32)  # of the ventricles
     away = at - middle
-    near = np.exp(-((away / [0.03, 0.05, 0.03]) ** 2).sum(axis=-1) / 2)
-    shift -= about["ventricles"] * near[..., None] * away
+    near = np.exp(-((away / np.float32([0.03, 0.05, 0.03])) ** 2).sum(axis=-1) / 2)
+    shift -= np.float32(about["ventricles"]) * near[..., None] * away
     return at + shift, shift
 
 
@@ -128,12 +136,30 @@ def _shares(points, shape, sides, about, rng):
     flat = points.reshape(-1, 3)
     fluid, grey, white = (each.at(flat).reshape(shape).astype(np.float32) for each in tissue_maps())
     inside = fluid + grey + white > 0.5
-    folds = _smooth(shape, sides, 7.0, rng)  # an average has no folds of its own
-    rim = ndimage.gaussian_filter(grey, 1.5 / sides).clip(0, 1)
-    gain = about["sulci"] + 0.22 * folds * rim
-    drawn = np.stack([fluid + gain * (grey + fluid), grey, white + 0.1 * folds * rim]).clip(0)
-    drawn = np.where(inside, drawn**2, 0)  # sharper: averages are blurred
-    return drawn / np.maximum(drawn.sum(axis=0), 1e-6), 1e3 * points
+    fluid = fluid + 0.3 * _smooth(shape, sides, 5.0, rng) * fluid * (1 - fluid)  # rough walls
+    drawn = np.stack([fluid, grey, white]).clip(0) ** 2  # sharper: averages are blurred
+    drawn = _folded(drawn, inside, 1e3 * points, sides, about, rng)
+    return np.where(inside, drawn / np.maximum(drawn.sum(axis=0), 1e-6), 0), np.float32(1e3) * points
+
+
+def _folded(drawn, inside, where, sides, about, rng):
+    """The shares with sulci in the cerebrum, up to some 18 mm deep, and a cortex along them and the hull."""
+    depth = ndimage.distance_transform_edt(inside, sampling=sides).astype(np.float32)
+    sheets = _smooth(inside.shape, sides, _FOLDS, rng)
+    slope = np.linalg.norm(np.stack(np.gradient(sheets, *sides)), axis=0)
+    floor = 18 + 4 * _smooth(inside.shape, sides, _ALONG, rng)
+    away = np.hypot(np.abs(sheets) / np.maximum(slope, 0.5 * slope.mean()), (depth - floor).clip(0)) - about["sulci"]
+    along = np.minimum(away, depth)
+
+    def within(distance, bound):
+        return ((bound - distance) / sides.mean() + 0.5).clip(0, 1)
+
+    wet = within(away, 0.0)
+    cortex = within(along, about["cortex"]) - wet
+    folds = np.stack([wet, cortex.clip(0), 1 - np.maximum(wet, within(along, about["cortex"]))])
+    above = where[..., 2] - places.tentorium(where.reshape(-1, 3)).reshape(inside.shape)
+    there = (within(depth, floor + about["cortex"]) * (above > 3)).astype(np.float32)
+    return (1 - there) * drawn / np.maximum(drawn.sum(axis=0), 1e-6) + there * folds
 
 
 def _labelled(shares, where):
@@ -166,8 +192,9 @@ def _pictured(shares, labels, where, sides, about, rng):
     head = np.select([*layers, away <= skin], [fluid, bone, marrow, bone, fat], 0.0)
     face = (y > 20) & (z < -25) & (z > -110) & (np.hypot(x / 70, (y - 40) / 55) < 1) & (away > 8)
     neck = (z < -50) & (np.hypot(x / 62, (y + 35) / 68) < 1) & (away > 8)
+    shoulders = (z < -150) & (np.hypot(y + 35, x / 3) < 85)
     rough = 0.15 * _smooth(labels.shape, sides, 15.0, rng)
-    head = np.where(face | neck, 0.55 + rough, head)
+    head = np.where(face | neck | shoulders, 0.55 + rough, head)
     for side in (-1, 1):  # eyes
         eye = np.linalg.norm((where - [side * 32, 68, -38]) / 12, axis=-1)
         head = np.where((eye < 1.15) & (away > 3), np.where(eye < 1, 0.2, 0.9), head)
