@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import places
-from ngbrain.image.align import ALIKE, INSIDE, align, correlation_inside
+from ngbrain.image.align import ALIKE, INSIDE, Alignment, align, correlation_inside
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
@@ -64,7 +64,7 @@ class Structures:
     middle: MidSurface
 
 
-def structures(t1: Volume, tissues: Volume) -> Structures:
+def structures(t1: Volume, tissues: Volume, place: Alignment | None = None) -> Structures:
     """Split the tissues of a T1 into structures.
 
     Tissue is flooded from marks, bright first, so that floods meet in the dark between folds (Beucher & Meyer 1993):
@@ -76,6 +76,7 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
 
     t1       without the coil's field; axes right, front, up, voxels of 1 mm (of 2 mm will do, but lose thin borders)
     tissues  on the same voxels: CSF, GREY, WHITE, VENTRICLE of `ngbrain.image.segment`, 0 outside
+    place    of the MNI152 template in the brain; None: it is looked for
 
     Raises:
         InputError: the two are on different voxels; no tissue; or the brain is not like the template's (likeness
@@ -92,9 +93,8 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     brain = tissues.data > 0
     if not np.isin(tissues.data, (GREY, WHITE)).any():
         raise InputError("tissues", "without grey and white matter", "labels of a whole brain")
-    dark = min(float(t1.data[brain].min()), 0.0)
-    head = Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
-    place = align(head, mni152().volume)
+    head = on_black(t1, brain)
+    place = place or align(head, mni152().volume)
     inside = correlation_inside(head, mni152().volume, place.affine)
     if place.likeness < ALIKE or inside < INSIDE:
         what = f"a brain unlike the MNI152 template (correlation {place.likeness:.2f}, inside {inside:.2f})"
@@ -109,6 +109,12 @@ def structures(t1: Volume, tissues: Volume) -> Structures:
     return Structures(
         LabelMap(Volume(regions, tissues.affine), NAMES), Volume(whole, tissues.affine), place.affine, middle
     )
+
+
+def on_black(t1: Volume, brain: np.ndarray) -> Volume:
+    """The brain in a T1, 0 around it and nowhere below."""
+    dark = min(float(t1.data[brain].min()), 0.0)
+    return Volume(np.where(brain, t1.data - dark, 0).astype(np.float32), t1.affine)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from ngbrain.image import structures as structures_module
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
 from ngbrain.image.rim import lifted
-from ngbrain.image.structures import NAMES, Structures, structures
+from ngbrain.image.structures import NAMES, Structures, on_black, structures
 from ngbrain.image.volume import Scan, Volume, mni152
 from ngbrain.io.cache import Arrays, kept
 
@@ -120,11 +120,15 @@ def _even(picture: Volume, mask: np.ndarray) -> Volume:
     return Volume(arrays["t1"], picture.affine)
 
 
-def _place(even: Volume, mask: np.ndarray) -> np.ndarray:
-    """Where the template lies in a brain, (4, 4)."""
-    dark = min(float(even.data[mask].min()), 0.0)
-    bare = Volume(np.where(mask, even.data - dark, 0).astype(np.float32), even.affine)
-    return align.align(bare, mni152().volume).affine
+def _place(even: Volume, mask: np.ndarray) -> align.Alignment:
+    """Where the template lies in a brain."""
+
+    def make() -> Arrays:
+        found = align.align(on_black(even, mask), mni152().volume)
+        return {"affine": found.affine, "likeness": np.array(found.likeness)}
+
+    found = kept("place", _seen(even, mask), (align,), make)
+    return align.Alignment(found["affine"], float(found["likeness"]))
 
 
 def _tissues(picture: Volume, mask: np.ndarray, voxel: float) -> tuple[Volume, float]:
@@ -132,7 +136,7 @@ def _tissues(picture: Volume, mask: np.ndarray, voxel: float) -> tuple[Volume, f
 
     def make() -> Arrays:
         even = _even(picture, mask)
-        found = segment.segment(even, mask, _place(even, mask), voxel)
+        found = segment.segment(even, mask, _place(even, mask).affine, voxel)
         return {"labels": found.volume.data, "contrast": np.array(found.contrast)}
 
     made_by = (segment, topology, ventricles, places, contrast, align, bias)
@@ -159,7 +163,8 @@ def _structured(picture: Volume, mask: np.ndarray, voxel: float) -> Structures:
     labels = _looked_at(*_tissues(picture, mask, voxel))
 
     def make() -> Arrays:
-        made = structures(_even(picture, mask), labels)
+        even = _even(picture, mask)
+        made = structures(even, labels, _place(even, mask))
         return {
             "labels": made.labels.volume.data,
             "parts": made.parts.data,
