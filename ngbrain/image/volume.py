@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -142,7 +142,6 @@ def read_scan(path: str | os.PathLike[str]) -> Scan:
     return Scan(volume, file.affine, file.shape, str(path))
 
 
-@lru_cache(maxsize=1)
 def mni152() -> Scan:
     """The average brain that nilearn brings along: ICBM 2009a nonlinear symmetric, 1 mm, without skull.
 
@@ -155,10 +154,15 @@ def mni152() -> Scan:
     >>> mni152().volume.data.shape
     (197, 233, 189)
     """
+    template = _mni152()
+    return replace(template, volume=Volume(template.volume.data.copy(), template.volume.affine.copy()))
+
+
+@lru_cache(maxsize=1)
+def _mni152() -> Scan:
     template = require("nilearn.datasets", "mri").load_mni152_template(resolution=1)
     affine = np.diag([1e-3, 1e-3, 1e-3, 1]) @ template.affine
     data = np.array(template.dataobj, np.float32)
-    data.flags.writeable = False  # every caller gets the same
     name = "MNI152 T1 (average of 152 people, brain-extracted)"
     return Scan(straightened(Volume(data, affine)), affine, data.shape, name)
 
