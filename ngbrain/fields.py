@@ -43,8 +43,6 @@ UNITS = {
 
 Pressures of a patient stay in mmHg, and forces in gf: a pascal or a newton is no whole number of them.
 """
-SIZES = 1e-30, 1e15
-"""A number that is not 0 lies between these in its unit: nothing of a body is smaller or larger, and squares keep their digits."""
 LARGEST = 1_000_000
 """Bytes of a file that is still read: more is something else than a scene."""
 
@@ -69,10 +67,7 @@ class Entry:
         """From TOML to SI (lists to tuples), or an `InputError` that names the path."""
         values = raw if isinstance(raw, list) and self.size != 1 else [raw]
         if not values or len(values) != (self.size or len(values)) or not all(map(self.accept, values)):
-            wanted = self.hint(raw) if self.hint and isinstance(raw, str) else self.wanted
-            if self.per_si and not all(_sized(value) for value in values if _is_number(value)):
-                wanted += f", of a size from {SIZES[0]:g} to {SIZES[1]:g}"
-            raise InputError(path, brief(raw), wanted)
+            raise InputError(path, brief(raw), self.hint(raw) if self.hint and isinstance(raw, str) else self.wanted)
         if self.table:
             values = [self.table.read(v, path if self.size else f"{path}#{i}") for i, v in enumerate(values, 1)]
         values = [v / self.per_si if self.per_si else v for v in values]
@@ -101,7 +96,7 @@ def number(key: str, default: Any = MISSING, least: float | None = None, signed:
     wanted += {0: ", or a list of them", 1: ""}.get(size, f" in each of {size} places")
 
     def accept(raw: Any) -> bool:
-        return _is_number(raw) and _sized(raw) and (signed or (raw > 0 if least is None else raw >= least))
+        return _is_number(raw) and (signed or (raw > 0 if least is None else raw >= least))
 
     return _field(Entry(key, wanted, accept, per_si, size), default)
 
@@ -157,10 +152,6 @@ def table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:
 def _field(entry: Entry, default: Any) -> Any:
     make: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return field(metadata={"entry": entry}, **make)
-
-
-def _sized(value: float) -> bool:
-    return value == 0 or SIZES[0] <= abs(value) <= SIZES[1]
 
 
 def _is_number(raw: Any, kind: Any = (int, float)) -> bool:

@@ -120,6 +120,7 @@ def invert(
     >>> bool(abs(np.median(found.maps["storage"]) / 2500 - 1) < 0.03)
     True
     """
+    where = Device.named(device)
     tracked = is_tracked(data)
     kinds = priors("steps" if tracked and regulariser == "auto" else regulariser)
     settling, made = weighting(weight), misfit_of(misfit)
@@ -129,7 +130,6 @@ def invert(
     if rounds is not None:
         at_least_one(rounds)
         settling = replace(settling, rounds=rounds)
-    where = Device.named(device)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     if data.dim == 3 and dispersion == "power":

@@ -95,10 +95,9 @@ class Tissue(Constitutive):
             self._need(mu, path, "mu", "moduli to go with alpha, eta_Pa_s and tau_s")
             fits = len(alpha) == len(mu) or len(mu) == 1 > len(alpha)
             self._need(fits and all(alpha), path, "alpha", f"as many values as mu_Pa, {len(mu)}, none of them 0")
-            self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
             times = "tau" if tau else "eta"
             self._need(len(eta or tau) == len(mu) - 1, path, times, f"one value fewer than mu_Pa: {len(mu) - 1}")
-        self._need(all(1e-3 <= m <= 1e9 for m in mu), path, "mu", "moduli of 0.001 to 1e9 Pa")
+        self._check_sizes(path)
         self._need(1e-3 <= self.volume_ratio <= 1e9, path, "bulk_ratio", "a ratio of 0.001 to 1e9")
 
     @property

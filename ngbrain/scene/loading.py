@@ -15,6 +15,8 @@ from ngbrain.scene.tissues import Constitutive
 
 GRAVITY = 9.81
 """m/s²."""
+MOST_TRACTION = 1e9
+"""Pa."""
 POISSON, DENSITY = 0.49, 1040.0
 """Of tissue of which nothing else is known: Poisson's ratio for fast small strain, and density (kg/m³)."""
 
@@ -95,6 +97,7 @@ class Stuff(Constitutive):
         self._need(len(alpha) in (0, len(mu)) and all(alpha), path, "alpha", f"{len(mu)} values, none of them 0")
         times = "tau" if tau else "eta"
         self._need(not mu or len(eta or tau) < len(mu), path, times, f"fewer values than mu_Pa, {len(mu)}")
+        self._check_sizes(path)
         self._need(self.poisson is None or self.poisson < 0.5, path, "poisson", "less than 0.5")
         self._need((self.k1 is None) == (self.fibre is None), path, "fibre", "a direction to go with k1_Pa")
         self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
@@ -149,6 +152,9 @@ class Pull(Section):
 
     boundary: str = pattern("boundary")
     traction: tuple[float, float, float] = number("traction_Pa", signed=True, size=3)
+
+    def _check(self, path: str, scene: Loading) -> None:
+        self._need(max(map(abs, self.traction)) <= MOST_TRACTION, path, "traction", f"at most {MOST_TRACTION:g} Pa")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,8 +252,8 @@ class Loading(Document):
         super().__post_init__()
         for name in ("piece", "course"):
             getattr(self, name)._check(name, self)
-        for name in ("stuff", "given", "ask"):
-            for i, part in enumerate(getattr(self, name), 1):
+        for name in ("stuff", "given", "pull", "ask"):
+            for i, part in enumerate(getattr(self, name) or (), 1):
                 part._check(f"{name}#{i}", self)
         names = [ask.name for ask in self.ask]
         for i, ask in enumerate(self.ask, 1):

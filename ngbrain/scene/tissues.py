@@ -40,6 +40,11 @@ class Constitutive(Section):
         fits = self.scale is None or LEAST_SCALE <= self.scale <= MOST_SCALE
         self._need(fits, path, "scale", f"a factor of {LEAST_SCALE:g} to {MOST_SCALE:g}")
 
+    def _check_sizes(self, path: str) -> None:
+        exponents = all(1e-3 <= abs(a) <= 1e3 for a in self.alpha or ())
+        self._need(exponents, path, "alpha", "exponents of size 0.001 to 1000")
+        self._need(all(1e-3 <= m <= 1e9 for m in self.mu or ()), path, "mu", "moduli of 0.001 to 1e9 Pa")
+
     @property
     def published(self) -> Published | None:
         """The catalogue's entry, None for moduli of one's own."""
