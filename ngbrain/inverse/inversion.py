@@ -29,7 +29,7 @@ from ngbrain.inverse.quality import (
     strain_of,
 )
 from ngbrain.inverse.quantities import EXPONENT
-from ngbrain.inverse.tracked import is_tracked, of_tracked
+from ngbrain.inverse.tracked import is_tracked, map_notes
 from ngbrain.inverse.unseen import (
     bulk_effect,
     moduli_of_fibres,
@@ -262,7 +262,7 @@ def concluded(
     if data.motion == "anti_plane":
         notes += of_one_slice(data)
     if is_tracked(data):
-        notes += of_tracked(data, maps["youngs"])
+        notes += map_notes(data, maps["youngs"])
     if EXPONENT in maps:
         power = float(np.nanmedian(maps.pop(EXPONENT)))
         checks[EXPONENT] = power

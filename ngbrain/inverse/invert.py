@@ -29,7 +29,7 @@ from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of,
 from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.space import ROUNDS, invert_in_space
 from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
-from ngbrain.inverse.tracked import is_tracked, least_error, of_errors
+from ngbrain.inverse.tracked import error_note, is_tracked, least_error
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
@@ -168,7 +168,7 @@ def invert(
     floor = FLOOR if elements.nodal else OURS
     if tracked and model_error is None:
         floor = max(floor, least_error(data))
-        notes.append(of_errors())
+        notes.append(error_note())
     sure = total(level, floor, model_error or 0.0)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []

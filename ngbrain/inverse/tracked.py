@@ -47,7 +47,7 @@ def least_error(data: WaveData) -> float:
     return max(found)
 
 
-def of_errors() -> str:
+def error_note() -> str:
     """That `MODEL_ERROR` is assumed."""
     return (
         f"one component at rest: {100 * MODEL_ERROR:g} % of the displacement without rigid motion counts as error, as a plane is "
@@ -55,7 +55,7 @@ def of_errors() -> str:
     )
 
 
-def of_tracked(data: WaveData, youngs: Array) -> list[str]:
+def map_notes(data: WaveData, youngs: Array) -> list[str]:
     """What a map of such data means."""
     notes = [
         "what is stiff is taken as a cylinder through the plane; the contrast of a ball reads low: where the map has r times the "
