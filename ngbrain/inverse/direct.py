@@ -147,11 +147,30 @@ def loss_tangent(data: WaveData) -> tuple[float, float]:
     if not middle.real > 0:
         return np.nan, np.nan
     at = data.points[points]
-    part = np.minimum((PARTS * (at - at.min(axis=0)) / np.ptp(at, axis=0).clip(1e-300)).astype(int), PARTS - 1)
-    number = part @ PARTS ** np.arange(data.dim)
-    parts = [number == each for each in np.unique(number)]
+    parts = parts_of(at)
     tangents = np.array([-_weighted_median(softness.imag[each], weight[each]) / middle.real for each in parts])
     return -middle.imag / middle.real, float(tangents.std(ddof=1) / np.sqrt(len(parts))) if len(parts) > 1 else np.inf
+
+
+def parts_of(points: np.ndarray) -> list[np.ndarray]:
+    """Which points (n,) are in each of `PARTS` parts along every axis; parts without a point are left out."""
+    along = np.ptp(points, axis=0).clip(1e-300)
+    part = np.minimum((PARTS * (points - points.min(axis=0)) / along).astype(int), PARTS - 1)
+    number = part @ PARTS ** np.arange(points.shape[1])
+    return [number == each for each in np.unique(number)]
+
+
+def local_moduli(data: WaveData) -> np.ndarray:
+    """Complex moduli (Pa) at the points (n,), NaN where none follow: by `helmholtz` in the plane, of the curl in space.
+
+    Raises `InputError` as `smoothed`.
+    """
+    if data.dim == 2:
+        return helmholtz(data)
+    softness, _, points = _softness(data)
+    found = np.full(len(data.points), np.nan, complex)
+    found[points] = 1 / softness
+    return found
 
 
 def _weighted_median(values: np.ndarray, weight: np.ndarray) -> float:

@@ -18,6 +18,7 @@ from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
+from ngbrain.inverse.dispersion import contradiction
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
@@ -102,7 +103,8 @@ def invert(
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
     rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
     dispersion   power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one exponent a that is found, ω₀ the lowest frequency, at which maps are;
-                 none: the same G* at all frequencies; auto: power for anti-plane waves of several frequencies, none otherwise
+                 none: the same G* at all frequencies, refused where these contradict each other (`dispersion.contradiction`); auto:
+                 power for anti-plane waves of several frequencies and where these contradict each other, none otherwise
     drop_outliers  whether gross errors are looked for before anything else and left out, see `without_outliers`
     device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
                  processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
@@ -134,6 +136,12 @@ def invert(
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
+    differ = contradiction(data)
+    if differ and (dispersion == "none" or data.dim == 3 or not _may_disperse(data)):
+        wanted = "one frequency at a time: the moduli are not the same at all"
+        if dispersion == "none" and data.dim == 2 and _may_disperse(data):
+            wanted = "'power': the moduli are not the same at all frequencies"
+        raise InputError("dispersion", f"none, while waves suggest {differ}", wanted)
     if data.dim == 3:
         if start is not None:
             raise InputError("start", "given", "nothing in space: there measured waves are the only start")
@@ -158,8 +166,9 @@ def invert(
     check_passive(data)
     data, notes = cleaned(data) if drop_outliers else (data, [])
     sought = unknowns_of(data, unknowns)
-    if dispersion == "power" or (dispersion == "auto" and _disperses(data)):
+    if dispersion == "power" or (dispersion == "auto" and (differ or _disperses(data))):
         sought = *sought, exponent(data)
+        notes += [f"waves suggest {differ}: an exponent of frequency is looked for"] if differ else []
     notes += assumed_start(data)
     if elements is None:
         elements = as_made(data) if data.element else in_elements(data)
@@ -214,8 +223,12 @@ def invert(
     )
 
 
+def _may_disperse(data: WaveData) -> bool:
+    return data.symmetry == "isotropic" and data.rheology == "viscoelastic" and bool(np.all(data.frequency > 0))
+
+
 def _disperses(data: WaveData) -> bool:
-    return data.motion == "anti_plane" and data.rheology == "viscoelastic" and len(np.unique(data.frequency)) > 1
+    return data.motion == "anti_plane" and _may_disperse(data) and len(np.unique(data.frequency)) > 1
 
 
 class _Search:
