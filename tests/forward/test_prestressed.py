@@ -208,7 +208,9 @@ def test_second_derivatives(law, form, load, rng):
     bend(model(law, form, load, held="top" if load is Pressure else None), rng)
 
 
-@pytest.mark.parametrize("load", [Traction, Pressure], ids=lambda load: load.__name__)
+@pytest.mark.parametrize(
+    "load", [Traction, pytest.param(Pressure, marks=pytest.mark.slow)], ids=lambda load: load.__name__
+)
 def test_second_derivatives_by_nodes(load, rng):
     bend(model(neo_hooke, "P2/P1", load, held="top" if load is Pressure else None, nodes=True), rng)
 

@@ -26,6 +26,7 @@ def bent():
     return Volume(t1, affine), LabelMap(Volume(labels, affine), names), Volume(other, affine), truth
 
 
+@pytest.mark.slow
 def test_demons_follow_a_bend_that_an_affine_map_cannot(bent):
     template, labels, brain, truth = bent
     scores = {}

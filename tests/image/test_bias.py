@@ -38,6 +38,7 @@ def test_a_field_is_found(scan):
     assert not even[~brain].any()
 
 
+@pytest.mark.slow
 def test_the_zero_of_grey_values_stays(scan):
     volume, brain = scan
     field = slow_field(volume.data.shape, 0.4)

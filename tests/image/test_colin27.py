@@ -67,6 +67,7 @@ def test_volumes_are_those_of_an_adult(tissue):
     assert 15 < ml["ventricle"] < 30
 
 
+@pytest.mark.slow
 def test_tissue_under_noise_and_a_field(tissue, rng):
     # Colin27's own labels at the means that they have in the scan, white matter 1; Rician noise of 5 %, a field of 20 %.
     truth = tissue.volume.data

@@ -165,6 +165,7 @@ def test_a_contrast_agent_is_not_taken_for_white_matter(rng, balls):
         assert score > least, label
 
 
+@pytest.mark.slow
 def test_noise_is_not_taken_for_a_contrast_agent(scan, maps, rng):
     volume, brain = scan
     truth = np.where(brain, CSF + np.argmax([1 - maps[0] - maps[1], *maps], axis=0), OUTSIDE)

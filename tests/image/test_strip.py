@@ -76,7 +76,7 @@ def test_a_surface_coil_hides_no_brain(head, coarse, skull):
     assert score > 0.97
 
 
-@pytest.mark.parametrize("degrees", [0.0, 65.0])
+@pytest.mark.parametrize("degrees", [0.0, pytest.param(65.0, marks=pytest.mark.slow)])
 def test_the_template_finds_itself_turned(coarse, degrees):
     turn = np.eye(4)
     turn[:3, :3] = 0.93 * rotation(degrees, np.array([1.0, -0.5, 0.4]))
@@ -119,7 +119,7 @@ def test_other_pictures_are_refused(head, coarse, rng, kind, words):
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        ("onion", f"({UNLIKE}|{ORDER})"),
+        pytest.param("onion", f"({UNLIKE}|{ORDER})", marks=pytest.mark.slow),
         pytest.param("fluid bright", f"({UNLIKE}|{ORDER})", marks=pytest.mark.slow),
         ("fluid dark, grey bright", ORDER),
     ],

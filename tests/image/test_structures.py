@@ -115,6 +115,7 @@ def hurt(coarse):
     return np.where(hole, 0.3 * t1.data.max(), t1.data).astype(np.float32), np.where(hole, CSF, tissue.data)
 
 
+@pytest.mark.slow
 def test_of_a_mirrored_person_the_sides_are_swapped(coarse):
     t1, tissue = hurt(coarse)
     affine = coarse[0].affine

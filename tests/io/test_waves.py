@@ -313,7 +313,8 @@ def test_damaged_files_are_refused_by_name(suffix, tmp_path, rng):
     path = tmp_path / f"waves{suffix}"
     write_waves(path, plane())
     whole, refused = path.read_bytes(), 0
-    for trial in range(150):
+    trials = 30 if suffix == ".h5" else 150  # each of these is looked at in a process of its own first
+    for trial in range(trials):
         raw = bytearray(whole)
         if trial % 3 == 0:
             raw = raw[: rng.integers(len(raw))]
@@ -329,7 +330,7 @@ def test_damaged_files_are_refused_by_name(suffix, tmp_path, rng):
         except NgbrainError as error:
             refused += 1
             assert isinstance(error, InputError) and "\n" not in str(error) and str(tmp_path) in str(error)
-    assert refused >= 50  # all that are cut short
+    assert refused >= trials // 3  # all that are cut short
 
 
 @pytest.mark.parametrize(
