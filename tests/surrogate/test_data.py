@@ -32,6 +32,7 @@ def test_a_uniform_square_between_plates_is_strained_evenly_when_nothing_holds_i
     assert np.allclose(u[..., 0], 0.01 * poisson / (1 - poisson) * x, atol=1e-9)
 
 
+@pytest.mark.one_thread
 def test_samples_come_from_their_seed_and_splits_never_meet():
     one, same = (sample("compression", "sinc", 0, "test", 3, 11) for _ in range(2))
     assert np.array_equal(one.displacement, same.displacement)
