@@ -455,6 +455,8 @@ def loaded() -> dict[str, Callable[[], Record]]:
     return {"ngsolve": ngsolve, "driver": driver, "nvmath": nvmath}
 
 
+TOO_SLOW = "too slow with fewer unknowns"
+"""Why a method was not run."""
 PROBLEMS = {"elasticity": elasticity, "mixed": mixed, "waves": waves}
 
 
@@ -481,6 +483,7 @@ def main() -> None:
     parser.add_argument("problem")
     parser.add_argument("n", type=int)
     parser.add_argument("--skip", nargs="*", default=[])
+    parser.add_argument("--too-slow", nargs="*", default=[], help="methods to record as too slow, not run")
     parser.add_argument("--reference", action="store_true")
     arguments = parser.parse_args()
     ngs.ngsglobals.msg_level = 0
@@ -494,7 +497,9 @@ def main() -> None:
         shared["last"] = name == list(found)[-1]
         print(json.dumps(shared | {"method": name, "begun": True}), flush=True)
         cpu = time.process_time()
-        if name.endswith("device") and gpu.backend == "host" and not arguments.reference:
+        if name in arguments.too_slow:
+            record = {"error": None, "converged": False, "reason": TOO_SLOW}
+        elif name.endswith("device") and gpu.backend == "host" and not arguments.reference:
             record = {"error": None, "converged": False, "missing": True, "reason": "no GPU"}
         else:
             try:

@@ -2,7 +2,8 @@
 
 A GPU is often at hand for minutes only, on a machine without a package index. So all is packed beforehand, in parts that are
 copied one after another; whatever has arrived is unpacked and measured, and after each measurement the records are saved. A
-measurement that takes more than its cap is ended and recorded so; what could not run yet runs once the missing part is there.
+measurement that takes more than its cap is ended, recorded so and not tried with more unknowns; what could not run yet runs once
+the missing part is there.
 
     python benchmarks/gpu.py --pack DIR                      gather the parts, where there is a package index (once)
     python benchmarks/gpu.py --stage DIR/part-1 [--out FILE] on the machine with the GPU, for each part: unpack, measure, save
@@ -86,6 +87,11 @@ class Measurements:
             return []
         return [r["method"] for r in self._of(job) if not r.get("missing")]
 
+    def too_slow(self, job: Job) -> list[str]:
+        """Methods that took more than they may in a smaller problem of the same kind."""
+        smaller = [r for r in self.records if r["problem"] == job[0] and r["n"] < job[1] and r["method"] != SET_UP]
+        return [r["method"] for r in smaller if r.get("reason", "").startswith(("more than", "too slow"))]
+
     def complete(self, job: Job) -> bool:
         """Whether the last method of a problem has run, and none was missing."""
         return len(self.done(job)) == len(self._of(job)) and any(r.get("last") for r in self._of(job))
@@ -120,7 +126,7 @@ def run(job: Job, kept: Measurements, site: Path, skip: list[str], end: float, q
     problem, n, cap = job
     command = [sys.executable, str(HERE / "_gpu_cells.py"), problem, str(n), *(["--reference"] if quick else [])]
     process = subprocess.Popen(
-        [*command, "--skip", *skip],
+        [*command, "--skip", *skip, "--too-slow", *kept.too_slow(job)],
         env=environment(site),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -67,7 +67,8 @@ def test_versions_that_a_wheel_fixes(packing, tmp_path):
 
 SCRIPT = """
 import json, os, sys, time
-skip = sys.argv[sys.argv.index("--skip") + 1:]
+listed = sys.argv[sys.argv.index("--skip") + 1:]
+skip, slow = listed[:listed.index("--too-slow")], listed[listed.index("--too-slow") + 1:]
 common = {"problem": sys.argv[1], "n": int(sys.argv[2]), "order": 1, "ndof": 5, "device": "host"}
 for method in ("good", "hangs", "crashes", "missing", "last"):
     if method in skip:
@@ -75,7 +76,7 @@ for method in ("good", "hangs", "crashes", "missing", "last"):
     record = common | {"method": method, "last": method == "last"}
     print("CUDA Device Query...")
     print(json.dumps(record | {"begun": True}), flush=True)
-    if method == "hangs":
+    if method == "hangs" and method not in slow:
         time.sleep(60)
     if method == "crashes":
         print("out of memory", file=sys.stderr)
@@ -103,6 +104,32 @@ def test_methods_that_hang_or_crash_are_recorded_and_the_others_run(gpu, tmp_pat
     (tmp_path / "_gpu_cells.py").write_text("raise SystemExit('a problem that is complete is not set up again')")
     assert gpu.measure(jobs, again, tmp_path / "site", 60) == []
     assert all(r["method"] != gpu.SET_UP for r in again.records)
+
+
+def test_what_took_too_long_is_not_tried_with_more_unknowns(gpu, tmp_path, monkeypatch):
+    (tmp_path / "_gpu_cells.py").write_text(
+        SCRIPT.replace('("good", "hangs", "crashes", "missing", "last")', '("hangs",)')
+    )
+    monkeypatch.setattr(gpu, "HERE", tmp_path)
+    kept = gpu.Measurements(tmp_path / "gpu.json")
+    gpu.measure([("waves", 3, 0.5), ("waves", 4, 20.0), ("mixed", 4, 0.5)], kept, tmp_path / "site", 60)
+    found = {(r["problem"], r["n"]): r["converged"] for r in kept.records}
+    assert found == {("waves", 3): False, ("waves", 4): True, ("mixed", 4): False}
+
+
+def test_cells_record_what_is_too_slow_without_running_it(gpu, capsys, monkeypatch):
+    import _gpu_cells
+
+    monkeypatch.setattr(
+        _gpu_cells, "cells", lambda *_: ({"ndof": 5}, {"slow": lambda: 1 / 0, "last": lambda: {"error": 0.0}})
+    )
+    monkeypatch.setattr(sys, "argv", ["_gpu_cells.py", "waves", "4", "--skip", "--too-slow", "slow"])
+    _gpu_cells.main()
+    slow, last = (r for line in capsys.readouterr().out.splitlines() if not (r := json.loads(line)).get("begun"))
+    assert slow["reason"] == _gpu_cells.TOO_SLOW and slow["ndof"] == 5 and last["converged"]
+    kept = gpu.Measurements(Path("none.json"))
+    kept.records = [slow]
+    assert kept.too_slow(("waves", 9, 20.0)) == ["slow"] and kept.too_slow(("waves", 4, 20.0)) == []
 
 
 def test_the_choice_of_a_device_rests_on_what_was_measured(gpu):
