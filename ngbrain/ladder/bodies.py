@@ -28,7 +28,7 @@ from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import State, along, answer, embedded, in_axes, scale_of
-from ngbrain.ladder.rungs import PART, Model
+from ngbrain.ladder.rungs import PART, Model, not_in_section
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
 from ngbrain.materials.base import Law, Value
@@ -62,8 +62,10 @@ class Bench:
         self._maps = dict[str, Volume]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
-        """The model's mesh."""
+        """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
+        if plane and (beyond := not_in_section(self.scene)):
+            raise InputError("space", "'plane'", f"'solid': {beyond}")
         level = int(model["mesh"].removesuffix(PART))
         if not model["mesh"].endswith(PART):
             return self._meshes[extent].at(level, plane)

@@ -103,6 +103,8 @@ ELEMENTS = ("order", "mesh")
 """Axes that are no physics."""
 SLOW = 3.0
 """Crossings of a shear wave in whose time loads may grow without a word on inertia."""
+IN_PLANE = 1e-9
+"""Part of a vector across the section that is rounding."""
 LONG, SOFT = 0.2, 300.0
 """Longest side (m) of a body that is no block, and modulus (Pa) of tissue that has a map: neither is read here."""
 
@@ -133,16 +135,18 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
     check("richest", bounds, known)
-    laws = [stuff.law() for stuff in scene.stuff]
+    laws, beyond = [stuff.law() for stuff in scene.stuff], not_in_section(scene)
     idle = {
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(law.branches for law in laws),
         "loss": not any(law.branches or stuff.loss for law, stuff in zip(laws, scene.stuff, strict=True)),
         "contact": all(given.hold == "tied" for given in scene.given),
         "inertia": not waves and scene.course.ramp > SLOW * _crossing(scene),
-        "space": scene.piece.shape != "block" or _out_of_plane(scene),
+        "space": scene.piece.shape != "block" or beyond is not None,
         "extent": _uncuttable(scene),
     }
+    if bounds.get("space") == "plane" and idle["space"]:
+        raise InputError("richest['space']", "'plane'", f"'solid': {beyond or 'only a block has a section'}")
     first, most = _tissues(scene)
     found = {}
     for name, axis in known.items():
@@ -194,10 +198,33 @@ def _tissues(scene: Loading) -> tuple[int, int]:
     return int(len(scene.stuff) < 2), 3 if any(stuff.map for stuff in scene.stuff) else 2
 
 
-def _out_of_plane(scene: Loading) -> bool:
-    """Whether a load or a force asked for is on faces that the section does not have."""
+def not_in_section(scene: Loading) -> str | None:
+    """What the section y = 0 does not have: a loaded face, or a vector with a part along y; None where it has everything.
+
+    A fibre may lie in the section or along y: an oblique one shears the body out of the plane.
+
+    >>> from ngbrain.scene.loading import Ask, Given, Stuff
+    >>> given = Given(boundary="bottom"), Given(boundary="top", by=(0, 1e-3, 1e-3))
+    >>> not_in_section(Loading(given=given, stuff=(Stuff(mu=(1e3,)),), ask=(Ask(boundary="top"),)))
+    "the displacement of 'top' has a part along y"
+    """
     patterns = [each.boundary for each in scene.pull or ()] + [a.boundary for a in scene.ask if a.quantity == "force"]
-    return any(not any(re.fullmatch(pattern, name) for name in OF_SECTION) for pattern in patterns)
+    for pattern in patterns:
+        if not any(re.fullmatch(pattern, name) for name in OF_SECTION):
+            return f"a section has no {pattern!r}"
+    vectors = [(f"the displacement of {given.boundary!r}", given.by) for given in scene.given]
+    vectors += [(f"the traction on {pull.boundary!r}", pull.traction) for pull in scene.pull or ()]
+    vectors += [("gravity", scene.course.gravity or (0.0, 0.0, 0.0))]
+    vectors += [(f"what is asked, {ask.name!r},", ask.direction) for ask in scene.ask if ask.quantity != "strain"]
+    for name, vector in vectors:
+        if abs(vector[1]) > IN_PLANE * math.hypot(*vector):
+            return f"{name} has a part along y"
+    for stuff in scene.stuff:
+        if stuff.k1 is not None and stuff.fibre is not None:
+            x, y, z = stuff.fibre
+            if min(abs(y), math.hypot(x, z)) > IN_PLANE * math.hypot(x, y, z):
+                return f"the fibre of {stuff.region!r} is oblique to it"
+    return None
 
 
 def _uncuttable(scene: Loading) -> bool:
