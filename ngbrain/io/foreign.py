@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,6 +14,7 @@ import netgen.meshing as meshing
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.io.abaqus import read_abaqus
 from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements
 from ngbrain.units import UNITS_OF_LENGTH
@@ -23,14 +24,13 @@ WIDTHS = (5e-3, 3.0)
 _CORNERS = {"tetra": 4, "tetra10": 4, "triangle": 3, "triangle6": 3}
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
     ".msh": meshio.gmsh.read,
-    ".inp": meshio.abaqus.read,
     ".vtu": meshio.vtu.read,
     ".vtk": lambda path: _vtk(path),
     ".mesh": meshio.medit.read,
     ".xdmf": meshio.xdmf.read,
 }
 """Readers by suffix: `meshio.read` prints what it cannot read and ends the program."""
-SUFFIXES = (*_MESHIO, ".feb", ".vol", ".vol.gz")
+SUFFIXES = (*_MESHIO, ".inp", ".feb", ".vol", ".vol.gz")
 _OTHER_SOLIDS = ("hexahedron", "wedge", "pyramid")
 _NUMBERS = (
     "region",
@@ -124,6 +124,7 @@ def read_mesh(path: str | os.PathLike[str], unit: str = "m") -> Elements:
     if not is_mesh(path):
         raise InputError("mesh file", f"called {path.name}", f"a name that ends in {', '.join(SUFFIXES)}", path)
     own: dict[str, Callable[[Path], tuple[np.ndarray, _Cells, _Cells]]] = {
+        ".inp": _abaqus,
         ".feb": _febio,
         ".vol": _netgen,
         ".gz": _netgen,
@@ -200,6 +201,9 @@ def _meshio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     try:
         mesh = _MESHIO[path.suffix.lower()](path)
     except Exception as error:  # of whatever kind a damaged file leads it into
+        if path.suffix.lower() == ".mesh" and b"P2" in path.read_bytes():
+            wanted = "straight ones (in Gmsh: Mesh.ElementOrder = 1), or another format"
+            raise InputError("mesh file", "Medit's with elements of second order", wanted, path) from error
         if "'gmsh:physical'" in str(error):
             wanted = "elements of groups alone (in Gmsh: Mesh.SaveAll = 0)"
             raise InputError("mesh file", "with elements in no physical group", wanted, path) from error
@@ -296,13 +300,24 @@ def _febio(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
     return points, _stacked(solid, 4), _stacked(flat, 3)
 
 
+def _abaqus(path: Path) -> tuple[np.ndarray, _Cells, _Cells]:
+    found = read_abaqus(path)
+    _tetrahedra_alone(found.others, path)
+    if "" in found.solid:
+        found.solid["ungrouped" if len(found.solid) > 1 else "region_1"] = found.solid.pop("")
+    if "" in found.flat:
+        found.flat["ungrouped_boundary" if len(found.flat) > 1 else "boundary_1"] = found.flat.pop("")
+    return found.points, _stacked(found.solid, 4), _stacked(found.flat, 3)
+
+
 def _nodes(cell: ElementTree.Element, index: Mapping[str | None, int], count: int) -> list[int]:
     return [index[node.strip()] for node in (cell.text or "").split(",")[:count]]
 
 
-def _stacked(parts: Mapping[str, list[list[int]]], corners: int) -> _Cells:
+def _stacked(parts: Mapping[str, Sequence[Sequence[int]] | np.ndarray], corners: int) -> _Cells:
     ends = np.cumsum([0, *map(len, parts.values())])
-    cells = np.array([cell for part in parts.values() for cell in part], np.int64).reshape(-1, corners)
+    rows = [np.asarray(part, np.int64).reshape(-1, corners) for part in parts.values()]
+    cells = np.concatenate([np.zeros((0, corners), np.int64), *rows])
     groups = {name: np.arange(a, b) for name, a, b in zip(parts, ends[:-1].tolist(), ends[1:].tolist(), strict=True)}
     return _Cells(cells, {name: mine for name, mine in groups.items() if len(mine)})
 

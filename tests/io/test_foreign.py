@@ -149,6 +149,49 @@ def test_abaqus_with_quadratic_elements_and_sets(tmp_path):
     assert len(mesh.points) == len(POINTS)
 
 
+def elements(kind, name, cells, first):
+    rows = [", ".join(map(str, [first + i, *row])) for i, row in enumerate((cells + 1).tolist())]
+    return [f"*Element, type={kind}" + (f", elset={name}" if name else ""), *rows]
+
+
+def test_abaqus_as_preprocessors_write_it(tmp_path):
+    """Hybrid elements, two blocks of nodes, one set of several blocks, sets by ranges and of sets, triangles of any family."""
+    nodes = [f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(POINTS.tolist(), 1)]
+    text = ["*Heading", "** made by hand", "*Part, name=brain", "*Node, nset=first", *nodes[:7], "*Node", *nodes[7:]]
+    text += elements("C3D4H", "grey", LEFT[:2], 1) + elements("DC3D4", "grey", LEFT[2:], 3)
+    text += elements("C3D4", "", RIGHT, 7) + elements("SPRINGA", "held", np.array([[0, 1]]), 90)
+    text += elements("CPS3", "", INLET, 101) + elements("R3D3", "wall", WALL, 111)
+    text += ["*Elset, elset=deep, generate", "7, 10, 1", "*Elset, elset=white", "deep, 11,", "12"]
+    text += ["*Elset, elset=inlet,", "instance=brain", "101, 102", "*Elset, elset=all", "grey, white", "*End part"]
+    (tmp_path / "box.inp").write_text("\n".join(text))
+    mesh = read_mesh(tmp_path / "box.inp", "mm")
+    volumes = volumes_ml(mesh)
+    assert volumes["grey"] == pytest.approx(500) and volumes["deep"] + volumes["white"] == pytest.approx(500)
+    assert volumes["white"] == pytest.approx(500 / 3)  # the smallest set of a cell has it
+    assert {"inlet", "wall"} <= set(mesh.boundaries)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("*Node", "*Include, input=more.inp\n*Node"), "one that includes others"),
+        (("*Node", "*Part, name=a\n*Part, name=b\n*Node"), "with 2 parts"),
+        (("1, 0.0", "1, zero"), "unreadable"),
+        (("C3D4", "C3D10"), "unreadable"),
+        (("C3D4", "C3D8"), "with other elements"),
+        (("\n12,", "\n13,"), "unreadable"),
+    ],
+)
+def test_abaqus_that_is_refused(tmp_path, change, message):
+    nodes = [f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(POINTS.tolist(), 1)]
+    text = "\n".join(["*Node", *nodes, *elements("C3D4", "grey", np.concatenate([LEFT, RIGHT]), 1)])
+    (tmp_path / "box.inp").write_text(text)
+    assert read_mesh(tmp_path / "box.inp", "mm").regions == ("grey",)
+    (tmp_path / "box.inp").write_text(text.replace(*change))
+    with pytest.raises(InputError, match=message):
+        read_mesh(tmp_path / "box.inp", "mm")
+
+
 @pytest.mark.parametrize("geometry", ["Mesh", "Geometry"])
 def test_febio_with_nodes_by_id_and_other_parts(geometry, tmp_path):
     def rows(tag, cells):
@@ -237,7 +280,7 @@ def test_what_is_no_mesh_of_tetrahedra(tmp_path):
     with pytest.raises(InputError, match=r"with other elements \(1 of type hexahedron\)"):
         read_mesh(tmp_path / "hex.vtu", "mm")
     with pytest.raises(
-        InputError, match=r"head.xyz: mesh file is called head.xyz; wanted: a name that ends in .msh, .inp"
+        InputError, match=r"head.xyz: mesh file is called head.xyz; wanted: a name that ends in .msh, .vtu"
     ):
         (tmp_path / "head.xyz").write_text("1")
         read_mesh(tmp_path / "head.xyz")
