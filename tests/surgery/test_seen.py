@@ -41,6 +41,7 @@ def test_one_table_is_enough(tmp_path):
         ("t,x\n1,2\n", "columns is t, x; wanted: .* t_s is missing"),
         ("", "columns is none"),
         (HEAD, "without a line"),
+        (HEAD + "1,1,2,3,nan,,\n2,1,2,3\n", "without a number in ux_mm, uy_mm, uz_mm"),
         (HEAD + "1,1,2,3,4,5,6\n1,1,2,3,4,5,7\n", "line 3 is of what line 2 is of"),
         (HEAD + "1,1,2,3,4,five,6\n", "line 2, uy_mm is 'five'"),
         (HEAD + "1,1,,3,4,5,6\n", "line 2, y_mm is ''"),
