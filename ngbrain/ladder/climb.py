@@ -18,7 +18,7 @@ from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
-NARROW = 0.7
+NARROW = 0.8
 """Part of the tolerance up to which what is missing may be without a word: estimates are no bounds."""
 LEFT = 0.25
 """Part of a step to finer elements that the next ones change at least; as much is left where some elements get smaller."""
@@ -217,7 +217,10 @@ def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
 
 
 def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions: int) -> Array:
-    return sum((np.abs(each.change) * axes[name].tail for name, each in estimates.items()), np.zeros(questions))
+    """What all steps would change together: of a higher order and finer elements the larger, as both are of the same error."""
+    changes = {name: np.abs(each.change) * axes[name].tail for name, each in estimates.items()}
+    elements = [changes.pop(name) for name in ELEMENTS if name in changes]
+    return sum(changes.values(), np.max([np.zeros(questions), *elements], axis=0))
 
 
 def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances: Array) -> Rung:
@@ -287,11 +290,12 @@ def _next(above: Mapping[str, Axis], rung: Rung, tolerances: Array) -> tuple[str
 def _left(above: Mapping[str, Axis], rung: Rung, taken: str) -> Array:
     """What elements would still change after a step to such along one of their axes.
 
-    That axis a part of the step (`LEFT`); the other one half of what it would have changed if it is the order, as elements got
-    smaller, and all of it if it is their size: of higher order the large ones stay.
+    The larger of a part of the step (`LEFT`) and the other axis' change: half of what it would have been if it is the order, as
+    elements got smaller, and all of it if it is their size, as of higher order the large ones stay.
     """
     kept = {name: LEFT if name == taken else HALF if name == "order" else 1.0 for name in ELEMENTS}
-    return sum(part * np.abs(rung.estimates[name].change) * above[name].tail for name, part in kept.items())
+    parts = [part * np.abs(rung.estimates[name].change) * above[name].tail for name, part in kept.items()]
+    return np.asarray(np.max(parts, axis=0))
 
 
 def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:

@@ -67,7 +67,7 @@ AXES = {
             (1.2, 1.2),
         ),
         Axis("fibres", ("none", "all"), ("fibres",), ("step",), (1.5,)),
-        Axis("strain", ("linear", "finite"), ("that strains and turns are finite",), ("step",), (5.0,)),
+        Axis("strain", ("linear", "finite"), ("that strains and turns are finite",), ("strained",), (5.0,)),
         Axis(
             "time",
             ("instantaneous", "relaxed", "prony", "flowing"),

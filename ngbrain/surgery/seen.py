@@ -133,10 +133,10 @@ def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
         raise InputError(f"line {reader.line_num}", f"unreadable ({error})", "a table (CSV)", path) from error
     if not rows:
         raise InputError("table", "without a line", f"lines of {', '.join(columns)}", path)
-    found = np.array(rows)
-    if np.isnan(found[:, keys:]).all():
+    table = np.array(rows)
+    if np.isnan(table[:, keys:]).all():
         raise InputError("table", f"without a number in {', '.join(columns[keys:])}", "one at least", path)
-    return found
+    return table
 
 
 def _places(given: list[str], columns: tuple[str, ...], path: Path) -> list[int]:

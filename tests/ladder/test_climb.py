@@ -148,14 +148,14 @@ def test_elements_come_after_what_cannot_be_left_out() -> None:
 @pytest.mark.parametrize(
     ("changes", "taken", "left"),
     [
-        ({"order": 0.02, "mesh": 0.03}, "mesh", 0.25 * 0.03 * 1.6 + 0.5 * 0.02 * 1.3),
-        ({"order": 0.07, "mesh": 0.04}, "order", 0.25 * 0.07 * 1.3 + 0.04 * 1.6),
+        ({"order": 0.02, "mesh": 0.03}, "mesh", max(0.25 * 0.03 * 1.6, 0.5 * 0.02 * 1.3)),
+        ({"order": 0.07, "mesh": 0.04}, "order", max(0.25 * 0.07 * 1.3, 0.04 * 1.6)),
     ],
 )
 def test_elements_get_finer_in_both_ways_where_one_would_leave_too_much(
     changes: dict[str, float], taken: str, left: float
 ) -> None:
-    """A quarter of itself, and what the other way then changes: half of it once elements are halved, all at a higher order."""
+    """A quarter of itself or what the other way then changes: half of it once elements are halved, all at a higher order."""
     axes = axes_of(squeezed(1, Stuff(mu=(1e3,))))
     above = {name: axes[name] for name in changes}
     estimates = {name: Estimate(np.full(1, change), "") for name, change in changes.items()}
@@ -192,7 +192,7 @@ def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_
     axes = {name: between(replace(AXES[name], by=("forgetful",) * 4), 0, 2) for name in ("order", "mesh")}
     axes["mesh"] = replace(axes["mesh"], levels=("0", "1"))
     axes["time"] = Axis("time", ("flowing",), (), (), ())
-    for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.09, [("1", "0"), ("2", "0")])):
+    for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.07, [("1", "0"), ("2", "0")])):
         bench = Written({("1", "0"): 1.11, ("2", "0"): 1.04, ("1", "1"): 1.07, ("2", "1"): 1.0})
         found = ascend(axes, Keeper(bench), np.full(1, tolerance), lambda _: None)
         assert bench.flowed == way

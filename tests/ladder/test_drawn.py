@@ -1,6 +1,7 @@
 """Scenes drawn at random: what the ladder answers, what it states as error, and what it flags, against judges of their own.
 
-Every tenth scene is a bar on rollers, whose force has a closed form; all others are judged by the richest model there is.
+Every tenth scene is a bar on rollers, whose force has a closed form; the others are judged by the richest model that they may climb
+to.
 An answer without a flag must hold its tolerance, and a stated error must be near the true one.
 """
 
@@ -21,6 +22,8 @@ TOLERANCE = 0.1
 FAST = (*range(0, 80, 10), 6, 8, 12, 16)
 """Seeds of cheap ones."""
 SLOW = range(200)
+RICHEST = {"mesh": "1"}
+"""So that the richest model takes a few seconds."""
 ROLLERS = (Given(boundary="left", along="x"), Given(boundary="front", along="y"), Given(boundary="bottom", along="z"))
 
 
@@ -104,12 +107,12 @@ def outcome(seed):
         found = climb(scene)
     else:
         scene = drawn(seed)
-        axes = axes_of(scene)
+        axes = axes_of(scene, RICHEST)
         try:
             truth = Keeper(Bench(scene))({name: axis.levels[-1] for name, axis in axes.items()}).answers
         except SolverError:
             return None
-        found = climb(scene)
+        found = climb(scene, RICHEST)
     error = float(np.abs(relative(found.chosen.answers, truth)).max())
     return Outcome(seed, error, float(found.error.max()), list(found.flags))
 
@@ -135,7 +138,9 @@ def test_two_hundred_scenes():
     found = [each for seed in SLOW if (each := outcome(seed))]
     assert len(found) >= 0.95 * len(SLOW)
     check(found)
-    judged = [each for each in found if each.error > 0.01 and np.isfinite(each.stated)]
-    low, high = (np.quantile([each.stated / each.error for each in judged], share) for share in (0.05, 0.75))
-    print(f"stated over true: {low:.2f} and {high:.2f} at 5 and 75 %")
-    assert low > 0.3 and high < 3
+    judged = [each.stated / each.error for each in found if each.error > 0.1 * TOLERANCE and np.isfinite(each.stated)]
+    near = np.mean([0.3 <= ratio <= 3 for ratio in judged])
+    print(
+        f"stated over true, of {len(judged)} errors: {np.quantile(judged, [0.05, 0.5, 0.95]).round(2)}; near: {near:.2f}"
+    )
+    assert np.quantile(judged, 0.02) > 0.3 and near > 0.85
