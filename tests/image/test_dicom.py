@@ -1,5 +1,7 @@
 """DICOM series: the same picture as in NIfTI, one of several series, slices that are missing."""
 
+import locale
+
 import nibabel
 import numpy as np
 import pytest
@@ -10,6 +12,14 @@ from ngbrain.errors import InputError
 from ngbrain.image.volume import read_scan, stored
 
 SHAPE, SPACING = (60, 56, 44), (2.0, 2.0, 2.5)
+
+
+@pytest.fixture(autouse=True)
+def same_locale():
+    """ITK's writer of DICOM leaves the process in the locale "C", in which later tests would read text as ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    yield
+    locale.setlocale(locale.LC_ALL, before)
 
 
 @pytest.fixture(scope="module")
