@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import warnings
 
+WANTED = "a name or a regular expression (ECMAScript, up to 200 characters, at most four repeats, none within another)"
+"""What `is_pattern` accepts, in words."""
 LONGEST = 64
 """Characters of a name, about: what an unlimited repeat may try."""
 MOST = float(LONGEST**4)
@@ -11,6 +14,23 @@ MOST = float(LONGEST**4)
 _QUANTIFIER = re.compile(r"(?:[*+?]|\{(\d+)(?:(,)(\d*))?\})\??")
 _OPENING = re.compile(r"\((?:\?[:=!])?")
 _ITEM = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*\]|[^\\\[()|]")
+
+
+def is_pattern(text: str) -> bool:
+    """Whether a text is a name or a regular expression that means the same to Python and to NGSolve, and is quick to match.
+
+    >>> is_pattern("grey|white.*"), is_pattern("(.*)*z")
+    (True, False)
+    """
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            # NGSolve knows no (?i), (?P<name>…), (?<!…) or {,n}, and takes minutes over what is very long.
+            if not text.strip() or len(text) > 200 or re.search(r"\(\?[^:=!]|\{,", text):
+                return False
+            re.compile(text)
+            return ways(text) <= MOST
+    except (re.error, OverflowError, RecursionError):
+        return False
 
 
 def ways(pattern: str) -> float:

@@ -20,15 +20,13 @@ import json
 import re
 import reprlib
 import tomllib
-import warnings
 from collections.abc import Callable, Collection
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.expressions import MOST as MOST_WAYS
-from ngbrain.expressions import ways
+from ngbrain.expressions import WANTED, is_pattern
 from ngbrain.reading import read_text
 
 UNITS = {
@@ -126,20 +124,7 @@ def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str
 
 def pattern(key: str, default: Any = MISSING) -> Any:
     """A name, or a regular expression that means the same to Python and to NGSolve (std::regex)."""
-
-    def accept(raw: str) -> Any:
-        try:
-            with warnings.catch_warnings(action="ignore"):
-                # NGSolve knows no (?i), (?P<name>…), (?<!…) or {,n}, and takes minutes over what is very long.
-                known = raw.strip() and len(raw) <= 200 and not re.search(r"\(\?[^:=!]|\{,", raw)
-                return known and re.compile(raw) and ways(raw) <= MOST_WAYS
-        except (re.error, OverflowError, RecursionError):
-            return False
-
-    wanted = (
-        "a name or a regular expression (ECMAScript, up to 200 characters, at most four repeats, none within another)"
-    )
-    return text(key, default, wanted, accept)
+    return text(key, default, WANTED, is_pattern)
 
 
 def table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:

@@ -8,6 +8,11 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.expressions import LONGEST, MOST, ways
+from ngbrain.forward.loads import Traction
+from ngbrain.forward.material import Material
+from ngbrain.forward.static import Static
+from ngbrain.materials import NeoHooke
+from ngbrain.mesh import block
 from ngbrain.scene import Tissue
 
 
@@ -72,3 +77,13 @@ def test_no_pattern_that_passes_takes_long(rng):
             compiled.fullmatch("ab" * 30 + "!")
     assert tried > 300
     assert ways("".join(rng.permutation(np.array(list(string.ascii_letters))))) == 1
+
+
+@pytest.mark.parametrize("part", ["tissue", "support", "load"])
+def test_bodies_refuse_what_would_take_minutes(part):
+    mesh, endless = block((0.02, 0.02, 0.02), 0.02), "(.*)*(.*)*(.*)*z"
+    materials = {endless if part == "tissue" else ".*": Material(NeoHooke(1e3), 5e3)}
+    supports = {"bottom": 0} | ({endless: 0} if part == "support" else {})
+    loads = [Traction(endless if part == "load" else "top", (0, 0, 1.0))]
+    with pytest.raises(InputError, match="at most four repeats"):
+        Static(mesh, materials, supports, loads)
