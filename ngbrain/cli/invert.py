@@ -24,6 +24,7 @@ from ngbrain.inverse.invert import invert
 from ngbrain.inverse.outliers import cleaned
 from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.quality import where_strained
+from ngbrain.inverse.slab import moving_axis
 from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
 from ngbrain.inverse.uncertainty import uncertainty
@@ -183,6 +184,8 @@ def _checked(arguments: argparse.Namespace) -> WaveData:
     Device.named(arguments.device)
     data = read_waves(arguments.data)
     data = data.conjugated() if arguments.conjugate else data
+    if arguments.bars and moving_axis(data) is not None:
+        raise InputError("--bars", "given", "one slice in a file of its own: slabs are inverted slice by slice")
     if data.affine is not None:
         require("nibabel", "mri")
     return data

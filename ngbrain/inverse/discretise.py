@@ -1,9 +1,9 @@
 """Which elements wave data are inverted in: those they were made in, or our own over the same points.
 
 Our own are, in the plane, quadrilaterals of an order p on cells of p × p data points, so that elements have as many unknowns as
-there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; in
-space hexahedra as large as the waves allow, over the points of the mask. A field is looked for in half that order, in those larger
-elements in order 1. What drives their boundary is up to the data (`driven`).
+there are data (of many tracked displacements at rest half as many along each axis), and triangles between scattered points; over a
+mask on a grid, and in space, quadrilaterals or hexahedra as large as the waves allow, over the points of the mask. A field is
+looked for in half that order, in those larger elements in order 1. What drives their boundary is up to the data (`driven`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ngbrain.forward.elements import Form
 from ngbrain.forward.points import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.driven import ALL, driven
-from ngbrain.inverse.lattice import Lattice, lattice
+from ngbrain.inverse.lattice import Lattice, lattice, over_points
 from ngbrain.inverse.tracked import COARSER, FEWEST, is_tracked
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import rectangles
@@ -89,33 +89,33 @@ def in_elements(data: WaveData, order: int = 3) -> Discretisation:
     form = form_of(data, order)
     if data.dim == 3:
         return on_lattice(data, lattice(data, form, LARGEST))
-    fields = _fields(order)
     grid = data.structured
-    if grid is not None and grid.along and data.mask.all():
-        cells = [max(1, round((n - 1) / order)) for n in grid.shape]
-        fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in cells]
-        if is_tracked(data) and fewer != cells:
-            cells, fields = fewer, 1
-        lines = zip(grid.origin, grid.spacing, grid.shape, cells, strict=True)
-        sides = [np.linspace(start, start + step * (n - 1), number + 1) for start, step, n, number in lines]
-        mesh, held = driven(data, rectangles(*sides))
-        return Discretisation(mesh, form, fields, None, np.ones(len(data.points), bool), held=held)
+    if grid is not None and grid.along and not data.mask.all() and data.frequency.any():
+        return on_lattice(data, lattice(data, form))
+    if grid is not None and grid.along:
+        steps = np.rint(np.ptp(data.points[data.mask], axis=0) / grid.spacing)
+        number = [max(1, round(n / order)) for n in steps]
+        fewer = [min(n, max(FEWEST, round(n / COARSER))) for n in number]
+        if is_tracked(data) and fewer != number:
+            return on_lattice(data, over_points(data, fewer, form), 1)
+        return on_lattice(data, over_points(data, number, form))
     mesh, inside = _between(data.points, data.mask)
     mesh, held = driven(data, mesh)
     return Discretisation(mesh, form_of(data, LOW), 1, None, inside, held=held)
 
 
 def form_of(data: WaveData, order: int = 3) -> str:
-    """Elements of an order in words, with pressures for nearly incompressible tissue."""
-    mixed = bulk_ratio(data) > (LOCKING if order == LOW else NEARLY)
+    """Elements of an order in words, with pressures for nearly incompressible tissue; motion through a plane has none."""
+    mixed = data.motion != "anti_plane" and bulk_ratio(data) > (LOCKING if order == LOW else NEARLY)
     return f"P{order}/P{order - 1}" if mixed else f"P{order}"
 
 
-def on_lattice(data: WaveData, cells: Lattice) -> Discretisation:
-    """The hexahedra of a lattice, which may be of more points than these."""
+def on_lattice(data: WaveData, cells: Lattice, fields: int | None = None) -> Discretisation:
+    """The elements of a lattice, which may be of more points than these; fields by default of half their order."""
     (mesh, held), inside = driven(data, cells.mesh), data.mask.copy()
     inside[data.mask] = in_mesh(mesh, data.points[data.mask])
-    return Discretisation(mesh, cells.form, _fields(Form.named(cells.form).order), None, inside, held=held)
+    fields = _fields(Form.named(cells.form).order) if fields is None else fields
+    return Discretisation(mesh, cells.form, fields, None, inside, held=held)
 
 
 def _fields(order: int) -> int:

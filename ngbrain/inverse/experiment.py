@@ -256,7 +256,8 @@ class Experiment:
         if self.data.dim == 3 and np.isfinite(self.measured).any(axis=1).sum(axis=1).min() < 2:
             wanted = "two of them at least for each load in space: there one alone tells too little"
             raise InputError("displacement", "of which one component alone is measured", wanted)
-        if self.data.dim == 3 or not every:
+        beyond = self.data.structured is not None and not self.data.mask.all()  # elements reach out of a mask
+        if self.data.dim == 3 or not every or beyond:
             return self._extended()
         at = _samples(self.elements.mesh, self.body.form.order)
         guess = np.nan_to_num(_smooth(self.data).values(at))
@@ -275,7 +276,7 @@ class Experiment:
         """Waves with least squares to what is measured; elastic where elements reach out of it or a component is missing."""
         body, order = self.body, self.body.form.order
         observe = evaluation(ngs.H1(self.elements.mesh, order=order), self.model.points)
-        ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(self.data.dim * observe.shape[1])
+        ground = HELD * observe.shape[0] / observe.shape[1] * sp.eye_array(len(self.data.components) * observe.shape[1])
         waves = np.zeros((self.data.loads, body.fes.ndof), complex)
         known, case = ~np.isnan(self.measured), (np.nan, b"")
         for k, (wave, here) in enumerate(zip(body.waves, known, strict=True)):

@@ -28,6 +28,7 @@ from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of, overall, total
 from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
+from ngbrain.inverse.slab import invert_slices, moving_axis
 from ngbrain.inverse.space import ROUNDS, invert_in_space
 from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
 from ngbrain.inverse.tracked import error_note, is_tracked, least_error
@@ -87,6 +88,8 @@ def invert(
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
 
+    Slabs of which one component alone was measured, the one through their slices, go slice by slice (`slab`).
+
     elements     see `discretise`; by default those that the data were made in, if they say so, else our own
     noise        relative to the rms of each component, one number; by default what the data say, or what a smooth fit leaves over
     model_error  of the same kind: what the model cannot fit, such as another discretisation; by default none, and of displacements
@@ -134,6 +137,33 @@ def invert(
         settling = replace(settling, rounds=rounds)
     if dispersion not in DISPERSIONS:
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
+    axis = moving_axis(data) if data.dim == 3 and elements is None else None
+    if axis is not None and start is None:
+        check_passive(data)
+        data, notes = cleaned(data) if drop_outliers else (data, [])
+
+        def of_slice(one: WaveData) -> Inversion:
+            return invert(
+                one,
+                noise=noise,
+                model_error=model_error,
+                regulariser="smooth" if regulariser == "auto" else regulariser,
+                weight=weight,
+                uniform=uniform and bool(levels),
+                levels=levels,
+                labelled=labelled,
+                unknowns=unknowns,
+                misfit=misfit,
+                rounds=rounds,
+                dispersion=dispersion,
+                drop_outliers=False,
+                device=device,
+                tell=tell,
+            )
+
+        slices = invert_slices(data, axis, of_slice)
+        slices.notes += notes
+        return slices
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     differ = contradiction(data)

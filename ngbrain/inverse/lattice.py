@@ -1,7 +1,8 @@
-"""Hexahedra over the points of wave data in space, as large as the waves allow, their faces along the coordinates."""
+"""Quadrilaterals or hexahedra over the points of wave data, faces along the coordinates; in space as large as the waves allow."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -11,7 +12,7 @@ from scipy.spatial import KDTree
 from ngbrain.forward.elements import Form
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.io.waves import WaveData
-from ngbrain.mesh.grid import boxes
+from ngbrain.mesh.grid import boxes, rectangles
 
 Array = np.ndarray
 ACROSS = 9.0
@@ -19,7 +20,7 @@ ACROSS = 9.0
 FEWEST = 4
 """Elements along the longest side, at least."""
 SHARE, SAMPLES = 0.3, 5
-"""Hexahedra count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
+"""Cells count when this share of them, by so many samples along each edge, is next to points of the mask: those at the
 border reach out of the tissue, where waves go on as if it did."""
 NEAR = 1.0
 """How far (voxels) a sample may be from a point that it is next to: more than half a voxel's diagonal."""
@@ -29,20 +30,22 @@ SAME, SPARSE = 0.01, 50.0
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Hexahedra.
+    """Hexahedra, in the plane quadrilaterals.
 
     planes  for each coordinate, growing (m)
-    cells   (nx, ny, nz) bool, those between planes that count
+    cells   (nx, ny, nz) or (nx, ny) bool, those between planes that count
     form    of the elements, as `Harmonic` takes it
     """
 
-    planes: tuple[Array, Array, Array]
+    planes: tuple[Array, ...]
     cells: Array
     form: str
 
     @property
     def mesh(self) -> ngs.Mesh:
         """Of the cells that count."""
+        if len(self.planes) == 2:
+            return rectangles(*self.planes, None if self.cells.all() else self.cells)
         return boxes(self.cells, *self.planes)
 
     @property
@@ -53,12 +56,12 @@ class Lattice:
     def part(self, low: Array, high: Array) -> Lattice:
         """Cells `low` to `high` (3,), the last ones left out, as they are in the whole."""
         chosen = [slice(a, b) for a, b in zip(low, high, strict=True)]
-        x, y, z = (plane[a : b + 1] for plane, a, b in zip(self.planes, low, high, strict=True))
-        return Lattice((x, y, z), self.cells[tuple(chosen)], self.form)
+        planes = tuple(plane[a : b + 1] for plane, a, b in zip(self.planes, low, high, strict=True))
+        return Lattice(planes, self.cells[tuple(chosen)], self.form)
 
 
 def lattice(data: WaveData, form: str, largest: float = np.inf) -> Lattice:
-    """That of the points of the mask; larger cells where there were more than `largest` displacements.
+    """Hexahedra over the points of the mask; larger cells where there were more than `largest` displacements.
 
     >>> line = np.arange(10) * 2e-3
     >>> grid = np.array([[x, y, z] for z in line for y in line for x in line])
@@ -73,19 +76,26 @@ def lattice(data: WaveData, form: str, largest: float = np.inf) -> Lattice:
     wave = np.sqrt(uniform_shear(data) / data.density) / fastest if fastest else np.inf
     along = np.linalg.norm(axes * spacing[:, None], axis=0)  # of a voxel, along each coordinate
     size = np.maximum(order * along, min(order * wave / ACROSS, float(np.max(high - low)) / FEWEST))
-    tree = KDTree(points @ axes.T / spacing)
     while True:
-        x, y, z = (np.linspace(a, b, max(2, round((b - a) / h) + 1)) for a, b, h in zip(low, high, size, strict=True))
-        shape = [len(plane) - 1 for plane in (x, y, z)]
-        lines = [np.linspace(a, b, 2 * SAMPLES * n + 1)[1::2] for a, b, n in zip(low, high, shape, strict=True)]
-        samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
-        covered = tree.query(samples @ axes.T / spacing, distance_upper_bound=NEAR)[0] < np.inf
-        cells = covered.reshape([part for n in shape for part in (n, SAMPLES)]).mean(axis=(1, 3, 5)) >= SHARE
-        found = Lattice((x, y, z), cells, form)
+        number = [max(1, round(length / h)) for length, h in zip(high - low, size, strict=True)]
+        found = over_points(data, number, form)
         over = found.displacements / largest
         if over <= 1:
             return found
         size = size * max(1.01, over ** (1 / 3))
+
+
+def over_points(data: WaveData, number: Sequence[int], form: str) -> Lattice:
+    """That of so many cells along each coordinate over the points of the mask."""
+    points = data.points[data.mask]
+    low, high = points.min(axis=0), points.max(axis=0)
+    axes, spacing = voxels(data)
+    lines = [np.linspace(a, b, 2 * SAMPLES * n + 1)[1::2] for a, b, n in zip(low, high, number, strict=True)]
+    samples = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+    distance = KDTree(points @ axes.T / spacing).query(samples @ axes.T / spacing, distance_upper_bound=NEAR)[0]
+    near = (distance < np.inf).reshape([part for n in number for part in (n, SAMPLES)])
+    cells = near.mean(axis=tuple(range(1, 2 * len(number), 2))) >= SHARE
+    return Lattice(tuple(np.linspace(a, b, n + 1) for a, b, n in zip(low, high, number, strict=True)), cells, form)
 
 
 def voxels(data: WaveData) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, and hexahedra of cells.
+"""Structured meshes: quadrilaterals on the points of a grid, as published wave data were made in, or of cells, and hexahedra.
 
 Boundaries of such meshes, whose sides are straight, may get other names.
 """
@@ -16,11 +16,13 @@ from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 
 
-def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
+def rectangles(x: np.ndarray, y: np.ndarray, cells: np.ndarray | None = None) -> ngs.Mesh:
     """Quadrilaterals between the lines x and y (m), region `tissue`, boundaries `left`, `right`, `bottom`, `top`.
 
+    cells  bool, one fewer along each axis than there are lines: only these; their boundary is `hull` then. None: all
+
     Vertices count along x first, so that a nodal field is `values.ravel()` of an array (y, x).
-    Raises `InputError` unless both grow and have two values or more.
+    Raises `InputError` unless both grow and have two values or more, and a cell of so many is chosen.
 
     >>> mesh = rectangles(np.linspace(0, 0.12, 4), np.linspace(0, 0.12, 3))
     >>> mesh.nv, mesh.ne, mesh.GetBoundaries()
@@ -30,6 +32,8 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
     for name, lines in (("x", x), ("y", y)):
         if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"rectangles.{name}", lines, "two growing coordinates or more")
+    if cells is not None:
+        return _of_cells(_chosen("rectangles", cells, (len(x), len(y))), (x, y))
     made = meshing.Mesh(dim=2)
     node = [[made.Add(meshing.MeshPoint(meshing.Pnt(a, b, 0))) for a in x] for b in y]
     tissue = made.AddRegion("tissue", 2)
@@ -44,8 +48,14 @@ def rectangles(x: np.ndarray, y: np.ndarray) -> ngs.Mesh:
     return ngs.Mesh(made)
 
 
-_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
-_SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_CORNERS = {
+    2: np.array([(0, 0), (1, 0), (1, 1), (0, 1)]),
+    3: np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]),
+}
+_SIDES = {
+    2: ((0, 1), (1, 2), (2, 3), (3, 0)),
+    3: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
 
 
 def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs.Mesh:
@@ -64,27 +74,40 @@ def boxes(cells: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> ngs
     for name, lines in zip("xyz", planes, strict=True):
         if len(lines) < 2 or not np.all(np.diff(lines) > 0):
             raise InputError(f"boxes.{name}", lines, "two growing coordinates or more")
-    shape = tuple(len(lines) for lines in planes)
+    return _of_cells(_chosen("boxes", cells, tuple(len(lines) for lines in planes)), planes)
+
+
+def _chosen(name: str, cells: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Cells as bool, between so many planes along each axis."""
     wanted = f"some of {tuple(n - 1 for n in shape)}"
     try:
         cells = np.asarray(cells, bool)
     except ValueError as error:  # sequences of several lengths
-        raise InputError("boxes.cells", "of uneven lengths", wanted) from error
+        raise InputError(f"{name}.cells", "of uneven lengths", wanted) from error
     if cells.shape != tuple(n - 1 for n in shape) or not cells.any():
-        raise InputError("boxes.cells", f"{int(cells.sum())} of {cells.shape}", wanted)
-    corners = np.argwhere(cells)[:, None] + _CORNERS
-    used, hexes = np.unique(np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), shape), return_inverse=True)
-    hexes = hexes.reshape(-1, 8)
-    made = meshing.Mesh(dim=3)
-    at = np.column_stack([lines[i] for lines, i in zip(planes, np.unravel_index(used, shape), strict=True)])
+        raise InputError(f"{name}.cells", f"{int(cells.sum())} of {cells.shape}", wanted)
+    return cells
+
+
+def _of_cells(cells: np.ndarray, planes: Sequence[np.ndarray]) -> ngs.Mesh:
+    """Quadrilaterals or hexahedra in the chosen cells, vertices numbered along the last axis first."""
+    d, shape = cells.ndim, tuple(n + 1 for n in cells.shape)
+    corners = np.argwhere(cells)[:, None] + _CORNERS[d]
+    used, elements = np.unique(np.ravel_multi_index(tuple(corners.reshape(-1, d).T), shape), return_inverse=True)
+    elements = elements.reshape(len(corners), -1)
+    made = meshing.Mesh(dim=d)
+    at = np.zeros((len(used), 3))
+    at[:, :d] = np.column_stack([lines[i] for lines, i in zip(planes, np.unravel_index(used, shape), strict=True)])
     node = [made.Add(meshing.MeshPoint(meshing.Pnt(*point))) for point in at]
-    tissue, hull = made.AddRegion("tissue", 3), made.AddRegion("hull", 2)
-    for each in hexes:
-        made.Add(meshing.Element3D(tissue, [node[i] for i in each]))
-    sides = np.concatenate([hexes[:, side] for side in _SIDES])
+    tissue, hull = made.AddRegion("tissue", d), made.AddRegion("hull", d - 1)
+    for each in elements:
+        corner = [node[i] for i in each]
+        made.Add(meshing.Element3D(tissue, corner) if d == 3 else meshing.Element2D(tissue, corner))
+    sides = np.concatenate([elements[:, side] for side in _SIDES[d]])
     _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
     for side in sides[first[count == 1]]:
-        made.Add(meshing.Element2D(hull, [node[i] for i in side]))
+        corner = [node[i] for i in side]
+        made.Add(meshing.Element2D(hull, corner) if d == 3 else meshing.Element1D(corner, index=hull))
     return ngs.Mesh(made)
 
 

@@ -270,8 +270,10 @@ def given(data: WaveData) -> list[tuple[str, str]]:
     where = f"{len(data.points)} points, {form}; {int(data.mask.sum())} of them count"
     if data.bulk is not None:
         held = f"bulk modulus fixed at {data.bulk / 1e3:.4g} kPa"
-    else:
+    elif data.poisson is not None:
         held = f"Poisson's ratio fixed at {data.poisson:g}"
+    else:
+        held = "motion through the plane, which keeps volumes"
     fibres = ", fibres given" if data.symmetry == "transversely_isotropic" else ""
     material = f"{data.symmetry.replace('_', ' ')}, {data.rheology}{fibres}; {held}; {data.density:g} kg/m³"
     return [("Data", f"{where}; {data.loads} load{'s' if data.loads > 1 else ''}"), ("Material", material)]

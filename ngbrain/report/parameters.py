@@ -59,6 +59,7 @@ STARTS = {
     "given": "measured waves and a given map",
     "both": "measured waves, then descent",
     "zones": "zones, each for itself",
+    "slices": "slices, one by one",
     "pass 1": "zones among their neighbours",
 }
 """What the rows of the table of starts are."""
@@ -149,6 +150,10 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     if "bulk_change_over_noise" in checks:
         moved = number(checks["bulk_change_over_noise"])
         pairs.append(("Bulk modulus, given: 10 % more moves the waves by", f"{moved} times their noise"))
+    if "share_through_slices" in checks:
+        pairs.append(
+            ("Second derivative through the slices, of the Laplacian", percent(checks["share_through_slices"]))
+        )
     if model.get("zones", 1) > 1:
         apart = ", ".join(
             f"{symbol(name)} {percent(checks[f'disagreement_{name}'])}, at first {percent(checks[f'disagreement_{name}_first'])}"

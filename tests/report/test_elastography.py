@@ -145,3 +145,9 @@ def test_triangles_do_not_cross_a_hole():
     middles = plane.at[plane.triangles].mean(axis=1)
     assert not hole[plane.triangles].any()
     assert np.linalg.norm(middles - 1e3 * points.mean(axis=0), axis=1).min() > 8.0
+
+
+def test_motion_through_a_plane_needs_no_poissons_ratio():
+    u = 1e-6 * np.ones((1, 9, 1))
+    data = waves(grid(3, 3), u, poisson=None, motion="anti_plane")
+    assert "motion through the plane, which keeps volumes" in dict(elastography.given(data))["Material"]

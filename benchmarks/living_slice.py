@@ -1,0 +1,146 @@
+"""A living brain: one axial slice with motion through it, 30 to 60 Hz, inverted by the command line as a stranger would.
+
+FILE is MRE_demo_data.mat of https://github.com/aaronfeng369/Brain_actuator (figure14; Qiu et al. 2021, 10.1002/nbm.4592): the
+displacement at four times of a period, and the authors' map of the shear modulus by local frequency estimation (kPa). Pixels of
+1.25 mm are assumed from the brain's length. Of each frequency alone and of all together: G' over the authors' map at points 10 mm
+or more inside of the mask, its median; Spearman's rank correlation of both there, smoothed by a Gaussian of 5 mm (standard
+deviation); and the same of plain Helmholtz inversion of the same smooth field.
+
+    python benchmarks/living_slice.py FILE [--only HZ] [--json]      last line of --json: a list of records
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import ngsolve as ngs
+import numpy as np
+import scipy.io
+from _command import run
+from scipy import ndimage
+from scipy.stats import spearmanr
+
+from ngbrain.cli import main as ngbrain
+from ngbrain.inverse.direct import helmholtz
+from ngbrain.io.waves import read_waves
+from ngbrain.threads import set_threads
+
+Record = dict
+FREQUENCIES = (30.0, 40.0, 50.0, 60.0)
+PIXEL, DEEP, SMOOTH = 1.25e-3, 10e-3, 5e-3
+THROUGH = 2
+"""The component that moves through the slice; nothing else was measured."""
+STIFFEST = 20e3
+"""Pa: larger answers of Helmholtz count as this before they are smoothed."""
+
+
+class Slice:
+    """What the file has, cut to the brain: samples (x, y, times, frequencies) m, the authors' map (x, y, frequencies) Pa, mask."""
+
+    def __init__(self, path: Path) -> None:
+        file = scipy.io.loadmat(path)
+        moved, modulus = file["displacement"][:, :, 0, :, THROUGH], file["MU_2d_smoothed"][:, :, 0, THROUGH]
+        mask = (moved != 0).any(axis=(2, 3))
+        (around,) = ndimage.find_objects(mask.astype(int))
+        self.samples, self.authors, self.mask = moved[around], 1e3 * modulus[around], mask[around]
+        self.deep = ndimage.distance_transform_edt(np.pad(self.mask, 1))[1:-1, 1:-1] * PIXEL > DEEP
+
+    def write(self, path: Path, chosen: list[int]) -> None:
+        """Wave data of these frequencies."""
+        samples = np.moveaxis(self.samples[..., chosen], 3, 2)  # (x, y, loads, times)
+        np.savez(
+            path,
+            samples=samples[:, :, None, :, None],
+            spacing=PIXEL,
+            frequency=[FREQUENCIES[i] for i in chosen],
+            density=1000.0,
+            symmetry="isotropic",
+            rheology="viscoelastic",
+            motion="anti_plane",
+            tissue="brain",
+            mask=self.mask[:, :, None],
+        )
+
+    def compared(self, storage: np.ndarray, which: int) -> tuple[float, float]:
+        """Median ratio of a map (x, y) to the authors' inside, and the rank correlation of both when they are smooth."""
+        known = self.mask & np.isfinite(storage) & np.isfinite(self.authors[..., which])
+        inside = known & self.deep
+        ratio = float(np.median(storage[inside] / self.authors[..., which][inside]))
+        ours, theirs = (smooth(np.where(known, each, 0), known) for each in (storage, self.authors[..., which]))
+        return ratio, float(spearmanr(ours[inside], theirs[inside]).statistic)
+
+
+def smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """By a Gaussian over what is known."""
+    weight = ndimage.gaussian_filter(known.astype(float), SMOOTH / PIXEL)
+    return ndimage.gaussian_filter(values, SMOOTH / PIXEL) / np.maximum(weight, 1e-9)
+
+
+def measure(path: Path, only: float | None) -> list[Record]:
+    """One record for each frequency, and one for all of them together."""
+    known = Slice(path)
+    every = [[i] for i in range(len(FREQUENCIES)) if only in (None, FREQUENCIES[i])]
+    return [record(known, chosen) for chosen in [*every, *([] if only else [list(range(len(FREQUENCIES)))])]]
+
+
+def record(known: Slice, chosen: list[int]) -> Record:
+    """What `ngbrain invert` makes of these frequencies, told nothing."""
+    with tempfile.TemporaryDirectory() as place:
+        file, folder = Path(place) / "slice.npz", Path(place) / "inverted"
+        known.write(file, chosen)
+        begun = time.process_time()
+        status = ngbrain(["invert", str(file), "-o", str(folder), "-q"])
+        cpu_s = time.process_time() - begun
+        found: Record = {"frequency": [FREQUENCIES[i] for i in chosen], "status": status, "cpu_s": cpu_s}
+        if not (folder / "result.json").exists():
+            return found
+        result = json.loads((folder / "result.json").read_text())
+        storage, loss = (np.load(folder / "maps.npz")[name] for name in ("storage", "loss"))
+        data = read_waves(file)
+    grid = data.structured
+    assert grid is not None
+    ratio, rank = known.compared(grid.box(storage), chosen[0])
+    found |= {"ratio": ratio, "rank": rank, "storage": float(np.nanmedian(storage)), "loss": float(np.nanmedian(loss))}
+    plain = grid.box(helmholtz(data).real)
+    found["helmholtz_ratio"], found["helmholtz_rank"] = known.compared(
+        np.where(np.isfinite(plain), np.clip(plain, 0, STIFFEST), np.nan), chosen[0]
+    )
+    for name in ("usable", "reasons", "notes", "checks", "noise", "chosen"):
+        found[name] = result[name]
+    found["regulariser"], found["form"] = result["model"]["regulariser"], result["model"]["form"]
+    found["elements"], found["determined"] = result["model"]["n_elements"], result["model"]["determined"]
+    return found
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    which = ", ".join(f"{f:g}" for f in r["frequency"])
+    if "ratio" not in r:
+        return f"{which} Hz: exit {r['status']}"
+    exponent = r["checks"].get("exponent")
+    power = "" if exponent is None else f", exponent {exponent:.2f}"
+    return (
+        f"{which} Hz: G' over the authors' {r['ratio']:.2f}, rank {r['rank']:.2f} (Helmholtz {r['helmholtz_ratio']:.2f}, "
+        f"{r['helmholtz_rank']:.2f}), {1e-3 * r['storage']:.2f} + {1e-3 * r['loss']:.2f}i kPa{power}, exit {r['status']}, "
+        f"{r['cpu_s']:.0f} s of CPU time"
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("file", type=Path, metavar="FILE")
+    parser.add_argument("--only", type=float, choices=FREQUENCIES, metavar="HZ")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    if not arguments.file.exists():
+        print(f"skipped: {arguments.file.name} is not there")
+        sys.exit()
+    set_threads(1)
+    ngs.ngsglobals.msg_level = 0
+    records, made = measure(arguments.file, arguments.only), run()
+    print(json.dumps([r | {"run": made} for r in records]) if arguments.json else "\n".join(map(line, records)))
