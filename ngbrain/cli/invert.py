@@ -27,7 +27,7 @@ from ngbrain.inverse.quality import where_strained
 from ngbrain.inverse.slab import moving_axis
 from ngbrain.inverse.space import ROUNDS
 from ngbrain.inverse.subzones import invert_by_subzones
-from ngbrain.inverse.uncertainty import uncertainty
+from ngbrain.inverse.uncertainty import expected_seconds, products_of, uncertainty
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
@@ -79,7 +79,9 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
             if arguments.bars:
-                line.tell("error bars")
+                about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
+                line.tell(about)
+                LOG.info(about)
             bars = uncertainty(inversion) if arguments.bars else None
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))

@@ -28,8 +28,9 @@ def write_inversion(
 
     Raises `MissingExtra` for images without nibabel, `OSError` when the disk is full or the folder not writable.
     """
-    arrays = inversion.arrays() | (bars.arrays() if bars else {})
-    images = *inversion.maps, *inversion.following, "oss", "oss_snr"
+    bands = bars.arrays() if bars else {}
+    arrays = inversion.arrays() | bands
+    images = *inversion.maps, *inversion.following, *bands, "oss", "oss_snr"
     told = {"error_bars": bars.result()} if bars else {}
     return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.result(), **told})
 

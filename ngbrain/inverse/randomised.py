@@ -38,23 +38,27 @@ def eigenpairs(
     ([9.0, 4.0, 0.5], [1.0, 0.0, 0.0, 0.0])
     """
     basis, images = np.empty((size, 0)), np.empty((size, 0))
-    values, vectors = np.empty(0), np.empty((size, 0))
-    while basis.shape[1] < min(size, len(values) + OVER):
+    number = 0
+    while basis.shape[1] < min(size, number + OVER):
         new = _times(apply, random.normal(size=(size, min(BLOCK, size - basis.shape[1]))))
         for _ in range(2):  # once leaves round-off of the large eigenvalues
             new = np.linalg.qr(new - basis @ (basis.T @ new))[0]
         basis, images = np.hstack([basis, new]), np.hstack([images, _times(apply, new)])
-        values, vectors = _nystroem(basis, images)
-        values, vectors = values[values > least], vectors[:, values > least]
-    return values, vectors
+        root = _root(basis, images)
+        number = int(np.sum(np.linalg.eigvalsh(root.T @ (images.T @ images) @ root) > least))
+    if not size:
+        return np.empty(0), basis
+    vectors, roots, _ = np.linalg.svd(images @ _root(basis, images), full_matrices=False)
+    values = roots**2
+    return values[values > least], vectors[:, values > least]
 
 
-def _nystroem(basis: Array, images: Array) -> tuple[Array, Array]:
+def _root(basis: Array, images: Array) -> Array:
+    """A matrix whose product with its transpose is (QᵀAQ)⁻¹."""
     small = basis.T @ images
     middle, turned = np.linalg.eigh((small + small.T) / 2)
     there = middle > ROUND_OFF * (1 + middle[-1])
-    vectors, roots, _ = np.linalg.svd(images @ (turned[:, there] / np.sqrt(middle[there])), full_matrices=False)
-    return roots**2, vectors
+    return np.asarray(turned[:, there] / np.sqrt(middle[there]))
 
 
 def _times(apply: Callable[[Array], Array], columns: Array) -> Array:

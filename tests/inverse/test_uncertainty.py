@@ -9,7 +9,7 @@ from planewaves import grid, shear_waves, waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.phantoms import Phantom
-from ngbrain.inverse.uncertainty import uncertainty
+from ngbrain.inverse.uncertainty import expected_seconds, products_of, uncertainty
 
 NOISE = 0.02
 
@@ -119,9 +119,35 @@ def test_storage_and_loss_of_magnitude_and_phase():
     other = bars(data)
     for name in ("storage", "loss"):
         assert found.mean(name).value == pytest.approx(other.mean(name).value, rel=0.1)
-    assert set(found.result()) == {"storage", "loss"} and set(found.arrays()) >= {"magnitude_low", "phase_high"}
+    assert set(found.result()) == {"storage", "loss"} and set(found.arrays()) >= {
+        "magnitude_low",
+        "phase_high",
+        "stiffness_low",
+    }
     with pytest.raises(InputError, match="map is 'storage'"):
         found.band("storage")
+
+
+def test_bands_of_what_follows(nodal):
+    arrays, there, maps = nodal.arrays(), nodal.experiment.inside, nodal.found.following
+    for name in ("magnitude", "stiffness"):
+        low, high = arrays[f"{name}_low"], arrays[f"{name}_high"]
+        assert np.flatnonzero(np.isnan(low)).tolist() == [20]
+        assert np.all((low < maps[name])[there] & (maps[name] < high)[there])
+    # Of little loss the magnitude is about the storage modulus, and so are its bands.
+    widths = [np.log(arrays[f"{name}_high"] / arrays[f"{name}_low"])[there] for name in ("magnitude", "storage")]
+    assert np.median(widths[0]) == pytest.approx(np.median(widths[1]), rel=0.15)
+
+
+def test_what_it_takes_is_known_before(nodal):
+    solves, posterior = nodal.experiment.model.solves, nodal.posterior
+    before = solves.incremental
+    uncertainty(nodal.found)
+    done = (solves.incremental - before) / 2  # two solves a product, of one load
+    assert products_of(nodal.found) == pytest.approx(done, rel=0.35)
+    assert len(posterior.eigenvalues) > 0 and expected_seconds(nodal.found) > 0
+    with pytest.raises(InputError, match="zones or slices"):
+        products_of(replace(nodal.found, end=None))
 
 
 def test_bad_input(nodal):
