@@ -33,6 +33,44 @@ Frequency: TypeAlias = float | np.ndarray | CoefficientFunction
 Complex: TypeAlias = complex | np.ndarray | CoefficientFunction
 
 
+def of_stiffness(stiffness: np.ndarray | float, damping_ratio: np.ndarray | float) -> np.ndarray:
+    """The complex shear modulus of maps of shear stiffness and damping ratio, as elastography publishes them (MRE134, say).
+
+    Stiffness is μ = 2|G*|²/(G' + |G*|), ρ times the square of the speed of a plane shear wave, and damping ratio ξ = G''/2G', so
+    that G' = μ (1 + √(1 + 4ξ²))/(2 (1 + 4ξ²)) and G'' = 2ξG'. `ngbrain.inverse.answers.derived` goes the other way.
+
+    Parameters
+    ----------
+    stiffness : array_like
+        μ in Pa, at least 0 or NaN.
+    damping_ratio : array_like
+        ξ, at least 0 or NaN.
+
+    Returns
+    -------
+    numpy.ndarray
+        G* in Pa, complex.
+
+    Raises
+    ------
+    InputError
+        A negative value.
+
+    Examples
+    --------
+    >>> of_stiffness(2234.07, 0.2).round(-1)
+    np.complex128(2000+800j)
+    """
+    found = []
+    for name, value in (("stiffness", stiffness), ("damping_ratio", damping_ratio)):
+        found.append(np.asarray(value, float))
+        if np.any(found[-1] < 0):
+            raise InputError(name, float(np.nanmin(found[-1])), "at least 0")
+    mu, xi = found
+    squared = 1 + 4 * xi**2
+    return np.asarray(mu * (1 + np.sqrt(squared)) / (2 * squared) * (1 + 2j * xi))[()]
+
+
 class Modulus(ABC):
     """G*(ω); a new one needs no more than `__call__`."""
 

@@ -6,6 +6,7 @@ from planewaves import grid, shear_waves, waves
 
 from ngbrain.errors import InputError
 from ngbrain.inverse.answers import answers, by_label, derived, of_shear, relative_l2_error, spread
+from ngbrain.materials.modulus import of_stiffness
 
 
 @pytest.mark.parametrize(
@@ -18,6 +19,16 @@ def test_maps_that_follow_from_a_modulus(shear, stiffness, ratio):
     )
     assert maps["magnitude"][0] * np.exp(1j * maps["phase"][0]) == pytest.approx(shear)
     assert maps["storage"][0] + 1j * maps["loss"][0] == shear
+
+
+def test_a_modulus_from_its_stiffness_and_damping_ratio():
+    shear = np.array([1000 + 500j, 2700 + 1200j, 3000 + 0j, 2000 + 3000j])
+    maps = derived(shear)
+    assert of_stiffness(maps["stiffness"], maps["damping_ratio"]) == pytest.approx(shear, rel=1e-12)
+    assert np.isnan(of_stiffness(np.array([2600.0, np.nan]), np.array([0.2, 0.2]))).tolist() == [False, True]
+    for stiffness, ratio, name in ((-1.0, 0.2, "stiffness"), (2600.0, [-0.1], "damping_ratio")):
+        with pytest.raises(InputError, match=name):
+            of_stiffness(stiffness, ratio)
 
 
 def test_medians_are_of_what_is_there():
