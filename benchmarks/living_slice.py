@@ -4,9 +4,10 @@ FILE is MRE_demo_data.mat of https://github.com/aaronfeng369/Brain_actuator (fig
 displacement at four times of a period, and the authors' map of the shear modulus by local frequency estimation (kPa). Pixels of
 1.25 mm are assumed from the brain's length. Of each frequency alone and of all together: G' over the authors' map at points 10 mm
 or more inside of the mask, its median; Spearman's rank correlation of both there, smoothed by a Gaussian of 5 mm (standard
-deviation); and the same of plain Helmholtz inversion of the same smooth field.
+deviation); and the same of plain Helmholtz inversion of a smooth field, and of our own local frequency estimation, which is the
+authors' method: what that has is the file's convention and the pixels, what the others have beyond it is the method.
 
-    python benchmarks/living_slice.py FILE [--only HZ] [--json]      last line of --json: a list of records
+    python benchmarks/living_slice.py FILE [--only HZ|all ...] [--json]      last line of --json: a list of records
 """
 
 from __future__ import annotations
@@ -26,12 +27,13 @@ from scipy import ndimage
 from scipy.stats import spearmanr
 
 from ngbrain.cli import main as ngbrain
-from ngbrain.inverse.direct import helmholtz
+from ngbrain.inverse.direct import helmholtz, local_frequency
 from ngbrain.io.waves import read_waves
 from ngbrain.threads import set_threads
 
 Record = dict
 FREQUENCIES = (30.0, 40.0, 50.0, 60.0)
+CHOICES = {**{f"{hz:g}": [i] for i, hz in enumerate(FREQUENCIES)}, "all": list(range(len(FREQUENCIES)))}
 PIXEL, DEEP, SMOOTH = 1.25e-3, 10e-3, 5e-3
 THROUGH = 2
 """The component that moves through the slice; nothing else was measured."""
@@ -81,11 +83,10 @@ def smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return ndimage.gaussian_filter(values, SMOOTH / PIXEL) / np.maximum(weight, 1e-9)
 
 
-def measure(path: Path, only: float | None) -> list[Record]:
-    """One record for each frequency, and one for all of them together."""
+def measure(path: Path, names: list[str]) -> list[Record]:
+    """One record for each of `CHOICES` that is named."""
     known = Slice(path)
-    every = [[i] for i in range(len(FREQUENCIES)) if only in (None, FREQUENCIES[i])]
-    return [record(known, chosen) for chosen in [*every, *([] if only else [list(range(len(FREQUENCIES)))])]]
+    return [record(known, CHOICES[name]) for name in names]
 
 
 def record(known: Slice, chosen: list[int]) -> Record:
@@ -110,6 +111,8 @@ def record(known: Slice, chosen: list[int]) -> Record:
     found["helmholtz_ratio"], found["helmholtz_rank"] = known.compared(
         np.where(np.isfinite(plain), np.clip(plain, 0, STIFFEST), np.nan), chosen[0]
     )
+    lfe = grid.box(local_frequency(data).real)
+    found["lfe_ratio"], found["lfe_rank"] = known.compared(lfe, chosen[0])
     for name in ("usable", "reasons", "notes", "checks", "noise", "chosen"):
         found[name] = result[name]
     found["regulariser"], found["form"] = result["model"]["regulariser"], result["model"]["form"]
@@ -124,17 +127,20 @@ def line(r: Record) -> str:
         return f"{which} Hz: exit {r['status']}"
     exponent = r["checks"].get("exponent")
     power = "" if exponent is None else f", exponent {exponent:.2f}"
+    beside = ", ".join(
+        f"{name} {r[f'{key}_ratio']:.2f}, {r[f'{key}_rank']:.2f}"
+        for key, name in (("helmholtz", "Helmholtz"), ("lfe", "local frequency"))
+    )
     return (
-        f"{which} Hz: G' over the authors' {r['ratio']:.2f}, rank {r['rank']:.2f} (Helmholtz {r['helmholtz_ratio']:.2f}, "
-        f"{r['helmholtz_rank']:.2f}), {1e-3 * r['storage']:.2f} + {1e-3 * r['loss']:.2f}i kPa{power}, exit {r['status']}, "
-        f"{r['cpu_s']:.0f} s of CPU time"
+        f"{which} Hz: G' over the authors' {r['ratio']:.2f}, rank {r['rank']:.2f} ({beside}), {1e-3 * r['storage']:.2f} + "
+        f"{1e-3 * r['loss']:.2f}i kPa{power}, exit {r['status']}, {r['cpu_s']:.0f} s of CPU time"
     )
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path, metavar="FILE")
-    parser.add_argument("--only", type=float, choices=FREQUENCIES, metavar="HZ")
+    parser.add_argument("--only", nargs="+", choices=CHOICES, default=list(CHOICES), metavar="HZ")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     if not arguments.file.exists():
