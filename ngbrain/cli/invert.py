@@ -114,7 +114,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     """The data without what is to be left out, and what that is."""
     notes = list[str]()
     check_passive(data)
-    if arguments.drop_outliers:
+    if arguments.drop_outliers and moving_axis(data) is None:  # slices look for themselves
         data, notes = cleaned(data)
     if arguments.oss_snr is not None:
         strained = where_strained(data, arguments.noise, arguments.oss_snr)
@@ -140,7 +140,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         misfit=arguments.misfit,
         start=started.maps if started else None,
         rounds=arguments.rounds,
-        drop_outliers=False,  # done before
+        drop_outliers=arguments.drop_outliers and moving_axis(data) is not None,  # else done before
         device=arguments.device,
         tell=tell,
     )

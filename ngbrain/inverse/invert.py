@@ -139,8 +139,6 @@ def invert(
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
     if axis is not None and start is None:
-        check_passive(data)
-        data, notes = cleaned(data) if drop_outliers else (data, [])
 
         def of_slice(one: WaveData) -> Inversion:
             return invert(
@@ -156,14 +154,12 @@ def invert(
                 misfit=misfit,
                 rounds=rounds,
                 dispersion=dispersion,
-                drop_outliers=False,
+                drop_outliers=drop_outliers,
                 device=device,
                 tell=tell,
             )
 
-        slices = invert_slices(data, axis, of_slice)
-        slices.notes += notes
-        return slices
+        return invert_slices(data, axis, of_slice)
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     differ = contradiction(data)

@@ -88,12 +88,12 @@ def invert_slices(data: WaveData, axis: int, invert: Callable[[WaveData], Invers
     unmeasured = [i for i in range(3) if i != axis]
     u = data.displacement.copy()
     u[:, :, unmeasured] = np.nan
-    data, parts = replace(data, displacement=u), slices_of(data, axis)
-    each = []
-    for number, (_, one) in enumerate(parts, 1):
+    parts, each = slices_of(data, axis), list[Inversion]()
+    for number, (own, one) in enumerate(parts, 1):
         LOG.info("slice %d of %d", number, len(parts))
         each.append(invert(one))
-    whole = [own for own, _ in parts]
+        u[:, own, axis] = each[-1].data.displacement[:, :, 0]  # without gross errors
+    data, whole = replace(data, displacement=u), [own for own, _ in parts]
     n, first, ends = len(data.points), each[0], [found.rows[-1] for found in each]
     noise = np.ones(n)
     for own, found in zip(whole, each, strict=True):

@@ -53,6 +53,18 @@ def test_slices_one_by_one(found):
     assert sum("apparent moduli" in note for note in found.notes) == 1
 
 
+def test_gross_errors_of_a_few_slices_are_left_out():
+    data = slab()
+    u, wrong = data.displacement.copy(), np.flatnonzero(data.mask & ~data.border)[::40]
+    u[0, wrong, 2] += 2 * data.rms[0, 0, 2]
+    found = invert(replace(data, displacement=u), rounds=1)
+    assert np.isnan(found.data.displacement[0, wrong, 2]).mean() > 0.9
+    assert any("gross errors" in note for note in found.notes)
+    gaining = replace(data, displacement=np.conj(data.displacement))
+    with pytest.raises(InputError, match="waves that gain energy"):
+        invert(gaining)
+
+
 def test_the_share_of_waves_that_leave_the_slices():
     for tilt in (0.2, 0.5):
         data = slab(tilt, noise=0.05)
