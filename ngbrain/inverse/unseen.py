@@ -67,7 +67,8 @@ def of_one_slice(data: WaveData) -> list[str]:
     """What motion through a plane tells, and what it does not."""
     return [
         "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
-        "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is taken as given",
+        "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is "
+        "taken as given",
     ]
 
 
