@@ -11,6 +11,7 @@ from scipy import ndimage
 from ngbrain.errors import InputError
 from ngbrain.image import places
 from ngbrain.image.contrast import tissue_maps
+from ngbrain.image.nuclei import nuclei
 from ngbrain.image.topology import drown
 from ngbrain.image.ventricles import FAR, at_half_height, find_ventricles, from_ventricles
 from ngbrain.image.volume import Volume
@@ -100,6 +101,9 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     if size < _LEAST_VENTRICLES:
         raise InputError("image", f"a brain with ventricles of {size:.1f} ml", f"at least {_LEAST_VENTRICLES:g} ml")
     labels[ventricles] = VENTRICLE
+    to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(place) @ t1.affine
+    to[:3, 3] += to[:3, :3] @ [axis.start - 1 for axis in box]
+    labels[nuclei(grey, np.isin(labels, (GREY, WHITE)), to, 1e3 * t1.spacing)] = GREY
     _drown_islands(labels)  # what the edge of the ventricles has cut off
 
     core = (slice(1, -1),) * 3

@@ -16,6 +16,7 @@ from ngbrain.image import places
 from ngbrain.image.align import ALIKE, INSIDE, Alignment, align, correlation_inside
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.midsurface import MidSurface
+from ngbrain.image.nuclei import nuclei
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
 from ngbrain.image.volume import Volume, mni152
 
@@ -42,7 +43,6 @@ _NUMBERS = {name: number for number, name in NAMES.items()}
 _BAND = 7.0  # mm to both sides of where the tentorium is expected, in which the scan decides
 _CORE, _RIM, _AROUND = 0.8, 1.25, 1.6  # radii of the brain stem: all stem inside, none outside, and what is looked at
 _SMOOTH = 0.6  # mm, of grey values in which valleys are looked for
-_EDGE = 0.7  # mm, of those in which edges are
 _TRUNK = 8.0  # mm to both sides of the mid surface that are corpus callosum
 _NEAR = 8.0  # mm about its expected course
 _BACK_BELOW = (120.0, 90.0)  # mm: no brain is further back or below
@@ -120,21 +120,22 @@ def on_black(t1: Volume, brain: np.ndarray) -> Volume:
 @dataclass(frozen=True, eq=False)
 class _Case:
     """A box of a head: grey values and tissues on voxels of `size` (3,) in mm, and of every voxel in the brain the place
-    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm)."""
+    (n, 3) in the template (mm) and the distance to the right (n,) of the mid surface (mm); `to` (4, 4) takes indices to places."""
 
     grey: np.ndarray
     tissues: np.ndarray
     size: np.ndarray
+    to: np.ndarray
     points: np.ndarray
     right: np.ndarray
 
     @classmethod
     def of(cls, head: Volume, tissues: Volume, affine: np.ndarray, middle: MidSurface, box: tuple[slice, ...]) -> _Case:
         brain = tissues.data[box] > 0
-        to = np.linalg.inv(affine) @ head.affine
-        index = np.argwhere(brain) + [axis.start for axis in box]
-        points = 1e3 * (index @ to[:3, :3].T + to[:3, 3])
-        return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, points, middle.right_of(points))
+        to = np.diag([1e3, 1e3, 1e3, 1.0]) @ np.linalg.inv(affine) @ head.affine
+        to[:3, 3] += to[:3, :3] @ [axis.start for axis in box]
+        points = np.argwhere(brain) @ to[:3, :3].T + to[:3, 3]
+        return cls(head.data[box], tissues.data[box], 1e3 * head.spacing, to, points, middle.right_of(points))
 
     def on_grid(self, values: np.ndarray, outside: float = 0) -> np.ndarray:
         """Values of the voxels in the brain, put into the box."""
@@ -171,31 +172,10 @@ class _Case:
         matter = np.isin(self.tissues, (GREY, WHITE))
         regions[(parts == STEM) & matter] = _NUMBERS["brain_stem"]
         regions[self.callosum(parts)] = _NUMBERS["corpus_callosum"]
-        deep = self.deep_grey()
+        deep = nuclei(self.grey, np.isin(self.tissues, (GREY, WHITE)), self.to, self.size)
         regions[deep & (parts == LEFT)] = _NUMBERS["deep_grey_left"]
         regions[deep & (parts == RIGHT)] = _NUMBERS["deep_grey_right"]
         return regions
-
-    def deep_grey(self) -> np.ndarray:
-        """Mask of the four nuclei of both sides."""
-        flood = require("skimage.segmentation", "mri").watershed
-        matter = np.isin(self.tissues, (GREY, WHITE))
-        marks, far = np.zeros(len(self.points), np.uint8), np.ones(len(self.points), bool)
-        for number, nucleus in enumerate(places.NUCLEI.values(), 2):
-            radius = nucleus.radius(self.points)
-            marks[radius < nucleus.core] = number
-            far &= radius > nucleus.reach
-        marks[far] = 1
-        near = self.on_grid(~far)
-        found = np.zeros_like(near)
-        if not near.any():
-            return found
-        around = tuple(
-            slice(max(axis.start - 4, 0), axis.stop + 4) for axis in ndimage.find_objects(near.astype(int))[0]
-        )
-        edges = ndimage.gaussian_gradient_magnitude(self.grey[around], _EDGE / self.size)
-        found[around] = flood(edges, np.where(matter, self.on_grid(marks), 1)[around]) > 1
-        return ndimage.binary_opening(found)
 
     def callosum(self, parts: np.ndarray) -> np.ndarray:
         """Mask of the corpus callosum."""

@@ -6,7 +6,7 @@ from nilearn.datasets import load_mni152_gm_template, load_mni152_wm_template
 from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image import Volume, check_extracted, mni152
+from ngbrain.image import Volume, check_extracted, mni152, places
 from ngbrain.image.segment import CSF, GREY, OUTSIDE, VENTRICLE, WHITE, segment
 from ngbrain.image.ventricles import find_ventricles
 
@@ -24,11 +24,19 @@ def without_ventricles(labels):
     return np.where(labels == VENTRICLE, CSF, labels)
 
 
+def nucleus(volume, reach, *names):
+    """Mask of what is within so many radii of deep nuclei of the template."""
+    points = 1e3 * volume.to_world(np.argwhere(np.ones(volume.data.shape, bool)))
+    radius = np.min([places.NUCLEI[name].radius(points) for name in names or places.NUCLEI], axis=0)
+    return (radius < reach).reshape(volume.data.shape)
+
+
 @pytest.fixture
 def balls(monkeypatch):
-    """No template: balls are no brain, and only their ventricles lie where `PHANTOM` puts them."""
+    """No template and no nuclei: balls are no brain, and only their ventricles lie where `PHANTOM` puts them."""
     unknown = Volume(np.zeros((4, 4, 4), np.float32), MM)
     monkeypatch.setattr("ngbrain.image.segment.tissue_maps", lambda: (unknown,) * 3)
+    monkeypatch.setattr("ngbrain.image.segment.nuclei", lambda grey, *_: np.zeros(grey.shape, bool))
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +76,24 @@ def phantom(rng, field=0.1, noise=0.03):
 
 
 def test_mni152_against_its_own_maps(scan, maps, tissue):
-    _, brain = scan
+    volume, brain = scan
     truth = np.where(brain, CSF + np.argmax([1 - maps[0] - maps[1], *maps], axis=0), OUTSIDE)
     labels = without_ventricles(tissue.volume.data)
+    truth[nucleus(volume, 1.3)] = labels[
+        nucleus(volume, 1.3)
+    ]  # the maps go by grey values, of which most nuclei have white ones
     assert dice(labels == GREY, truth == GREY) > 0.955
     assert dice(labels == WHITE, truth == WHITE) > 0.95
     assert dice(labels == CSF, truth == CSF) > 0.88
     assert ((labels != OUTSIDE) == brain).all()
+
+
+def test_deep_grey_matter_is_grey_though_it_is_as_bright_as_white(scan, maps, tissue):
+    for name in places.NUCLEI:
+        inside = nucleus(scan[0], 0.7, name) & (tissue.volume.data != VENTRICLE)
+        found, bright = (tissue.volume.data[inside] == GREY).mean(), (maps[1][inside] > 0.5).mean()
+        print(f"{name}: {found:.3f} grey, by grey values {bright:.2f} white")
+        assert found > 0.97, name
 
 
 def test_the_share_of_white_matter_is_that_of_the_map(scan, maps, tissue):
