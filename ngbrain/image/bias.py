@@ -8,7 +8,7 @@ from scipy import ndimage
 from ngbrain.errors import require
 from ngbrain.image.volume import Volume, border
 
-_STEP = 4e-3  # m, voxels on which the field is fitted
+_MEAN, _STEP = 4e-3, 6e-3  # m, over which grey values are averaged, and between the points on which the field is fitted
 _ROUNDS = (50, 50)  # with 1 and 2 spans of splines to a side; 4 (some 45 mm) take out anatomy
 _LEAST = 0.025  # standard deviation of the field in white matter, below which it may as well be anatomy
 _BRIGHT = 0.65  # quantile of the grey values in a brain above which it is white matter
@@ -37,10 +37,10 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     box = tuple(slice(max(axis.start - 2, 0), axis.stop + 2) for axis in ndimage.find_objects(mask.astype(np.uint8))[0])
     grey = (volume.data[box] - _zero(volume, mask)).astype(np.float32)
     inside = mask[box] & (grey > 0)  # their logarithm is taken
-    shrink = max(round(_STEP / float(volume.spacing.mean())), 1)
-    shrunk = (slice(shrink // 2, None, shrink),) * 3
-    smooth = ndimage.uniform_filter(np.where(inside, grey, 0), shrink)
-    share = ndimage.uniform_filter(inside.astype(np.float32), shrink)
+    width, shrink = (max(round(each / float(volume.spacing.mean())), 1) for each in (_MEAN, _STEP))
+    shrunk = (slice(width // 2, None, shrink),) * 3
+    smooth = ndimage.uniform_filter(np.where(inside, grey, 0), width)
+    share = ndimage.uniform_filter(inside.astype(np.float32), width)
     few = share[shrunk] > 0.5
     image = sitk.GetImageFromArray(np.where(few, smooth[shrunk] / np.maximum(share[shrunk], 0.5), 0))
     image.SetSpacing([float(s) for s in 1e3 * shrink * volume.spacing[::-1]])
@@ -54,7 +54,7 @@ def bias_field(volume: Volume, mask: np.ndarray) -> Volume:
     logs = sitk.GetArrayFromImage(n4.GetLogBiasFieldAsImage(image))
     logs = logs.clip(logs[few].min(), logs[few].max())
     # uniform_filter of an even size is centred half a voxel below its index.
-    first = shrink // 2 - (0.5 if shrink % 2 == 0 else 0.0)
+    first = width // 2 - (0.5 if width % 2 == 0 else 0.0)
     at = [(np.arange(size) - part.start - first) / shrink for size, part in zip(volume.data.shape, box, strict=True)]
     whole = _resampled(logs.astype(np.float64), at)
     whole = np.exp(whole - np.log(np.exp(whole[mask]).mean()))

@@ -7,17 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from ngbrain.image.align import Alignment
 from ngbrain.image.extracted import check_whole, parted
-from ngbrain.image.strip import placed, strip
+from ngbrain.image.strip import placed
+from ngbrain.image.strip import strip as own
 from ngbrain.image.volume import Scan, Volume
 
 
-def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.ndarray:
+def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None) -> np.ndarray:
     """The whole brain, sulci included, as a mask (nx, ny, nz) over `scan.volume`.
 
     In a brain-extracted scan (`check_extracted`) it is what differs from the background, if that is like the template's
-    brain (`ngbrain.image.strip.placed`): other contrasts and balls without a skull look whole as well. In any other, `strip`
-    finds it: `ngbrain.image.strip.strip`, or what takes its place, such as those in `ngbrain.image.backends`.
+    brain (`ngbrain.image.strip.placed`): other contrasts and balls without a skull look whole as well. In any other,
+    `ngbrain.image.strip.strip` finds it, or what takes its place, such as those in `ngbrain.image.backends`.
 
     Raises:
         InputError: the field of view cuts the brain; less than 0.7 litres; or a picture of something else, see `strip`.
@@ -28,13 +30,17 @@ def find_brain(scan: Scan, strip: Callable[[Scan], np.ndarray] = strip) -> np.nd
     >>> f"{find_brain(scan).sum() * scan.volume.voxel_volume * 1e3:.2f} litres"
     '1.89 litres'
     """
+    return brain_and_place(scan, strip)[0]
+
+
+def brain_and_place(scan: Scan, strip: Callable[[Scan], np.ndarray] | None = None) -> tuple[np.ndarray, Alignment]:
+    """What `find_brain` finds, and where the MNI152 template lies in the scan; raises as that does."""
     mask, more = parted(scan)
+    place = placed(scan) if more and strip is None else None
     if more:
-        mask = strip(scan)
+        mask = strip(scan) if strip else own(scan, place)
     check_whole(scan, mask)
-    if not more:
-        placed(replace(scan, volume=_on_dark(scan.volume, mask)))
-    return mask
+    return mask, place or placed(replace(scan, volume=_on_dark(scan.volume, mask)))
 
 
 def _on_dark(volume: Volume, mask: np.ndarray) -> Volume:

@@ -87,16 +87,15 @@ def _fitted(values: np.ndarray, share: np.ndarray, means: np.ndarray) -> tuple[f
 def _sampled() -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) in m in the cerebrum of the template, and the shares (3, n) of TISSUES around them."""
     template = mni152().volume
-    lattice = np.zeros(template.data.shape, bool)
-    lattice[::_STEP, ::_STEP, ::_STEP] = True
-    deep = ndimage.distance_transform_edt(template.data != 0) > _DEEP
-    points = template.to_world(np.argwhere(deep & lattice))
+    thin = template.data[::_STEP, ::_STEP, ::_STEP] != 0
+    deep = ndimage.distance_transform_edt(thin, sampling=_STEP * 1e3 * template.spacing) > _DEEP
+    points = template.to_world(_STEP * np.argwhere(deep))
     there = 1e3 * points
     nuclei = np.min([nucleus.radius(there) for nucleus in places.NUCLEI.values()], axis=0)
     points = points[(there[:, 2] > places.tentorium(there)) & (nuclei > _OUTSIDE_NUCLEI)]
-    share = np.array([Volume(ndimage.gaussian_filter(m.data, _BLUR), m.affine).at(points) for m in tissue_maps()]).clip(
-        _FEW
-    )
+    maps = [thinned(each, _VOXEL) for each in tissue_maps()]
+    blurred = [Volume(ndimage.gaussian_filter(m.data, 1e-3 * _BLUR / m.spacing), m.affine) for m in maps]
+    share = np.array([each.at(points) for each in blurred]).clip(_FEW)
     return points, share / share.sum(axis=0)
 
 

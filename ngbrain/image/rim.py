@@ -28,8 +28,10 @@ def lifted(scan: Scan, mask: np.ndarray) -> Volume:
     sides = np.linalg.norm(scan.file_affine[:3, :3], axis=0)
     if np.cbrt(sides.prod()) <= _COARSE:
         return scan.volume
-    data = scan.volume.data
-    depth = ndimage.distance_transform_edt(mask, sampling=scan.volume.spacing)
-    deep = depth > _REACH * sides.max()
-    fluid = np.quantile(data[deep], _FLUID)
-    return Volume(np.where(mask & ~deep, data.clip(fluid), data).astype(np.float32), scan.volume.affine)
+    data = scan.volume.data.astype(np.float32)
+    box = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in ndimage.find_objects(mask.astype(np.uint8))[0])
+    part, brain = data[box], mask[box]
+    deep = ndimage.distance_transform_edt(brain, sampling=scan.volume.spacing) > _REACH * sides.max()
+    fluid = np.quantile(part[deep], _FLUID)
+    part[brain & ~deep] = part[brain & ~deep].clip(fluid)
+    return Volume(data, scan.volume.affine)

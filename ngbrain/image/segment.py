@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image import places
+from ngbrain.image.align import thinned
 from ngbrain.image.contrast import tissue_maps
 from ngbrain.image.nuclei import nuclei
 from ngbrain.image.topology import drown
@@ -30,6 +31,7 @@ _BINS, _ROUNDS_OF_BINS = 512, 200
 _COUPLING, _ROUNDS = 0.4, 4
 _FIELDS = 4  # times that what is left of a field is taken out
 _SLOW = 20.0  # mm: standard deviation of the Gaussian that field is smoothed by
+_THIN = 2.0  # mm between the voxels that what is smooth is found on
 # Standard deviation of smoothing, in voxels of the scan; reached where noise is this much of the step from grey to white matter.
 _WIDEST, _NOISY = 0.6, 0.2
 _FLUID_ENDS = 0.5  # on the way from fluid (0) to grey matter (1)
@@ -85,10 +87,8 @@ def segment(t1: Volume, brain: np.ndarray, place: np.ndarray, voxel: float = 1e-
     grey = np.pad(_normalised(t1.data, brain)[box], 1)
     prior = _prior(t1, place, box)
     smooth = _smoothed(grey, inside, voxel / t1.spacing)
-    for _ in range(_FIELDS):
-        scale, _, _ = _fit(smooth, inside, prior, rounds=1)
-        field = _left_over(smooth, scale, inside, 1e3 * float(t1.spacing.mean()))
-        grey, smooth = grey / field, smooth / field
+    field = _left_over(smooth, inside, prior, 1e3 * float(t1.spacing.mean()))
+    grey, smooth = grey / field, smooth / field
     scale, share, contrast = _fit(smooth, inside, prior)
     labels = np.where(inside, CSF + (scale > _FLUID_ENDS) + (scale > 1.5), OUTSIDE).astype(np.uint8, order="C")
     _drown_islands(labels)
@@ -141,7 +141,7 @@ def _smoothed(grey: np.ndarray, inside: np.ndarray, voxel: np.ndarray) -> np.nda
 
 def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
     """Logarithm of how likely the five classes are by the template, (5, ...) on a box of the picture and a layer more."""
-    fluid, grey, white = tissue_maps()
+    fluid, grey, white = (thinned(each, 1e-3 * _THIN) for each in tissue_maps())
     there = 1e3 * grey.to_world(np.argwhere(np.ones(grey.data.shape, bool)))
     near = np.flatnonzero((np.abs(there) < [45, 60, 45]).all(axis=1))
     radius = np.min([nucleus.radius(there[near]) for nucleus in places.NUCLEI.values()], axis=0)
@@ -154,7 +154,9 @@ def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
     shape = tuple(axis.stop - axis.start + 2 for axis in box)
     pure = np.array(
         [
-            ndimage.affine_transform(ndimage.gaussian_filter(each, _VAGUE), to[:3, :3], start, shape, order=1)
+            ndimage.affine_transform(
+                ndimage.gaussian_filter(each, 1e-3 * _VAGUE / grey.spacing), to[:3, :3], start, shape, order=1
+            )
             for each in shares
         ]
     )
@@ -163,22 +165,36 @@ def _prior(t1: Volume, place: np.ndarray, box: tuple[slice, ...]) -> np.ndarray:
     return np.array([dark, (dark + middle) / 2, middle, (middle + bright) / 2, bright], np.float32)
 
 
-def _left_over(grey: np.ndarray, scale: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
-    """The factor by which grey values are too bright over some 20 mm, given tissues; voxels of `size` mm."""
+def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: float) -> np.ndarray:
+    """The factor by which grey values are too bright over some 20 mm, given tissues; voxels of `size` mm.
+
+    It is found on every other voxel of 1 mm, where it is as smooth, and tissues are told apart as well.
+    """
+    every = max(round(_THIN / size), 1)
+    thin = (slice(None, None, every),) * 3
+    values, within, chances = (
+        grey[thin],
+        np.pad(inside[thin], 1),
+        np.pad(prior[(slice(None), *thin)], ((0, 0), (1, 1), (1, 1), (1, 1))),
+    )
+    total = np.zeros(values.shape, np.float32)
+    for _ in range(_FIELDS):
+        even = np.pad(values * np.exp(-total), 1)
+        scale, _, _ = _fit(even, within, chances, rounds=1)
+        total += _residual(even, scale, within, every * size)[(slice(1, -1),) * 3]
+    step = np.full(3, 1 / every)
+    return np.exp(ndimage.affine_transform(total, step, 0.0, grey.shape, order=1, mode="nearest")).astype(np.float32)
+
+
+def _residual(grey: np.ndarray, scale: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:
+    """The logarithm of grey values over what tissues should have, smoothed over some 20 mm."""
     tissue = inside & (scale > 0.75)
     of_grey = np.median(grey[inside & (np.abs(scale - 1) < 0.25)])
     of_white = np.median(grey[inside & (scale > 1.75)])
     expected = of_grey + (scale - 1).clip(0, 1) * (of_white - of_grey)
-    logs = np.where(tissue, np.log(np.maximum(grey, 1e-3) / expected).clip(-0.3, 0.3), 0)
-    every = max(round(4 / size), 1)
-    pairs = []
-    for each in (logs, tissue.astype(np.float32)):
-        coarse = ndimage.uniform_filter(each, every)[(slice(every // 2, None, every),) * 3]
-        pairs.append(ndimage.gaussian_filter(coarse, _SLOW / (every * size)))
-    slow = pairs[0] / np.maximum(pairs[1], 1e-3)
-    step = np.full(3, 1 / every)
-    whole = ndimage.affine_transform(slow, step, -(every // 2) * step, grey.shape, order=1, mode="nearest")
-    return np.exp(whole).astype(np.float32)
+    logs = np.where(tissue, np.log(np.maximum(grey, 1e-3) / expected).clip(-0.3, 0.3), 0).astype(np.float32)
+    slow, share = (ndimage.gaussian_filter(each, _SLOW / size) for each in (logs, tissue.astype(np.float32)))
+    return np.asarray(slow / np.maximum(share, 1e-3))
 
 
 def _fit(

@@ -26,8 +26,10 @@ _FOLD = 9.0  # mm: half the width of the widest sulcus that is filled
 _FILM = 1.5  # mm of fluid that goes with the brain
 
 
-def strip(scan: Scan) -> np.ndarray:
+def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     """The brain of a T1 with skull, fluid of the sulci included, as a mask (nx, ny, nz) over `scan.volume`.
+
+    place   of the template in it, if `placed` has found it before
 
     The MNI152 brain is laid into the head (`align`), and the field of the coil is taken out (`unbiased`). The template's
     inside tells how bright fluid, grey and white matter are. What is brighter than half way from fluid to grey matter
@@ -45,7 +47,7 @@ def strip(scan: Scan) -> np.ndarray:
     Traceback (most recent call last):
     ngbrain.errors.InputError: noise.nii: image is a picture whose largest bright part has 0.00 litres; wanted: at least 0.5, ...
     """
-    template, found = mni152().volume, placed(scan)
+    template, found = mni152().volume, place or placed(scan)
     head = thinned(scan.volume, _VOXEL)
     to = np.linalg.inv(template.affine) @ np.linalg.inv(found.affine) @ head.affine
     whole = (template.data != 0).astype(np.float32)

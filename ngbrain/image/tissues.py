@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,7 +52,7 @@ def tissues(scan: Scan) -> Volume:
     differ too little to be told apart, and of volumes that people hardly have.
     """
     with naming(scan.source):  # the file, which a picture and a mask do not know
-        return _looked_at(*_tissues(*_brain(scan)))
+        return _looked_at(*_tissues(_brain(scan)))
 
 
 def grey_white_contrast(scan: Scan) -> float:
@@ -59,7 +61,7 @@ def grey_white_contrast(scan: Scan) -> float:
     Segments the scan, unless `tissues` has; raises as that does.
     """
     with naming(scan.source):
-        return _tissues(*_brain(scan))[1]
+        return _tissues(_brain(scan))[1]
 
 
 def structured(scan: Scan) -> Structures:
@@ -70,7 +72,7 @@ def structured(scan: Scan) -> Structures:
     ('csf', 'ventricles', 'grey_left', 'grey_right')
     """
     with naming(scan.source):
-        return _structured(*_brain(scan))
+        return _structured(_brain(scan))
 
 
 def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
@@ -98,50 +100,70 @@ def by_atlas(scan: Scan, labels: LabelMap, template: Scan) -> LabelMap:
 def _on_black(scan: Scan) -> Volume:
     """The picture of the brain, 0 around it."""
     with naming(scan.source):
-        picture, mask, _ = _brain(scan)
-    return Volume(np.where(mask, picture.data, 0), picture.affine)
+        found = _brain(scan)
+    return Volume(np.where(found.mask, found.picture.data, 0), found.picture.affine)
 
 
-def _brain(scan: Scan) -> tuple[Volume, np.ndarray, float]:
-    """The picture, its rim made even with fluid where voxels are coarse; the mask of the brain; edge of the file's voxels (m)."""
+@dataclass(frozen=True, eq=False)
+class _Brain:
+    """A brain in a scan.
+
+    picture  its rim made even with fluid where voxels are coarse; mask of the brain in it
+    place    (4, 4), of the template, as found in the whole head; voxel: edge of the file's voxels (m)
+    """
+
+    picture: Volume
+    mask: np.ndarray
+    place: np.ndarray
+    voxel: float
+
+    @cached_property
+    def seen(self) -> list[str]:
+        """Digests of the picture and the mask."""
+        return [self.picture.digest(), hashlib.sha256(np.packbits(self.mask).tobytes()).hexdigest()]
+
+
+def _brain(scan: Scan) -> _Brain:
     made_from = [scan.volume.digest(), scan.file_affine.tolist(), list(scan.file_shape)]
     made_by = (align, bias, brain, contrast, extracted, places, strip)
-    mask = kept("brain", made_from, made_by, lambda: {"mask": brain.find_brain(scan)})["mask"]
-    return lifted(scan, mask), mask, float(np.cbrt(abs(np.linalg.det(scan.file_affine[:3, :3]))))
+
+    def make() -> Arrays:
+        mask, place = brain.brain_and_place(scan)
+        return {"mask": mask, "place": place.affine}
+
+    found = kept("brain", made_from, made_by, make)
+    voxel = float(np.cbrt(abs(np.linalg.det(scan.file_affine[:3, :3]))))
+    return _Brain(lifted(scan, found["mask"]), found["mask"], found["place"], voxel)
 
 
-def _seen(picture: Volume, mask: np.ndarray) -> list[str]:
-    return [picture.digest(), hashlib.sha256(np.packbits(mask).tobytes()).hexdigest()]
-
-
-def _even(picture: Volume, mask: np.ndarray) -> Volume:
+def _even(of: _Brain) -> Volume:
     """The picture without the coil's field."""
-    arrays = kept("even", _seen(picture, mask), (bias,), lambda: {"t1": bias.unbiased(picture, mask).data})
-    return Volume(arrays["t1"], picture.affine)
+    arrays = kept("even", of.seen, (bias,), lambda: {"t1": bias.unbiased(of.picture, of.mask).data})
+    return Volume(arrays["t1"], of.picture.affine)
 
 
-def _place(even: Volume, mask: np.ndarray) -> align.Alignment:
+def _place(of: _Brain, even: Volume) -> align.Alignment:
     """Where the template lies in a brain."""
 
     def make() -> Arrays:
-        found = align.align(on_black(even, mask), mni152().volume)
+        found = align.align(on_black(even, of.mask), mni152().volume, of.place)
         return {"affine": found.affine, "likeness": np.array(found.likeness)}
 
-    found = kept("place", _seen(even, mask), (align,), make)
+    found = kept("place", [*of.seen, of.place.tolist()], (align, bias), make)
     return align.Alignment(found["affine"], float(found["likeness"]))
 
 
-def _tissues(picture: Volume, mask: np.ndarray, voxel: float) -> tuple[Volume, float]:
+def _tissues(of: _Brain) -> tuple[Volume, float]:
     """Labels, and the contrast of grey and white matter."""
 
     def make() -> Arrays:
-        even = _even(picture, mask)
-        found = segment.segment(even, mask, _place(even, mask).affine, voxel)
+        even = _even(of)
+        found = segment.segment(even, of.mask, _place(of, even).affine, of.voxel)
         return {"labels": found.volume.data, "contrast": np.array(found.contrast)}
 
     made_by = (segment, topology, ventricles, places, contrast, align, bias)
-    found = kept("labels", [*_seen(picture, mask), voxel], made_by, make)
-    return Volume(found["labels"], picture.affine), float(found["contrast"])
+    found = kept("labels", [*of.seen, of.place.tolist(), of.voxel], made_by, make)
+    return Volume(found["labels"], of.picture.affine), float(found["contrast"])
 
 
 def _looked_at(labels: Volume, contrast: float) -> Volume:
@@ -159,12 +181,12 @@ def _looked_at(labels: Volume, contrast: float) -> Volume:
     return labels
 
 
-def _structured(picture: Volume, mask: np.ndarray, voxel: float) -> Structures:
-    labels = _looked_at(*_tissues(picture, mask, voxel))
+def _structured(of: _Brain) -> Structures:
+    labels = _looked_at(*_tissues(of))
 
     def make() -> Arrays:
-        even = _even(picture, mask)
-        made = structures(even, labels, _place(even, mask))
+        even = _even(of)
+        made = structures(even, labels, _place(of, even))
         return {
             "labels": made.labels.volume.data,
             "parts": made.parts.data,
@@ -173,6 +195,6 @@ def _structured(picture: Volume, mask: np.ndarray, voxel: float) -> Structures:
         }
 
     modules = (structures_module, places, midsurface, align, bias)
-    found = kept("structures", [*_seen(picture, mask), labels.digest()], modules, make)
+    found = kept("structures", [*of.seen, of.place.tolist(), labels.digest()], modules, make)
     names, affine = LabelMap(Volume(found["labels"], labels.affine), NAMES), labels.affine
     return Structures(names, Volume(found["parts"], affine), found["affine"], MidSurface(found["offset"]))

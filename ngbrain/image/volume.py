@@ -200,6 +200,8 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
     affine[:3, 3] = spacing * first
     matrix = np.linalg.solve(volume.affine, affine)
     turn, offset = matrix[:3, :3], matrix[:3, 3]
+    if np.abs(turn - np.diag(np.diag(turn))).max() <= 1e-9:
+        turn = np.diag(turn)  # so that splines' weights are found once for each axis
 
     background, _ = border(volume)
     # Zero around the picture: half way out of its last voxel the share of the picture falls below a half.
@@ -211,9 +213,9 @@ def straightened(volume: Volume, spacing: float = _GRID) -> Volume:
     data = volume.data.astype(np.float32, copy=False)
     # A Gaussian that brings the width of one old voxel to that of a new one, so that nothing is aliased.
     blur = np.sqrt(np.maximum((spacing / volume.spacing) ** 2 - 1, 0)) / _FWHM
-    where = turn @ np.argwhere(inside).T + offset[:, None]
-    new = ndimage.map_coordinates(ndimage.gaussian_filter(data, blur), where, order=3, mode="nearest")
-    values[inside] = new.clip(data.min(), data.max())
+    smooth = ndimage.gaussian_filter(data, blur)
+    new = ndimage.affine_transform(smooth, turn, offset, tuple(shape), order=3, mode="nearest")
+    values[inside] = new[inside].clip(data.min(), data.max())
     return Volume(values, affine)
 
 
