@@ -12,7 +12,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.image import Scan, Volume, mni152, read_scan
+from ngbrain.image import Scan, Volume, check_extracted, mni152, read_scan
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
@@ -103,11 +103,6 @@ class Scanned:
     def of(cls, scan: Scan) -> Scanned:
         """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
         return cls(scan, tissues(scan))
-
-    def extent(self) -> tuple[np.ndarray, np.ndarray]:
-        """Middle of the brain and standard deviation along each axis (m)."""
-        points = self.labels.to_world(np.argwhere(self.labels.data > 0))
-        return points.mean(axis=0), points.std(axis=0)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """The middle of a voxel of the file, counted from 0."""
@@ -223,9 +218,15 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
 def likewise(scene: Scene, image: str) -> Scene:
     """A scene on the MNI152 head, moved to the like place of another scan: as many standard deviations from its middle."""
     body = replace(scene.body, head="scan", image=image)
-    other, template = head_of(body), head_of(scene.body)
-    assert isinstance(other, Scanned) and isinstance(template, Scanned)
-    (middle, spread), (there, theirs) = template.extent(), other.extent()
+    template, scan = mni152(), read_scan(image)
+    middle, spread = _extent(check_extracted(template), template.volume)
+    there, theirs = _extent(tissues(scan).data > 0, scan.volume)
     target = there + theirs * (np.array(scene.cleft.target) - middle) / spread
     title = scene.title.replace("the MNI152 average brain", Path(image).name)
     return replace(scene, title=title, body=body, cleft=replace(scene.cleft, target=tuple(target.tolist())))
+
+
+def _extent(brain: np.ndarray, volume: Volume) -> tuple[np.ndarray, np.ndarray]:
+    """Middle of a brain, a mask on the voxels of a volume, and standard deviation along each axis (m)."""
+    points = volume.to_world(np.argwhere(brain))
+    return points.mean(axis=0), points.std(axis=0)
