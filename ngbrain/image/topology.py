@@ -105,7 +105,8 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
     (2, 2, Topology(pieces=1, tunnels=0, cavities=0), 1)
     """
     old = labels.volume.data
-    new = np.ascontiguousarray(np.pad(old, 1))  # so that neighbours need no cases; files are in Fortran order
+    box = (ndimage.find_objects((old != 0).astype(np.uint8)) or [tuple(slice(0, n) for n in old.shape)])[0]
+    new = np.ascontiguousarray(np.pad(old[box], 1))  # so that neighbours need no cases; files are in Fortran order
     for _ in range(_ROUNDS):
         before = new.copy()
         _flood(new)
@@ -113,7 +114,9 @@ def tidied(labels: LabelMap, island: int = _ISLAND) -> tuple[LabelMap, Tidying]:
             drown(new, int(label), island, out=True)
         if np.array_equal(new, before):
             break
-    found = LabelMap(Volume(np.ascontiguousarray(new[1:-1, 1:-1, 1:-1]), labels.volume.affine), labels.names)
+    whole = np.zeros(old.shape, old.dtype)
+    whole[box] = new[1:-1, 1:-1, 1:-1]
+    found = LabelMap(Volume(whole, labels.volume.affine), labels.names)
     moved = int(np.count_nonzero(found.volume.data != old))
     return found, Tidying(moved, topologies(labels), topologies(found))
 

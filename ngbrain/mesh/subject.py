@@ -11,7 +11,6 @@ from typing import Any
 
 import ngsolve as ngs
 import numpy as np
-from scipy import ndimage
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.enclosed import enclosed
@@ -36,8 +35,6 @@ from ngbrain.mesh.opening import Opening, opened
 from ngbrain.mesh.outline import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
 
-AIR = 8e-3
-"""Room (m) around a head that is kept of a map of labels."""
 OFF = 0.1
 """Part of its volume by which a region of a mesh may be off before it is said."""
 
@@ -139,7 +136,7 @@ class Subject:
         fill   put fluid into sulci that have no label (`ngbrain.image.fluid`); ventricles are told from other fluid in any case
         """
         file, notes = read_named(path, names, others)
-        labels, ml = ventricles_in_fluid(_boxed(file))
+        labels, ml = ventricles_in_fluid(file.boxed())
         notes += (f"ventricles are the fluid that lies deep in white matter, {ml:.1f} ml",) if ml else ()
         if fill:
             labels, ml = fluid_in_sulci(labels)
@@ -271,18 +268,6 @@ def write_subject(
         },
     )
     return result, made
-
-
-def _boxed(labels: LabelMap) -> LabelMap:
-    """The voxels of the head and some around it: files hold up to four times as many, and every step would take as much longer."""
-    box = ndimage.find_objects((labels.volume.data > 0).astype(np.uint8))[0]
-    pad = np.ceil(AIR / labels.volume.spacing).astype(int)
-    first = np.maximum([side.start for side in box] - pad, 0)
-    last = np.minimum([side.stop for side in box] + pad, labels.volume.data.shape)
-    affine = labels.volume.affine.copy()
-    affine[:3, 3] = labels.volume.to_world(first)
-    data = labels.volume.data[tuple(slice(*ends) for ends in zip(first, last, strict=True))]
-    return LabelMap(Volume(data, affine), labels.names)
 
 
 def _placed(repair: Repair) -> dict[str, Any]:
