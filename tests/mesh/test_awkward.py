@@ -81,9 +81,9 @@ CASES = (
     cut_by_the_field_of_view, cut_through_ventricles, thin_sulcus, sulcus_open_to_the_air, ventricle_at_the_surface,
     white_at_the_surface, surfaces_that_cross, open_cavity, touching_balls, torus, thin_shell, islands, box,
 )  # fmt: skip
-FLAT = {(thin_shell, "conforming"): 3e-3, (open_cavity, "hull"): 1.5e-3}
-"""Share of tetrahedra with a radius ratio below 0.1, where more than usual are: in a shell thinner than half of them, and 5 of
-4775 around a cavity; their dihedral angles are above 16°."""
+FLAT = {(thin_shell, "conforming"): 3e-3, (open_cavity, "hull"): 1.5e-3, (torus, "hull"): 7e-3}
+"""Share of tetrahedra with a radius ratio below 0.1, where more than usual are: in a shell thinner than half of them, 5 of 4775
+around a cavity and 7 of 1101 in a torus; their dihedral angles are above 15°."""
 
 
 @pytest.mark.parametrize("route", ROUTES)
