@@ -6,6 +6,7 @@ from nilearn.datasets import load_mni152_gm_template, load_mni152_wm_template
 
 from ngbrain.image import check_extracted, mni152
 from ngbrain.image.segment import GREY, WHITE, segment
+from ngbrain.image.volume import Volume
 
 
 @pytest.fixture(scope="module")
@@ -48,3 +49,25 @@ def test_ours_keeps_it(brain):
     assert dice(labels == GREY, grey) > 0.95  # deep nuclei as bright as white matter are grey here, not in the maps
     assert dice(labels == WHITE, white) > 0.95
     assert 0.95 < (labels == WHITE).sum() / white.sum() < 1.1
+
+
+@pytest.fixture(scope="module")
+def shaded(brain):
+    """The T1 under a field that grows fourfold from bottom to top."""
+    volume, mask, *_ = brain
+    height = (np.arange(mask.shape[2]) - mask.shape[2] / 2) * 1e3 * volume.spacing[2]
+    return Volume((volume.data * np.exp(0.7 * height / 80)).astype(np.float32), volume.affine)
+
+
+@pytest.mark.slow
+def test_naive_a_field_from_tissues_by_grey_values_alone_keeps_itself(brain, shaded, monkeypatch):
+    """White matter in the dark part counts as grey, and justifies the field."""
+    monkeypatch.setattr("ngbrain.image.segment._BY_PLACE", 0)
+    labels = segment(shaded, brain[1], np.eye(4)).volume.data
+    assert dice(labels == WHITE, brain[3]) < 0.74 and dice(labels == GREY, brain[2]) < 0.81
+
+
+@pytest.mark.slow
+def test_ours_starts_from_the_templates_tissues_too(brain, shaded):
+    labels = segment(shaded, brain[1], np.eye(4)).volume.data
+    assert dice(labels == WHITE, brain[3]) > 0.81 and dice(labels == GREY, brain[2]) > 0.83
