@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import warnings
 
-WANTED = "a name or a regular expression (ECMAScript, up to 200 characters, at most four repeats, none within another)"
+REPEATS = "at most four repeats, none within another"
+"""What `ways` allows, in words."""
+WANTED = f"a name or a regular expression (ECMAScript, up to 200 characters, {REPEATS})"
 """What `is_pattern` accepts, in words."""
 LONGEST = 64
 """Characters of a name, about: what an unlimited repeat may try."""

@@ -8,7 +8,7 @@ import ngsolve as ngs
 
 from ngbrain.arguments import of_type
 from ngbrain.errors import InputError, nearest
-from ngbrain.expressions import MOST, ways
+from ngbrain.expressions import MOST, REPEATS, ways
 from ngbrain.forward.material import Material
 
 
@@ -50,9 +50,7 @@ def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
 def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
     """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
     if ways(pattern) > MOST:  # NGSolve would try for minutes, deaf to Ctrl-C
-        raise InputError(
-            kind, repr(pattern), "a name or a regular expression with at most four repeats, none within another"
-        )
+        raise InputError(kind, repr(pattern), f"a name or a regular expression with {REPEATS}")
     try:
         found = {i for i, match in enumerate(find(pattern).Mask()) if match}
     except RuntimeError as error:
