@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -31,6 +31,8 @@ PLACE = ("space", "extent")
 """Axes along which bodies are in other places."""
 CHEAP = 8.0
 """How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
+CHANCE = 0.5
+"""Of the root of the sum of squares of changes: what is expected at least."""
 MOST = 1e3
 """Tolerances beyond which gains count alike: among steps that matter most the cheapest comes first."""
 
@@ -40,7 +42,8 @@ class Rung:
     """A model on the way.
 
     estimates   axis → what its next step would change
-    missing     what all steps would change together, relative, for each question
+    missing     what all steps may change together, relative, for each question: the sum of what each would change
+    expected    what they will most likely: changes of different axes may be of either sign
     taken       the axes that were climbed from here; none where the climb ended
     cost_s      computing time (s) up to and with this rung's estimates
     scales      of each answer, what it is measured by where it is nearly nothing
@@ -54,6 +57,7 @@ class Rung:
     taken: tuple[str, ...] = ()
     cost_s: float = 0.0
     scales: Array | float = 0.0
+    expected: Array = field(default_factory=lambda: np.zeros(0))
 
     def __str__(self) -> str:
         """A few words, for who waits."""
@@ -70,8 +74,8 @@ class Climb:
 
     @property
     def error(self) -> Array:
-        """What the ladder says is missing from the chosen model, relative, for each question."""
-        return self.chosen.missing
+        """What the ladder expects the chosen model to be off by, relative, for each question; it ends by what may be `missing`."""
+        return self.chosen.expected
 
     @property
     def chosen(self) -> Rung:
@@ -151,7 +155,7 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
         to = axes[name].judged(model[name])
         rungs[-1].estimates[name] = Estimate(np.full(len(tolerances), np.inf), "not to be solved", why, to)
     more, flags = _at_the_top(axes, rungs, tolerances)
-    rungs[-1].missing = _sum(rungs[-1].estimates, axes, len(tolerances)) + more
+    _judge(rungs[-1], axes, more)
     tell(rungs[-1])
     flags = _doubts(keeper, rungs[-1]) + flags + _nothing(rungs[-1])
     if np.any(rungs[-1].missing > NARROW * tolerances):
@@ -169,8 +173,8 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     for name in ELEMENTS if "pressure" in estimates else ():
         if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
             estimates[name] = _doubted(estimates[name], LOCKED)
-    missing = _sum(estimates, above, len(found.answers))
-    return Rung(dict(model), found.answers, found.ndof, estimates, missing, scales=found.scales)
+    rung = Rung(dict(model), found.answers, found.ndof, estimates, np.zeros(0), scales=found.scales)
+    return _judge(rung, above)
 
 
 def stand(scene: Loading, model: Model) -> Climb:
@@ -213,14 +217,24 @@ def _confirmed(keeper: Keeper, rung: Rung, axes: Mapping[str, Axis]) -> Rung:
         except SolverError:
             continue  # the doubt stays
         rung.estimates[name] = Estimate(relative(rung.answers, after, rung.scales), SOLVED, to=each.to)
-    return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
+    return _judge(replace(rung), axes)
 
 
-def _sum(estimates: Mapping[str, Estimate], axes: Mapping[str, Axis], questions: int) -> Array:
-    """What all steps would change together: of a higher order and finer elements the larger, as both are of the same error."""
-    changes = {name: np.abs(each.change) * axes[name].tail for name, each in estimates.items()}
+def _judge(rung: Rung, axes: Mapping[str, Axis], more: Array | float = 0.0) -> Rung:
+    """The rung with what all steps change together: of a higher order and finer elements the larger, both are of the same error.
+
+    Changes that cancel may do so by chance: no less is expected than half of what independent errors come to.
+    """
+    changes = {name: each.change * axes[name].tail for name, each in rung.estimates.items()}
     elements = [changes.pop(name) for name in ELEMENTS if name in changes]
-    return sum(changes.values(), np.max([np.zeros(questions), *elements], axis=0))
+    parts = [*changes.values(), np.zeros(len(rung.answers))]
+    if elements:
+        parts.append(elements[0] if len(elements) == 1 else _larger(*elements))
+    rung.missing = np.sum(np.abs(parts), axis=0) + more
+    known = np.isfinite(rung.missing)
+    together, apart = np.abs(np.sum(parts, axis=0, where=known)), np.sqrt(np.sum(np.square(parts), axis=0, where=known))
+    rung.expected = np.where(known, np.maximum(together, CHANCE * apart) + more, np.inf)
+    return rung
 
 
 def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances: Array) -> Rung:
@@ -245,7 +259,7 @@ def _learnt(rung: Rung, before: list[Rung], axes: Mapping[str, Axis], tolerances
         return rung
     raised = replace(found, change=_larger(found.change, floor), how="a part of what the last step changed")
     rung.estimates[name] = raised
-    return replace(rung, missing=_sum(rung.estimates, axes, len(rung.answers)))
+    return _judge(replace(rung), axes)
 
 
 def _as_order(mesh: Estimate, order: Estimate) -> Estimate:

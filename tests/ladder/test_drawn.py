@@ -143,4 +143,4 @@ def test_two_hundred_scenes():
     print(
         f"stated over true, of {len(judged)} errors: {np.quantile(judged, [0.05, 0.5, 0.95]).round(2)}; near: {near:.2f}"
     )
-    assert np.quantile(judged, 0.02) > 0.3 and near > 0.85
+    assert np.quantile(judged, 0.02) > 0.3 and near >= 0.9
