@@ -1,4 +1,4 @@
-"""Tasks for `ngbrain.pool`, importable by the processes that it starts."""
+"""Tasks for `ngbrain.parallel`, importable by the processes that it starts."""
 
 import os
 import resource
@@ -7,7 +7,7 @@ import time
 
 import ngsolve as ngs
 
-from ngbrain import pool
+from ngbrain import parallel
 from ngbrain.mesh import block
 
 
@@ -28,7 +28,7 @@ def interrupted(*, tell):
 def outlives(seconds, *, tell):
     """Threads at first, and when there has been time for the other tasks to end."""
     seen = []
-    with pool.helped(tell) as told:
+    with parallel.helped(tell) as told:
         for wait in (0.0, seconds):
             time.sleep(wait)
             told("still here")

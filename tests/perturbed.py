@@ -58,7 +58,6 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     import ngsolve as ngs
     from netgen import meshing
 
-    from ngbrain import pool
     from ngbrain.forward.forced import Press
     from ngbrain.forward.harmonic import Harmonic
     from ngbrain.forward.history import History
@@ -66,6 +65,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     from ngbrain.forward.static import Static
     from ngbrain.forward.transient import Transient
     from ngbrain.materials.lab.relaxing import _March
+    from ngbrain.parallel import processes
     from ngbrain.surgery.protocols import Protocol
 
     patch = pytest.MonkeyPatch()
@@ -107,8 +107,8 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     ):
         for name in names:
             patch.setattr(owner, name, partialmethod(by, getattr(owner, name)))
-    begin = pool.START.replace(
-        "from ngbrain.worker", f"import perturbed; perturbed.perturb({seed}); from ngbrain.worker"
+    begin = processes.START.replace(
+        "from ngbrain.parallel.worker", f"import perturbed; perturbed.perturb({seed}); from ngbrain.parallel.worker"
     )
-    patch.setattr(pool, "START", begin)
+    patch.setattr(processes, "START", begin)
     return patch

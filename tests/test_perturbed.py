@@ -11,7 +11,7 @@ from dying import points
 from netgen import occ
 from perturbed import DRAWN, moved
 
-from ngbrain import pool
+from ngbrain import parallel
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.material import Material
 from ngbrain.forward.relaxing import Relaxing
@@ -88,7 +88,7 @@ def test_inputs_move_if_asked(of, pytestconfig):
 
 
 def test_other_processes_move_theirs_alike():
-    found = pool.run([(name, points, ()) for name in "ab"], 2)
+    found = parallel.run([(name, points, ()) for name in "ab"], 2)
     for name in "ab":
         np.testing.assert_array_equal(found[name], points(tell=print))
 

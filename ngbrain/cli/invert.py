@@ -153,7 +153,7 @@ def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Ite
     inversion = invert_by_subzones(
         data,
         noise=arguments.noise,
-        processes=arguments.threads,
+        executor=arguments.threads,
         labelled=arguments.by_label,
         rounds=arguments.rounds or ROUNDS,
         checkpoint=kept,

@@ -18,7 +18,7 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain import pool
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
 from ngbrain.forward.solves import Solves
@@ -58,7 +58,7 @@ def invert_by_subzones(
     noise: float | None = None,
     size: float | None = None,
     overlap: float | None = None,
-    processes: int = 1,
+    executor: parallel.AnyExecutor = None,
     labelled: bool = False,
     passes: int = 1,
     rounds: int = ROUNDS,
@@ -71,7 +71,8 @@ def invert_by_subzones(
     size        m, longest side of a zone with its overlaps; by default `SIDE` wave lengths. Zones are of whole elements
     overlap     m, how deep neighbours reach into each other, a third of a wave length or so for each element; by default
                 `OVERLAP` wave lengths, less where `size` is small
-    processes   zones at a time, each in a process of its own; the answer does not depend on it
+    executor    who inverts the zones, one a task (`parallel.run`): by default this process, a number means so many processes;
+                the answer does not depend on it. Workers elsewhere have to see the folder of `checkpoint`
     labelled    whether each label has fields of its own
     passes      of consistency; 0: zones know nothing of each other
     rounds      iterations of a zone at most, in each pass
@@ -98,7 +99,7 @@ def invert_by_subzones(
     (True, 2)
     """
     _checked(data, size, overlap)
-    for name, value, least in (("passes", passes, 0), ("rounds", rounds, 1), ("processes", processes, 1)):
+    for name, value, least in (("passes", passes, 0), ("rounds", rounds, 1)):
         if value < least:
             raise InputError(name, value, f"at least {least}")
     if noise is not None and not 0 <= noise < np.inf:
@@ -117,18 +118,18 @@ def invert_by_subzones(
     parts = [(*part(data, zone, sure), zone.cells) for zone in zones]
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(tell)
-    tasks: list[pool.Task] = [
-        (name, _alone, (name, own, box, common)) for name, (own, _, box) in zip(names, parts, strict=True)
+    tasks: list[parallel.Task] = [
+        parallel.Task(name, _alone, (name, own, box, common)) for name, (own, _, box) in zip(names, parts, strict=True)
     ]
     rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
-    found = [Together(data, zones, rough, list(pool.run(tasks, processes, hear).values()))]
+    found = [Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()))]
     for i in range(passes if len(zones) > 1 else 0):
         last = found[-1]
         tasks = []
         for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
-            tasks.append((name, _among, (f"{name}, pass {i + 1}", own, box, around, answer, common)))
-        found.append(Together(data, zones, rough, list(pool.run(tasks, processes, hear).values()), found[0]))
+            tasks.append(parallel.Task(name, _among, (f"{name}, pass {i + 1}", own, box, around, answer, common)))
+        found.append(Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()), found[0]))
     return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
@@ -165,7 +166,7 @@ class Common:
             raise SolverError(f"{name}: {said}") from error
 
 
-def _alone(name: str, data: PartOfWaves, cells: Lattice, common: Common, *, tell: pool.Tell) -> Answer:
+def _alone(name: str, data: PartOfWaves, cells: Lattice, common: Common, *, tell: parallel.Tell) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         found = invert_in_space(
             data,
@@ -190,7 +191,7 @@ def _among(
     before: Answer,
     common: Common,
     *,
-    tell: pool.Tell,
+    tell: parallel.Tell,
 ) -> Answer:
     def invert(checkpoint: Path | None) -> Answer:
         solves = Solves()
@@ -230,11 +231,11 @@ def _around(last: Together, points: Array, share: Array, own: PartOfWaves, chose
     )
 
 
-def _named(name: str, tell: pool.Tell) -> Callable[[Iteration], None]:
+def _named(name: str, tell: parallel.Tell) -> Callable[[Iteration], None]:
     return lambda iteration: tell(replace(iteration, phase=name))
 
 
-def _hearing(tell: Callable[[Iteration], None]) -> pool.Tell:
+def _hearing(tell: Callable[[Iteration], None]) -> parallel.Tell:
     return lambda iteration: tell(iteration)
 
 

@@ -19,7 +19,7 @@ from ngbrain.forward.transient import Transient
 from ngbrain.io import write_json
 from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.elements import centres
-from ngbrain.pool import Tell
+from ngbrain.parallel import Tell
 from ngbrain.reading import read_json
 from ngbrain.scene import Body as SceneBody
 from ngbrain.solvers.newton import Newton

@@ -6,18 +6,16 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from ngsolve import ngsglobals
 
-from ngbrain import pool
+from ngbrain import parallel
 from ngbrain.errors import SolverError
-from ngbrain.io import Frame, versions, write_json
-from ngbrain.io.state import load_state, save_state
+from ngbrain.io import versions, write_json
 from ngbrain.io.whole import whole
-from ngbrain.pool import Tell
+from ngbrain.parallel import ProcessExecutor, Task, Tell, helped
 from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, band, response, worth
@@ -40,10 +38,10 @@ CHECKS = len(_CHECKS)
 """Runs beside the protocols', for a progress bar."""
 PICTURES = "head.npz"
 """The scan and its labels, for the report."""
-POLL = 0.2
-"""Seconds between looks for a beginning that another process computes."""
 _CHECK = "check: "
 """Before a check's name where it stands among protocols, whose names have no colon."""
+_BEGINNING = "beginning: "
+"""Before the name of a protocol whose first piece others share."""
 
 
 @reporting(lambda given: RunProgress(len(given["scene"].protocols) + CHECKS * given["checks"]))
@@ -55,6 +53,7 @@ def solve(
     tell: Tell = logged,
     checks: bool = True,
     callback: Callable[[dict[str, Any]], None] | None = None,
+    executor: parallel.AnyExecutor = None,
 ) -> dict[str, Any]:
     """Run every protocol of a scene, then the checks of what its numbers are worth.
 
@@ -75,6 +74,9 @@ def solve(
         False leaves the checks out: no error estimates of mesh, order and time steps, nor another exponent of the law.
     callback : callable, optional
         Called with the result so far, when the protocols are done and again after each check.
+    executor : int or concurrent.futures.Executor, optional
+        Who computes protocols and checks (`ngbrain.parallel.run`), each on one thread and with the same bits whoever it is; by
+        default `threads` processes of this machine. Run files are written by the workers, who have to see `folder`.
 
     Returns
     -------
@@ -126,8 +128,12 @@ def solve(
         if callback:
             callback(result)
 
-    with TemporaryDirectory() as shared:
-        pool.run(_tasks(model, where, resume, Path(shared), checks), threads, tell, finished)
+    tasks = _tasks(model, where, resume, checks)
+    if executor is None and threads > 1:
+        with ProcessExecutor(threads, threads=threads) as processes:
+            parallel.run(tasks, processes, tell=tell, finished=finished)
+    else:
+        parallel.run(tasks, executor, tell=tell, finished=finished)
     return result
 
 
@@ -174,52 +180,49 @@ def _status(task: str, ended: Mapping[str, Any], wanted: bool) -> str:
     return UNDER_WAY if wanted else NOT_COMPUTED
 
 
-def _tasks(model: Model, folder: Path | None, resume: bool, shared: Path, checks: bool = True) -> list[pool.Task]:
-    """The protocols first, so that there is a report soon: the longest, then those that begin like another and go on from there."""
+def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True) -> list[Task]:
+    """What protocols share first, then they, the longest first so that there is a report soon, then the checks."""
     scene = model.scene
     groups: dict[Any, list[Protocol | Force]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
         groups.setdefault(program.beginning, []).append(program)
-    leading: list[pool.Task] = []
-    following: list[pool.Task] = []
-    for number, programs in enumerate(groups.values()):
+    shared: list[Task] = []
+    leading: list[Task] = []
+    following: list[Task] = []
+    for programs in groups.values():
         first, *others = sorted(programs, key=lambda p: -len(p.times))
-        begun = shared / f"{number}.npz"
-        leading.append((first.name, _lead, (model, first, folder, resume, begun if others else None)))
-        following += [(other.name, _follow, (model, other, folder, resume, begun)) for other in others]
-    leading.sort(key=lambda task: -len(task[2][1].times))
-    after: list[pool.Task] = [(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS if checks]
-    return [*leading, *following, *after]
+        begun = [_BEGINNING + first.name] if others else []
+        shared += [Task(name, _begin, (model, first, folder, resume)) for name in begun]
+        leading.append(Task(first.name, _go, (model, first, folder, resume), begun))
+        following += [Task(other.name, _go, (model, other, folder, resume), begun) for other in others]
+    leading.sort(key=lambda task: -len(task.args[1].times))
+    after = [Task(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS if checks]
+    return [*shared, *leading, *following, *after]
 
 
-def _lead(
-    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path | None, tell: Tell
-) -> Outcome:
-    """A run; it leaves in a file how it stands after its first piece (None if it is past that), for those that follow."""
+def _begin(
+    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, *, tell: Tell
+) -> Snapshot | None:
+    """How a run stands after its first piece, None if it is past that: several protocols go on from there."""
     run = ProtocolRun(model, program, folder, resume)
-    with pool.helped(tell) as told:
-        if begun is not None:
-            within = run.transient.progress.t <= program.times[1]
-            snapshot = run.go(told, program.times[1]).snapshot() if within else None
-            save_state(begun, None if snapshot is None else _as_data(snapshot))
-        return run.go(told).outcome()
+    if run.transient.progress.t > program.times[1]:
+        return None
+    with helped(tell) as told:
+        return run.go(told, program.times[1]).snapshot()
 
 
-def _follow(
-    model: Model, program: Protocol | Force, folder: Path | None, resume: bool, begun: Path, tell: Tell
+def _go(
+    model: Model,
+    program: Protocol | Force,
+    folder: Path | None,
+    resume: bool,
+    start: Snapshot | None = None,
+    *,
+    tell: Tell,
 ) -> Outcome:
-    """A run that goes on from where another, which was started before, stood after the piece that they share."""
-    while not begun.exists():
-        time.sleep(POLL)
-    with pool.helped(tell) as told:
-        start = load_state(begun)
-        snapshot = None if start is None else (start["state"], [Frame(**frame) for frame in start["frames"]])
-        return ProtocolRun(model, program, folder, resume, snapshot).go(told).outcome()
-
-
-def _as_data(snapshot: Snapshot) -> dict[str, Any]:
-    state, frames = snapshot
-    return {"state": state, "frames": [{"time": frame.time, "point_data": dict(frame.point_data)} for frame in frames]}
+    """A run, from where it stands after the piece that it shares with others."""
+    with helped(tell) as told:
+        return ProtocolRun(model, program, folder, resume, start).go(told).outcome()
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:
@@ -227,7 +230,7 @@ def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tel
         folder = folder / "checks"
         folder.mkdir(exist_ok=True)
     try:
-        with pool.helped(tell) as told:
+        with helped(tell) as told:
             value = _CHECKS[name](model, folder, resume, lambda _, t, share: told(_CHECK + name, t, share))
     except SolverError:  # what a check could not compute is reported as missing; the protocols' answers stand
         value = None

@@ -18,7 +18,7 @@ from ngbrain.forward.stability import CREASE
 from ngbrain.forward.steps import Control, Progress
 from ngbrain.forward.transient import Transient
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
-from ngbrain.pool import Tell
+from ngbrain.parallel import Tell
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS
 from ngbrain.surgery.model import TISSUE, Model

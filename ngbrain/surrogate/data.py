@@ -24,7 +24,7 @@ import ngsolve as ngs
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from ngbrain import pool
+from ngbrain import parallel
 from ngbrain.errors import InputError, naming, nearest
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.io.versions import versions
@@ -157,8 +157,8 @@ def generate(
     split: str,
     seed: int = 0,
     across: int = 51,
-    workers: int = 1,
-    tell: pool.Tell = logged,
+    executor: parallel.AnyExecutor = None,
+    tell: parallel.Tell = logged,
 ) -> None:
     """Compute samples of each family (name → how many) and write them to an HDF5 file, whole or not at all.
 
@@ -167,13 +167,13 @@ def generate(
 
     Raises `InputError` for names that are none, `SolverError` where no field was found.
     """
-    tasks: list[pool.Task] = []
+    tasks: list[parallel.Task] = []
     for name, count in families.items():
         family(name)
         for first in range(0, count, BLOCK):
             ids = range(first, min(first + BLOCK, count))
-            tasks.append((f"{name} {first}", _block, (modality, name, seed, split, ids, across)))
-    blocks = list(pool.run(tasks, workers, tell).values())
+            tasks.append(parallel.Task(f"{name} {first}", _block, (modality, name, seed, split, ids, across)))
+    blocks = list(parallel.run(tasks, executor, tell=tell).values())
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     columns["family"] = np.concatenate([np.full(count, i) for i, count in enumerate(families.values())])
     told = {"modality": modality, "split": split, "seed": seed, "side": SIDES[modality], "families": list(families)}
@@ -189,7 +189,7 @@ def generate(
 
 
 def _block(
-    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, tell: pool.Tell
+    modality: str, name: str, seed: int, split: str, ids: Sequence[int], across: int, tell: parallel.Tell
 ) -> dict[str, Array]:
     rows = [sample(modality, name, seed, split, index, across) for index in ids]
     tell(name, ids[-1], 1.0)

@@ -43,7 +43,7 @@ def kept(tmp_path_factory):
     """Inverted in two processes, and the folder of its checkpoints."""
     folder = tmp_path_factory.mktemp("zones")
     told = []
-    return invert_by_subzones(wave_data(), **ZONES, processes=2, checkpoint=folder, tell=told.append), folder, told
+    return invert_by_subzones(wave_data(), **ZONES, executor=2, checkpoint=folder, tell=told.append), folder, told
 
 
 def test_moduli_of_plane_waves(kept):
@@ -127,7 +127,7 @@ def test_a_zone_that_fails_is_named(monkeypatch):
         ({}, {"overlap": np.nan}, "^overlap is nan"),
         ({}, {"noise": -0.1}, "^noise is -0.1"),
         ({}, {"passes": -1}, "^passes is -1; wanted: at least 0"),
-        ({}, {"processes": 0}, "^processes is 0"),
+        ({}, {"executor": 0}, "^executor is 0"),
         ({"labels": None}, {"labelled": True}, "^labels is not given"),
         ({"frequency": [0.0]}, {"size": None}, "^size or overlap is not given.*quasi-static"),
         ({"mask": np.isin(np.arange(1024) % 16, (0, 1, 2, 6, 7, 8)), "dirichlet": None}, {}, "^mask is .*small pieces"),
@@ -162,7 +162,7 @@ def test_a_checkpoint_that_is_no_folder(tmp_path):
 @pytest.mark.slow
 def test_zones_find_a_ball_that_their_cut_goes_through_as_one_inversion_does():
     data = ball_in_bar.wave_data()
-    whole, zones = invert_in_space(data), invert_by_subzones(data, processes=2)
+    whole, zones = invert_in_space(data), invert_by_subzones(data, executor=2)
     away = ball_in_bar.away(data.points)
     inside, outside = away < ball_in_bar.RADIUS - 3e-3, away > ball_in_bar.RADIUS + 3e-3
     assert zones.model["zones"] == 2

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace as Namespace
 
 import numpy as np
@@ -23,7 +22,7 @@ def test_protocols_named_like_checks_keep_their_results():
     kinds = ({"kind": "continuous"}, {"kind": "staged", "stages": 2, "rest": 20.0})
     protocols = tuple(Protocol(name=name, **kind) for name, kind in zip(names, kinds, strict=True))
     scene = replace(scene, protocols=protocols)
-    tasks = [name for name, _, _ in retraction._tasks(Model(scene, None, None, None, None), None, False, Path())]
+    tasks = [task.name for task in retraction._tasks(Model(scene, None, None, None, None), None, False)]
     assert len(set(tasks)) == len(tasks) == len(names) + retraction.CHECKS and set(names) < set(tasks)
     for task in set(tasks) - set(names):
         with pytest.raises(InputError, match=r"protocol\.name"):
@@ -31,12 +30,13 @@ def test_protocols_named_like_checks_keep_their_results():
 
 
 def test_protocols_that_begin_alike_share_the_beginning():
-    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False, Path("x"))
+    tasks = retraction._tasks(Model(Scene.shipped("idealised_fast"), None, None, None, None), None, False)
+    beginning = tasks[0].name
     (lead, follow), (staged,) = (
-        [task for task in tasks if task[0] in names] for names in (("continuous", "intermittent"), ("staged",))
+        [task for task in tasks if task.name in names] for names in (("continuous", "intermittent"), ("staged",))
     )
-    assert lead[0] == "intermittent" and follow[0] == "continuous" and tasks.index(lead) < tasks.index(follow)
-    assert lead[2][-1] == follow[2][-1] is not None and staged[2][-1] is None
+    assert lead.name == "intermittent" and follow.name == "continuous" and tasks.index(lead) < tasks.index(follow)
+    assert lead.needs == follow.needs == [beginning] and not tasks[0].needs and not staged.needs
 
 
 @pytest.fixture
@@ -56,14 +56,14 @@ def staged_run(monkeypatch):
     )
 
     def solve(folder, names, **options):
-        def run(checks, threads, tell, finished):
+        def run(checks, executor, *, tell, finished):
             assert checks == options.get("checks", True)
             for name in names:
                 finished(name, None if name == "check: half steps" else name.upper())
             if "stopped" in names:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(retraction.pool, "run", run)
+        monkeypatch.setattr(retraction.parallel, "run", run)
         return retraction.solve(scene, folder, **options)
 
     return solve
@@ -118,9 +118,9 @@ def test_left_out_checks_are_said_to_be_not_computed(staged_run, tmp_path):
 
 def test_checks_come_after_the_protocols_or_not_at_all():
     model = Model(Scene.shipped("idealised_fast"), None, None, None, None)
-    names = [name for name, _, _ in retraction._tasks(model, None, False, Path("x"))]
+    names = [task.name for task in retraction._tasks(model, None, False)][1:]
     assert names[:3] == ["intermittent", "staged", "continuous"] and len(names) == 3 + retraction.CHECKS
-    assert [name for name, _, _ in retraction._tasks(model, None, False, Path("x"), checks=False)] == names[:3]
+    assert [task.name for task in retraction._tasks(model, None, False, checks=False)][1:] == names[:3]
 
 
 def test_frames_are_due_after_some_time_or_some_way():
@@ -134,11 +134,9 @@ def test_forces_share_no_beginning_with_ways():
     continuous, way = scene.protocols[0], scene.retraction
     same = {"times": (0.0, way.ramp, way.elapsed), "force_gf": (0.0, 30.0, 30.0)}
     protocols = (continuous, Protocol(kind="force", force_gf=30.0), Protocol(kind="force", name="same", **same))
-    tasks = retraction._tasks(
-        Model(replace(scene, protocols=protocols), None, None, None, None), None, False, Path("x")
-    )
-    begun = {name: args[-1] for name, _, args in tasks if name in ("continuous", "force", "same")}
-    assert begun["continuous"] is None and begun["force"] == begun["same"] is not None
+    tasks = retraction._tasks(Model(replace(scene, protocols=protocols), None, None, None, None), None, False)
+    begun = {task.name: task.needs for task in tasks if task.name in ("continuous", "force", "same")}
+    assert not begun["continuous"] and begun["force"] == begun["same"] != []
 
 
 @pytest.mark.slow
@@ -152,12 +150,11 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
         protocols=(continuous, replace(intermittent, hold=6.0, rest=14.0)),
     )
     model = Model.of(scene)
-    begun = tmp_path / "begun.pickle"
     first, second = (model.program(scene, asked) for asked in scene.protocols)
     quiet = {"tell": lambda *_: None}
+    begun = retraction._begin(model, second, tmp_path, False, **quiet)
     together = {
-        second.name: retraction._lead(model, second, tmp_path, False, begun, **quiet),
-        first.name: retraction._follow(model, first, tmp_path, False, begun, **quiet),
+        program.name: retraction._go(model, program, tmp_path, False, begun, **quiet) for program in (second, first)
     }
     for program in (first, second):
         alone = ProtocolRun(model, program, None).go()

@@ -1,7 +1,7 @@
-"""What a process of `ngbrain.pool` does: it says something and waits for the reply, until it is ended or its parent is gone.
+"""What a process of `ProcessExecutor` does: it is sent a task, says something and waits for the reply, until its parent is gone.
 
-It says (kind, what): `ready`, and is sent a task's name; `told`, and is sent how many threads the task may use from now on;
-`computed` or `raised`, and is sent the next task's name; or `unreadable`, of tasks that it cannot make sense of, and ends.
+It is sent (name, pickled function and arguments). It says (kind, what): `told`, and is sent how many threads the task may use
+from now on; then `computed`, `raised` or, of a task that it cannot make sense of, `unreadable`, and is sent the next task.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ import queue
 import signal
 import sys
 import threading
-import traceback
 from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
-from ngbrain.errors import SolverError
+from ngbrain.parallel.tasks import portable
 from ngbrain.threads import set_threads
 
-START = "import sys; sys.path[:] = sys.argv[1:]; from ngbrain.worker import work; work()"
+START = "import sys; sys.path[:] = sys.argv[1:]; from ngbrain.parallel.worker import work; work()"
 """Python that begins it; its arguments are the parent's `sys.path`."""
 
 
@@ -33,13 +32,16 @@ def work() -> None:
     _hear_ctrl_c()
     replies = queue.SimpleQueue[Any]()
 
-    def say(kind: str, what: Any) -> Any:
+    def say(kind: str, what: Any) -> None:
         message = pickle.dumps((kind, what))
         try:
             answers.write(message)
             answers.flush()
         except OSError:
             os._exit(1)
+
+    def tell(*what: Any) -> int:
+        say("told", what)
         return replies.get()
 
     def listen() -> None:
@@ -48,21 +50,21 @@ def work() -> None:
                 replies.put(pickle.load(requests))
         os._exit(1)  # also in the middle of a task: nobody waits for it, and a successor may write where it writes
 
-    try:
-        tasks = {name: (function, args) for name, function, args in pickle.load(requests)}
-    except Exception as error:
-        with suppress(OSError), answers:
-            pickle.dump(("unreadable", f"{type(error).__name__}: {error}"), answers)
-        return
     threading.Thread(target=listen, daemon=True).start()
     set_threads(1)
-    name = say("ready", None)
     while True:
-        function, args = tasks[name]
+        name, sent = replies.get()
         try:
-            name = say("computed", function(*args, tell=lambda *what: say("told", what)))
+            function, args, kwargs = pickle.loads(sent)
         except Exception as error:
-            name = say("raised", _portable(error, name))
+            say("unreadable", f"{type(error).__name__}: {error}")
+            continue
+        try:
+            told = {} if name is None else {"tell": tell}
+            say("computed", function(*args, **kwargs, **told))
+        except Exception as error:
+            say("raised", portable(error, name or getattr(function, "__name__", "task")))
+        del function, args, kwargs, sent
 
 
 def _hear_ctrl_c() -> None:
@@ -71,15 +73,3 @@ def _hear_ctrl_c() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
-def _portable(error: Exception, task: str) -> Exception:
-    """An exception that can be raised in another process, and says there where it came from."""
-    if isinstance(error, MemoryError):
-        return SolverError(f"{task}: out of memory; fewer at once take less")
-    error.add_note("in another process:\n" + "".join(traceback.format_exception(error)))
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return SolverError(f"{task}: {type(error).__name__}: {error}")
-    return error

@@ -1,0 +1,232 @@
+"""Tasks through an executor: results by name, progress, and what happens to a task that is lost."""
+
+from __future__ import annotations
+
+import queue
+import sys
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
+from typing import Any, Literal
+
+from ngbrain.errors import InputError, SolverError
+from ngbrain.parallel.processes import Job, NotSent, ProcessExecutor
+from ngbrain.parallel.tasks import AnyExecutor, Task, TaskLost, Tell, portable
+from ngbrain.progress import LOG
+from ngbrain.threads import threads
+
+POLL = 0.5
+"""Seconds between looks whether the program has been interrupted."""
+Finished = Callable[[str, Any], Any]
+
+
+def run(
+    tasks: Sequence[Task | tuple[Any, ...]],
+    executor: AnyExecutor = None,
+    *,
+    tell: Tell | None = None,
+    finished: Finished | None = None,
+    on_error: Literal["raise", "return"] = "raise",
+) -> dict[str, Any]:
+    """Compute tasks; the results are the same whoever computes them.
+
+    A task whose process dies is tried once more, alone where memory was the reason. Where tasks cannot be sent to the processes
+    of a `ProcessExecutor` (a function of the user's `__main__`, an object that no pickle holds), they are computed in this one,
+    one after the other. Warnings of the logger `ngbrain` say both.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        Or of plain tuples (name, function, args), with different names.
+    executor : int or concurrent.futures.Executor, optional
+        Who computes: by default this process, a number means so many processes of this machine. One that is given stays open.
+    tell : callable, optional
+        Called in this thread with what a task tells; tasks of executors in other processes than ours are not heard.
+    finished : callable, optional
+        Called in this thread with a task's name and result as soon as it has ended.
+    on_error : {"raise", "return"}
+        Whether the first exception of a task ends the others, or takes the place of the result.
+
+    Returns
+    -------
+    dict
+        Results by task name, in the order of the tasks.
+
+    Raises
+    ------
+    InputError
+        Two tasks have one name, or one needs what is not computed.
+    TaskLost
+        A task's process died twice, or memory was short; the message names the task.
+    Exception
+        The first that a task raises. It ends the others.
+
+    Examples
+    --------
+    >>> def double(x, *, tell):
+    ...     return 2 * x
+    >>> run([Task("one", double, (1,)), Task("two", double, (2,))])
+    {'one': 2, 'two': 4}
+    """
+    if isinstance(executor, int) and executor < 1:
+        raise InputError("executor", executor, "a number of processes from 1 on")
+    plan = _Plan([Task(*task) for task in tasks], finished or (lambda *_: None), on_error == "return")
+    tell = tell or (lambda *_: None)
+    own = ProcessExecutor(executor) if isinstance(executor, int) and executor > 1 else None
+    given = own or (None if isinstance(executor, int) else executor)
+    if given is not None:
+        try:
+            _through(given, plan, tell)
+        except NotSent as reason:
+            words = "%s; what was to be computed side by side is computed in this process, one after the other"
+            LOG.warning(words, reason)
+        finally:
+            if own is not None:
+                own.shutdown()
+    _here(plan, tell, getattr(given, "threads", 1))
+    return plan.results()
+
+
+class _Plan:
+    """Which tasks may begin, and what has come of the others."""
+
+    def __init__(self, tasks: Sequence[Task], finished: Finished, forgiving: bool) -> None:
+        self.tasks = {task.name: task for task in tasks}
+        self._finished, self._forgiving = finished, forgiving
+        self.waiting = deque(tasks)
+        self.ended = dict[str, Any]()
+        self._failed = set[str]()
+        if len(self.tasks) < len(tasks):
+            names = [task.name for task in tasks]
+            raise InputError("tasks", f"of one name, {max(names, key=names.count)!r}", "a name of its own for each")
+        for i, task in enumerate(tasks):
+            for name in task.needs:
+                if name not in [before.name for before in tasks[:i]]:
+                    raise InputError(f"what {task.name} needs", repr(name), "the name of a task before it")
+
+    def next(self) -> Task | None:
+        """The first task that may begin."""
+        for task in list(self.waiting):
+            if all(name in self.ended for name in task.needs):
+                self.waiting.remove(task)
+                if failed := [name for name in task.needs if name in self._failed]:
+                    self.fail(task.name, SolverError(f"{task.name}: it needs {failed[0]}, which failed"))
+                    return self.next()
+                return task
+        return None
+
+    def args(self, task: Task) -> tuple[Any, ...]:
+        """What its function is called with."""
+        return (*task.args, *(self.ended[name] for name in task.needs))
+
+    def end(self, name: str, result: Any) -> None:
+        """It has ended well."""
+        self.ended[name] = result
+        self._finished(name, result)
+
+    def fail(self, name: str, error: Exception) -> None:
+        """It has not; raises the error unless errors are results."""
+        if not self._forgiving:
+            raise error
+        self._failed.add(name)
+        self.end(name, error)
+
+    def start_again(self) -> None:
+        """With all that has not ended."""
+        self.waiting = deque(task for name, task in self.tasks.items() if name not in self.ended)
+
+    def results(self) -> dict[str, Any]:
+        return {name: self.ended[name] for name in self.tasks}
+
+
+def _here(plan: _Plan, tell: Tell, share: int = 1) -> None:
+    def told(*what: Any) -> int:
+        _heed()
+        tell(*what)
+        return share
+
+    with threads(1):
+        while (task := plan.next()) is not None:
+            try:
+                result = task.function(*plan.args(task), tell=told)
+            except Exception as error:
+                plan.fail(task.name, error)
+            else:
+                plan.end(task.name, result)
+
+
+def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
+    inbox = queue.SimpleQueue[tuple[str, str, Any]]()
+    under_way: dict[str, Future[Any]] = {}
+    alone, tried = deque[Task](), set[str]()
+
+    def submit(task: Task) -> None:
+        args = plan.args(task)
+        if isinstance(executor, ProcessExecutor):
+            future: Future[Any] = executor.submit_task(
+                task.name, task.function, args, lambda *what: inbox.put(("told", task.name, what))
+            )
+        else:
+            future = executor.submit(compute, task.name, task.function, args)
+        under_way[task.name] = future
+        future.add_done_callback(lambda done: inbox.put(("done", task.name, done)))
+
+    try:
+        while True:
+            while (task := plan.next()) is not None:
+                submit(task)
+            if not under_way and alone:
+                submit(alone.popleft())
+            if not under_way:
+                return
+            kind, name, what = _next(inbox)
+            if kind == "told":
+                tell(*what)
+                continue
+            del under_way[name]
+            try:
+                result = what.result()
+            except TaskLost as error:
+                if name in tried:
+                    plan.fail(name, error)
+                    continue
+                tried.add(name)
+                LOG.warning("%s; it is tried again%s", error, ", alone" if error.memory else "")
+                alone.append(plan.tasks[name]) if error.memory else submit(plan.tasks[name])
+            except NotSent:
+                raise
+            except CancelledError:
+                plan.fail(name, SolverError(f"{name}: its executor was shut down before it began"))
+            except Exception as error:
+                plan.fail(name, error)
+            else:
+                plan.end(name, result)
+    except NotSent:
+        plan.start_again()
+        raise
+    finally:
+        for future in under_way.values():
+            future.kill() if isinstance(future, Job) else future.cancel()
+
+
+def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    """A task, in a process of an executor that is not ours."""
+    with threads(1):
+        try:
+            return function(*args, tell=lambda *_: 1)
+        except Exception as error:
+            raise portable(error, name) from None
+
+
+def _next(inbox: queue.SimpleQueue[Any]) -> Any:
+    while True:
+        with suppress(queue.Empty):
+            return inbox.get(timeout=POLL)
+        _heed()
+
+
+def _heed() -> None:
+    """Ctrl-C is heard in the main thread only: in another, stop when it has ended the program."""
+    if isinstance(getattr(sys, "last_value", None), KeyboardInterrupt) and not hasattr(sys, "ps1"):
+        raise KeyboardInterrupt
