@@ -6,6 +6,7 @@ import signal
 import time
 
 import ngsolve as ngs
+import numpy as np
 
 from ngbrain import parallel
 from ngbrain.mesh import block
@@ -83,3 +84,48 @@ def points(*, tell):
     """Of a mesh that is made there."""
     mesh = block((0.1, 0.2, 0.3), 0.1)  # its coordinates are gone with it
     return mesh.ngmesh.Coordinates().copy()
+
+
+def counts(folder, number, *, tell):
+    """It leaves a file of a name of its own each time that it is begun."""
+    (folder / f"{number} begun {os.getpid()} {time.monotonic_ns()}").touch()
+    return number * np.arange(3.0)
+
+
+def dies_once(folder, number, *, tell):
+    """The process, in the middle, but not the second time."""
+    counts(folder, number, tell=tell)
+    if len(list(folder.glob(f"{number} begun *"))) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * np.arange(3.0)
+
+
+def exhausts_once(folder, *, tell):
+    """Memory, in the first process; the second time it says what runs beside it."""
+    (folder / f"exhausts {time.monotonic_ns()}").touch()
+    if len(list(folder.glob("exhausts *"))) == 1:
+        raise MemoryError
+    return sorted(path.name for path in folder.glob("at work *"))
+
+
+def works(folder, seconds, *, tell):
+    """For a while, which a file says."""
+    mark = folder / f"at work {os.getpid()}"
+    mark.touch()
+    time.sleep(seconds)
+    mark.unlink()
+
+
+def works_alone(folder, *, tell):
+    """How many such are at work, with this one."""
+    mark = folder / f"at work {os.getpid()}"
+    mark.touch()
+    time.sleep(0.5)
+    number = len(list(folder.glob("at work *")))
+    mark.unlink()
+    return number
+
+
+def adds(one, other, *, tell):
+    """What others have found."""
+    return one + other

@@ -26,6 +26,7 @@ LOADED = {
     "nvidia-cuda-runtime-cu12": "NGSolve's CUDA module is linked to it",
     "nvidia-cuda-nvrtc-cu12": "NGSolve's CUDA module is linked to it",
     "nvidia-nvjitlink-cu12": "NGSolve's CUDA module is linked to it",
+    "mpich": "mpi4py is linked to it, and it brings mpiexec",
     "webgui_jupyter_widgets": "viz reads the viewer's program from it",
 }
 

@@ -1,8 +1,9 @@
 """Files in and out."""
 
 from ngbrain.io.checkpoint import Checkpoint, Frame, load, save
+from ngbrain.io.finished import FinishedWork
 from ngbrain.io.json_file import write_json
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.versions import versions
 
-__all__ = ["Checkpoint", "Frame", "QuadraticGrid", "load", "save", "versions", "write_json"]
+__all__ = ["Checkpoint", "FinishedWork", "Frame", "QuadraticGrid", "load", "save", "versions", "write_json"]

@@ -61,8 +61,7 @@ def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callab
         By name.
     """
     digest = hashlib.sha256(json.dumps([stage, made_from, versions()], sort_keys=True).encode())
-    for path in sources((make.__module__, *(module.__name__ for module in modules))):
-        digest.update(path.read_bytes())
+    _feed_sources(digest, (make.__module__, *(module.__name__ for module in modules)))
     path = cache_folder() / f"{stage}-{digest.hexdigest()[:32]}.npz"
     with suppress(InputError, KeyError):
         found = read_npz(path, "cache", _MOST)
@@ -76,6 +75,19 @@ def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callab
     except OSError:  # no room or no right to write: made again next time
         pass
     return arrays
+
+
+@cache
+def code_digest(names: tuple[str, ...]) -> str:
+    """Of the source of modules and of all of this package that they import, and of the versions of all that computes."""
+    digest = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
+    _feed_sources(digest, names)
+    return digest.hexdigest()
+
+
+def _feed_sources(digest: Any, names: tuple[str, ...]) -> None:
+    for path in sources(names):
+        digest.update(path.read_bytes())
 
 
 def sources(names: Iterable[str]) -> list[Path]:

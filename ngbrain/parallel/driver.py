@@ -6,13 +6,16 @@ import queue
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError, Executor, Future
-from contextlib import suppress
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import nullcontext, suppress
 from typing import Any, Literal
 
 from ngbrain.errors import InputError, SolverError
+from ngbrain.parallel.executors import adapted, room
+from ngbrain.parallel.kernel import GIB, machine_memory
 from ngbrain.parallel.processes import Job, NotSent, ProcessExecutor
-from ngbrain.parallel.tasks import AnyExecutor, Task, TaskLost, Tell, portable
+from ngbrain.parallel.remote import compute, identity
+from ngbrain.parallel.tasks import AnyExecutor, Store, Task, TaskLost, Tell
 from ngbrain.progress import LOG
 from ngbrain.threads import threads
 
@@ -28,6 +31,7 @@ def run(
     tell: Tell | None = None,
     finished: Finished | None = None,
     on_error: Literal["raise", "return"] = "raise",
+    store: Store | None = None,
 ) -> dict[str, Any]:
     """Compute tasks; the results are the same whoever computes them.
 
@@ -40,13 +44,16 @@ def run(
     tasks : sequence of Task
         Or of plain tuples (name, function, args), with different names.
     executor : int or concurrent.futures.Executor, optional
-        Who computes: by default this process, a number means so many processes of this machine. One that is given stays open.
+        Who computes: by default this process, a number means so many processes of this machine. A `distributed.Client` and a
+        `submitit.AutoExecutor` are taken too (`DaskExecutor`, `SlurmExecutor`). One that is given stays open.
     tell : callable, optional
         Called in this thread with what a task tells; tasks of executors in other processes than ours are not heard.
     finished : callable, optional
         Called in this thread with a task's name and result as soon as it has ended.
     on_error : {"raise", "return"}
         Whether the first exception of a task ends the others, or takes the place of the result.
+    store : Store, optional
+        Keeps results by the digest of what they are made from (`ngbrain.io.FinishedWork`): what is in it is not computed again.
 
     Returns
     -------
@@ -56,7 +63,7 @@ def run(
     Raises
     ------
     InputError
-        Two tasks have one name, or one needs what is not computed.
+        Two tasks have one name, one needs what is not computed or takes more memory than there is; or a worker has other versions.
     TaskLost
         A task's process died twice, or memory was short; the message names the task.
     Exception
@@ -71,7 +78,9 @@ def run(
     """
     if isinstance(executor, int) and executor < 1:
         raise InputError("executor", executor, "a number of processes from 1 on")
-    plan = _Plan([Task(*task) for task in tasks], finished or (lambda *_: None), on_error == "return")
+    asked, executor = executor, adapted(executor)
+    plan = _Plan([Task(*task) for task in tasks], finished or (lambda *_: None), on_error == "return", store)
+    plan.refuse(machine_memory() if executor is None or isinstance(executor, int) else room(executor))
     tell = tell or (lambda *_: None)
     own = ProcessExecutor(executor) if isinstance(executor, int) and executor > 1 else None
     given = own or (None if isinstance(executor, int) else executor)
@@ -82,8 +91,8 @@ def run(
             words = "%s; what was to be computed side by side is computed in this process, one after the other"
             LOG.warning(words, reason)
         finally:
-            if own is not None:
-                own.shutdown()
+            if given is not asked:
+                given.shutdown(wait=own is not None, cancel_futures=True)
     _here(plan, tell, getattr(given, "threads", 1))
     return plan.results()
 
@@ -91,30 +100,55 @@ def run(
 class _Plan:
     """Which tasks may begin, and what has come of the others."""
 
-    def __init__(self, tasks: Sequence[Task], finished: Finished, forgiving: bool) -> None:
+    def __init__(self, tasks: Sequence[Task], finished: Finished, forgiving: bool, store: Store | None) -> None:
         self.tasks = {task.name: task for task in tasks}
-        self._finished, self._forgiving = finished, forgiving
+        self._finished, self._forgiving, self._store = finished, forgiving, store
+        self._keys = dict[str, str]()
         self.waiting = deque(tasks)
         self.ended = dict[str, Any]()
         self._failed = set[str]()
         if len(self.tasks) < len(tasks):
             names = [task.name for task in tasks]
             raise InputError("tasks", f"of one name, {max(names, key=names.count)!r}", "a name of its own for each")
-        for i, task in enumerate(tasks):
-            for name in task.needs:
-                if name not in [before.name for before in tasks[:i]]:
-                    raise InputError(f"what {task.name} needs", repr(name), "the name of a task before it")
+        before = set[str]()
+        for task in tasks:
+            if missing := [name for name in task.needs if name not in before]:
+                raise InputError(f"what {task.name} needs", repr(missing[0]), "the name of a task before it")
+            before.add(task.name)
+
+    def refuse(self, room: float | None) -> None:
+        """Tasks that take more than so many bytes."""
+        for task in list(self.waiting):
+            if room is not None and task.memory > room:
+                self.waiting.remove(task)
+                found, wanted = (f"{number / GIB:.1f} GiB" for number in (task.memory, room))
+                self.fail(
+                    task.name, InputError(f"memory of {task.name}", found, f"at most {wanted}, which its worker has")
+                )
 
     def next(self) -> Task | None:
-        """The first task that may begin."""
+        """The first task that may begin and is not in the store."""
         for task in list(self.waiting):
             if all(name in self.ended for name in task.needs):
                 self.waiting.remove(task)
                 if failed := [name for name in task.needs if name in self._failed]:
                     self.fail(task.name, SolverError(f"{task.name}: it needs {failed[0]}, which failed"))
                     return self.next()
-                return task
+                if not self._stored(task):
+                    return task
         return None
+
+    def _stored(self, task: Task) -> bool:
+        if self._store is None:
+            return False
+        self._keys[task.name] = key = self._store.key(task.function, self.args(task))
+        try:
+            result = self._store.find(key)
+        except KeyError:
+            return False
+        self.ended[task.name] = result
+        self._finished(task.name, result)
+        return True
 
     def args(self, task: Task) -> tuple[Any, ...]:
         """What its function is called with."""
@@ -122,6 +156,8 @@ class _Plan:
 
     def end(self, name: str, result: Any) -> None:
         """It has ended well."""
+        if self._store is not None and name not in self._failed:
+            self._store.keep(self._keys[name], result)
         self.ended[name] = result
         self._finished(name, result)
 
@@ -165,17 +201,21 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
         args = plan.args(task)
         if isinstance(executor, ProcessExecutor):
             future: Future[Any] = executor.submit_task(
-                task.name, task.function, args, lambda *what: inbox.put(("told", task.name, what))
+                task.name, task.function, args, lambda *what: inbox.put(("told", task.name, what)), task.memory
             )
         else:
-            future = executor.submit(compute, task.name, task.function, args)
+            future = executor.submit(compute, task.name, task.function, args, identity())
         under_way[task.name] = future
         future.add_done_callback(lambda done: inbox.put(("done", task.name, done)))
 
+    batch = getattr(executor, "batch", nullcontext)
     try:
         while True:
-            while (task := plan.next()) is not None:
-                submit(task)
+            if (task := plan.next()) is not None:
+                with batch():
+                    while task is not None:
+                        submit(task)
+                        task = plan.next()
             if not under_way and alone:
                 submit(alone.popleft())
             if not under_way:
@@ -196,6 +236,10 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
                 alone.append(plan.tasks[name]) if error.memory else submit(plan.tasks[name])
             except NotSent:
                 raise
+            except BrokenExecutor as error:
+                raise SolverError(
+                    f"{name}: a process of its executor died ({error}); what has ended is kept"
+                ) from error
             except CancelledError:
                 plan.fail(name, SolverError(f"{name}: its executor was shut down before it began"))
             except Exception as error:
@@ -208,15 +252,6 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
     finally:
         for future in under_way.values():
             future.kill() if isinstance(future, Job) else future.cancel()
-
-
-def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-    """A task, in a process of an executor that is not ours."""
-    with threads(1):
-        try:
-            return function(*args, tell=lambda *_: 1)
-        except Exception as error:
-            raise portable(error, name) from None
 
 
 def _next(inbox: queue.SimpleQueue[Any]) -> Any:

@@ -4,34 +4,73 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from typing import Any
 
 from ngbrain.errors import InputError
+from ngbrain.parallel.dask_cluster import DaskExecutor, connect
+from ngbrain.parallel.kernel import machine_memory
+from ngbrain.parallel.mpi_job import MpiExecutor, ranks
 from ngbrain.parallel.processes import ProcessExecutor
+from ngbrain.parallel.slurm_jobs import SlurmExecutor, slurm
+
+FORMS = "N | dask:ADDRESS | mpi[:N] | slurm[:time_min=M,mem_gb=G,partition=P,account=A,at_once=N]"
 
 
 @contextmanager
 def open_executor(spec: str | int | None) -> Iterator[Executor | None]:
-    """The executor of a name, closed afterwards.
+    """The executor of a name, checked before hours are spent and closed afterwards.
 
     Parameters
     ----------
     spec : str or int, optional
-        A number of processes on this machine; None and 1 are this process, for which None is given.
+        N processes of this machine (None and 1: this process, for which None is given); `dask:ADDRESS`, the workers of a
+        scheduler; `mpi` or `mpi:N`, N ranks that compute; `slurm`, a job for each task, with options
+        `slurm:time_min=120,mem_gb=16,partition=long,account=me,at_once=100`.
 
     Raises
     ------
     InputError
-        No executor has that name.
+        No executor has that name; no scheduler answers there; a worker has no ngbrain, or another version of it or of NGSolve.
+    MissingExtra
+        Its package is not installed.
+
+    Examples
+    --------
+    >>> with open_executor("2") as executor:
+    ...     executor.workers
+    2
     """
     if spec is None or isinstance(spec, int) or spec.isdigit():
-        workers = int(spec or 1)
+        workers = int(1 if spec is None else spec)
         if workers < 1:
-            raise InputError("executor", spec, "a number of processes from 1 on")
-        if workers == 1:
-            yield None
-            return
-        with ProcessExecutor(workers) as executor:
-            yield executor
+            raise InputError("executor", spec, FORMS)
+        with ProcessExecutor(workers) if workers > 1 else nullcontext() as processes:
+            yield processes
         return
-    raise InputError("executor", repr(spec), "a number of processes")
+    kind, _, rest = spec.partition(":")
+    if kind == "dask" and rest:
+        with connect(rest) as client, DaskExecutor(client) as cluster:
+            yield cluster
+    elif kind == "mpi" and (not rest or (rest.isdigit() and int(rest) > 0)):
+        with MpiExecutor(int(rest or ranks())) as job:
+            yield job
+    elif kind == "slurm":
+        with slurm(rest) as jobs:
+            yield jobs
+    else:
+        raise InputError("executor", repr(spec), FORMS)
+
+
+def adapted(executor: Any) -> Any:
+    """A Dask client or an executor of submitit behind the interface of `concurrent.futures`; others as they are."""
+    if hasattr(executor, "get_executor") and hasattr(executor, "scheduler_info"):
+        return DaskExecutor(executor)
+    if type(executor).__module__.partition(".")[0] == "submitit":
+        return SlurmExecutor(executor)
+    return executor
+
+
+def room(executor: Executor) -> float | None:
+    """Bytes that a task can have where it is computed; None where that is not known."""
+    return getattr(executor, "memory", machine_memory())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from contextlib import suppress
 from pathlib import Path
 
+GIB = 2.0**30
 _GROUPS = Path("/sys/fs/cgroup")
 _COUNT = re.compile(r"^oom_kill (\d+)$", re.MULTILINE)
 
@@ -21,6 +23,17 @@ def memory_kills() -> int | None:
             if count := _COUNT.search(path.read_text()):
                 return int(count[1])
     return None
+
+
+def machine_memory() -> float | None:
+    """Bytes that processes here can have: of the machine, or of this process's control group where that is less."""
+    found = list[float]()
+    for path in (_group() / "memory.max", _GROUPS / "memory/memory.limit_in_bytes"):
+        with suppress(OSError, ValueError):
+            found.append(float(path.read_text()))
+    with suppress(ValueError, AttributeError, OSError):
+        found.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
+    return min(found, default=None)
 
 
 def _group() -> Path:

@@ -6,6 +6,7 @@ stdin, from `python -c`, from a notebook or run in a thread. They end when their
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import signal
@@ -20,7 +21,7 @@ from subprocess import DEVNULL, PIPE, Popen, TimeoutExpired
 from typing import Any
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.parallel.kernel import memory_kills
+from ngbrain.parallel.kernel import machine_memory, memory_kills
 from ngbrain.parallel.tasks import TaskLost, Tell
 from ngbrain.parallel.worker import START
 
@@ -57,16 +58,23 @@ class ProcessExecutor(Executor):
         self._waiting: deque[Job] = deque()
         self._changed = threading.Condition()
         self._servants: list[threading.Thread] = []
-        self._idle = self._busy = 0
+        self._under_way: list[Job] = []
+        self._memory = machine_memory() or math.inf
+        self._idle = 0
         self._over = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A call in one of the processes; the future raises `TaskLost` where its process dies."""
         return self._add(Job(None, (fn, args, kwargs)))
 
-    def submit_task(self, name: str, function: Callable[..., Any], args: tuple[Any, ...], tell: Tell) -> Job:
-        """A call as `function(*args, tell=...)`; `tell` is called here, in another thread, with what it tells."""
-        return self._add(Job(name, (function, args, {}), tell))
+    def submit_task(
+        self, name: str, function: Callable[..., Any], args: tuple[Any, ...], tell: Tell, memory: float = 0.0
+    ) -> Job:
+        """A call as `function(*args, tell=...)`; `tell` is called here, in another thread, with what it tells.
+
+        Calls of known memory (bytes) wait until they fit beside the others.
+        """
+        return self._add(Job(name, (function, args, {}), tell, memory))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more; processes end when nothing waits any more."""
@@ -99,13 +107,19 @@ class ProcessExecutor(Executor):
     def _take(self) -> Job | None:
         with self._changed:
             self._idle += 1
-            while not self._waiting and not self._over:
+            while (job := self._fitting()) is None and (self._waiting or not self._over):
                 self._changed.wait()
             self._idle -= 1
-            if not self._waiting:
-                return None
-            self._busy += 1
-            return self._waiting.popleft()
+            if job is not None:
+                self._waiting.remove(job)
+                self._under_way.append(job)
+            return job
+
+    def _fitting(self) -> Job | None:
+        """The first that fits into memory beside what is under way; alone, any."""
+        left = self._memory - sum(job.memory for job in self._under_way)
+        fits = (job for job in self._waiting if job.memory <= left or not self._under_way)
+        return next(fits, None)
 
     def _serve(self) -> None:
         """In a thread of its own: one process, one job after the other."""
@@ -120,30 +134,32 @@ class ProcessExecutor(Executor):
                     settle = partial(job.set_exception, error)
                 if process is not None and process.ended:
                     process = None
-                self._leave()
+                self._leave(job)
                 settle()
                 del settle
             else:
-                self._leave()
+                self._leave(job)
             del job
         if process is not None:
             process.end()
 
-    def _leave(self) -> None:
+    def _leave(self, job: Job) -> None:
         with self._changed:
-            self._busy -= 1
+            self._under_way.remove(job)
+            if job.memory:
+                self._changed.notify_all()
 
     def _share(self) -> int:
         with self._changed:
-            return max(1, self.threads // (len(self._waiting) + self._busy))
+            return max(1, self.threads // (len(self._waiting) + len(self._under_way)))
 
 
 class Job(Future[Any]):
     """The future of a call, which can be ended while it is computed."""
 
-    def __init__(self, name: str | None, call: tuple[Any, ...], tell: Tell | None = None) -> None:
+    def __init__(self, name: str | None, call: tuple[Any, ...], tell: Tell | None = None, memory: float = 0.0) -> None:
         super().__init__()
-        self.name, self.call, self.tell = name, call, tell or (lambda *_: None)
+        self.name, self.call, self.tell, self.memory = name, call, tell or (lambda *_: None), memory
         self.process: _Process | None = None
 
     def kill(self) -> None:

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from ngbrain.errors import SolverError
 from ngbrain.threads import threads
@@ -31,12 +31,28 @@ class Task(NamedTuple):
     args : tuple
     needs : sequence of str
         Names of tasks whose results it is called with; it begins when they have ended.
+    memory : float
+        Bytes that it will take, where that is known (`ngbrain.parallel.predicted_memory`).
     """
 
     name: str
     function: Callable[..., Any]
     args: tuple[Any, ...] = ()
     needs: Sequence[str] = ()
+    memory: float = 0.0
+
+
+class Store(Protocol):
+    """Keeps results of tasks from one run to the next."""
+
+    def key(self, function: Callable[..., Any], args: tuple[Any, ...]) -> str:
+        """Tells a call from every other."""
+
+    def find(self, key: str) -> Any:
+        """The result; `KeyError` where there is none."""
+
+    def keep(self, key: str, result: Any) -> None:
+        """Keep a result."""
 
 
 class TaskLost(SolverError):

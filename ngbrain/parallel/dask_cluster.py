@@ -1,0 +1,114 @@
+"""A Dask cluster as an executor: workers that die are replaced by others, and the run goes on."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
+from typing import Any
+
+from ngbrain.errors import InputError, SolverError, require
+from ngbrain.parallel.remote import call_name, check_identity, identity
+from ngbrain.parallel.tasks import TaskLost
+from ngbrain.progress import LOG
+
+PATIENCE = 5.0
+"""Seconds within which a scheduler answers, and has a worker."""
+_HAS_NGBRAIN = "__import__('importlib.util').util.find_spec('ngbrain') is not None"
+_EVENTS = "all"
+
+
+class DaskExecutor(Executor):
+    """The workers of a `distributed.Client`; each has to have ngbrain, in the version of this process, and one thread.
+
+    Unlike `Client.get_executor` it keeps no result on the cluster that has come back, so that a worker that dies takes nothing
+    with it that would be computed again.
+
+    Parameters
+    ----------
+    client : distributed.Client
+
+    Raises
+    ------
+    InputError
+        There is no worker; or one that has no ngbrain, other versions, or several threads, in which NGSolve cannot work.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._names = client, dict[str, str]()
+        self._dask = require("dask", "cluster")
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            raise InputError(
+                "executor", "a Dask cluster without workers", "one worker or more: dask worker ADDRESS"
+            ) from None
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        has = client.run(eval, _HAS_NGBRAIN)
+        versions = client.run(identity, workers=[worker for worker, found in has.items() if found])
+        for worker in has:
+            check_identity(worker, versions.get(worker))
+        for worker, facts in workers.items():
+            if facts["nthreads"] != 1:
+                raise InputError(f"worker {worker}", f"with {facts['nthreads']} threads", "dask worker --nthreads 1")
+        self.workers = len(workers)
+        limits = [facts["memory_limit"] for facts in workers.values() if facts["memory_limit"]]
+        self.memory = max(limits, default=None)
+        client.subscribe_topic(_EVENTS, self._hear)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """A call on one of the workers. The future raises `TaskLost` where several workers die of it."""
+        name = call_name(fn, args)
+        key = f"{name} #{secrets.token_hex(4)}"
+        future = Future[Any]()
+        with self._dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+            there = self._client.submit(fn, *args, key=key, pure=False, **kwargs)
+        self._names[key] = name
+        future.add_done_callback(lambda future: there.cancel() if future.cancelled() else None)
+        there.add_done_callback(lambda there: self._settle(future, there, key))
+        return future
+
+    def _settle(self, future: Future[Any], there: Any, key: str) -> None:
+        """In a thread of the client."""
+        name = self._names.pop(key)
+        if not future.set_running_or_notify_cancel():
+            there.release()
+            return
+        try:
+            result = there.result()
+        except CancelledError:
+            future.set_exception(SolverError(f"{name}: the Dask cluster gave it up; has its scheduler ended?"))
+        except Exception as error:
+            if type(error).__name__ == "KilledWorker":
+                worker = getattr(getattr(error, "last_worker", None), "address", "one worker after the other")
+                words = f"{name}: Dask workers died of it, the last of them {worker}; was there memory enough?"
+                error = TaskLost(words, memory=True)
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+        finally:
+            there.release()
+
+    def _hear(self, event: tuple[float, dict[str, Any]]) -> None:
+        message = event[1]
+        if not isinstance(message, dict) or message.get("action") != "remove-worker":
+            return
+        if names := [self._names[key] for key in message.get("processing-tasks", ()) if key in self._names]:
+            words = "Dask worker %s is gone with %s; others compute what it had"
+            LOG.warning(words, message.get("worker"), ", ".join(names))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Listen no more; the client stays as it is."""
+        with suppress(Exception):
+            self._client.unsubscribe_topic(_EVENTS)
+
+
+def connect(address: str) -> Any:
+    """A client of the scheduler at an address. Raises `InputError` where none answers, `MissingExtra` without Dask."""
+    distributed = require("distributed", "cluster")
+    try:
+        return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        wanted = f"dask:ADDRESS of a scheduler that answers within {PATIENCE:.0f} s, such as dask:tcp://host:8786"
+        raise InputError("executor", f"dask:{address}, where none answers", wanted) from error

@@ -1,0 +1,144 @@
+"""Jobs of Slurm as an executor, by submitit. Its own folder, which it fills with pickles, must be seen by every node."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, require
+from ngbrain.parallel.remote import call_name
+from ngbrain.parallel.tasks import TaskLost
+
+POLL = 0.5
+"""Seconds between looks at jobs."""
+FOLDER = "slurm_jobs"
+"""Where submitit keeps what it sends, and what jobs print."""
+_GIB = 2.0**30
+_OPTIONS: dict[str, Callable[[str], Any]] = {
+    "time_min": int,
+    "mem_gb": float,
+    "partition": str,
+    "account": str,
+    "at_once": int,
+}
+_SLURM = {
+    "time_min": "timeout_min", "mem_gb": "mem_gb", "partition": "slurm_partition", "account": "slurm_account",
+    "at_once": "slurm_array_parallelism",
+}  # fmt: skip
+
+
+class SlurmExecutor(Executor):
+    """A `submitit.AutoExecutor`, whose jobs are no futures, behind the interface of `concurrent.futures`.
+
+    Parameters
+    ----------
+    executor : submitit.AutoExecutor
+        With its parameters set.
+    memory : float, optional
+        Bytes that each job may take.
+    """
+
+    def __init__(self, executor: Any, memory: float | None = None) -> None:
+        self._executor = executor
+        self._jobs: list[tuple[Any, str, Future[Any]]] = []
+        self._lock, self._over = threading.RLock(), threading.Event()
+        self._watch = threading.Thread(target=self._look, daemon=True)
+        self.memory = memory
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """A call as a job. The future raises `TaskLost` where the job ends without an answer."""
+        future = Future[Any]()
+        with self._lock:
+            job = self._executor.submit(answer, sys.path, pickle.dumps((fn, args, kwargs)))
+            self._jobs.append((job, call_name(fn, args), future))
+            if not self._watch.is_alive():
+                self._watch.start()
+        return future
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Calls submitted in here become one array of jobs."""
+        with self._lock, self._executor.batch():
+            yield
+
+    def _look(self) -> None:
+        while not self._over.wait(POLL):
+            with self._lock:
+                jobs = list(self._jobs)
+            for entry in jobs:
+                job, name, future = entry
+                if future.cancelled():
+                    job.cancel()
+                elif job.done():
+                    _settle(job, name, future)
+                else:
+                    continue
+                with self._lock:
+                    self._jobs.remove(entry)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Look no more; with `wait` once all have ended, with `cancel_futures` the jobs that are left are cancelled."""
+        with self._lock:
+            left = list(self._jobs)
+        for job, _, future in left:
+            if cancel_futures and future.cancel():
+                job.cancel()
+            elif wait:
+                with suppress(CancelledError):
+                    future.exception()
+        self._over.set()
+
+
+def answer(path: list[str], sent: bytes) -> tuple[bool, Any]:
+    """In the job: whether it went well, and the result or the exception, of which submitit would leave only the text."""
+    sys.path += [folder for folder in path if folder not in sys.path]
+    try:
+        fn, args, kwargs = pickle.loads(sent)
+        return True, fn(*args, **kwargs)
+    except Exception as error:
+        return False, error
+
+
+def _settle(job: Any, name: str, future: Future[Any]) -> None:
+    if not future.set_running_or_notify_cancel():
+        return
+    try:
+        well, what = job.result()
+    except Exception as error:
+        state = str(job.state)
+        memory = "OUT_OF_ME" in state
+        reason = "for want of memory" if memory else f"without an answer (state {state}, {type(error).__name__})"
+        well, what = False, TaskLost(f"{name}: job {job.job_id} ended {reason}; {job.paths.stderr} says more", memory)
+    future.set_result(what) if well else future.set_exception(what)
+
+
+def slurm(options: str) -> SlurmExecutor:
+    """Of the options of a command line, such as "time_min=120,mem_gb=16,partition=long,at_once=100".
+
+    Raises
+    ------
+    InputError
+        There is no `sbatch` here, or an option is none.
+    MissingExtra
+        submitit is not installed.
+    """
+    submitit = require("submitit", "cluster")
+    chosen: dict[str, Any] = {"timeout_min": 24 * 60}
+    for option in filter(None, options.split(",")):
+        name, _, text = option.partition("=")
+        try:
+            chosen[_SLURM[name]] = _OPTIONS[name](text)
+        except (KeyError, ValueError) as error:
+            raise InputError("executor", f"slurm:{option}", f"KEY=VALUE of {', '.join(_OPTIONS)}") from error
+    if shutil.which("sbatch") is None:
+        raise InputError("executor", "slurm, and no sbatch is found", "a machine from which Slurm takes jobs")
+    executor = submitit.AutoExecutor(folder=Path(FOLDER).absolute(), cluster="slurm")
+    executor.update_parameters(name="ngbrain", cpus_per_task=1, **chosen)
+    return SlurmExecutor(executor, chosen["mem_gb"] * _GIB if "mem_gb" in chosen else None)
