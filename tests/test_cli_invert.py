@@ -179,8 +179,8 @@ def test_choices_reach_the_zones(tmp_path, capsys, monkeypatch, waves):
     options = ("--subzones", "--threads", 2, "--by-label", "--noise", 0.03, "--rounds", 3, "-q")
     status, _, lines = run(capsys, waves, "-o", tmp_path / "out", *options)
     assert status == 3 and "zone 1 of 2: seen enough" in lines[0]
-    told = {"processes": 2, "labelled": True, "noise": 0.03, "rounds": 3, "checkpoint": tmp_path / "out" / "zones"}
-    assert {name: chosen[name] for name in told} == told
+    told = {"labelled": True, "noise": 0.03, "rounds": 3, "checkpoint": tmp_path / "out" / "zones"}
+    assert {name: chosen[name] for name in told} == told and chosen["executor"].workers == 2
 
 
 def test_outliers_are_left_out_where_that_is_asked_for(tmp_path, capsys):

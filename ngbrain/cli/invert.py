@@ -33,6 +33,7 @@ from ngbrain.io.versions import versions
 from ngbrain.io.waves import WaveData, read_waves
 from ngbrain.io.waves.files import in_file
 from ngbrain.io.waves.grid import hull
+from ngbrain.parallel import AnyExecutor, Tell, open_executor
 from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report import parameters
 from ngbrain.solvers.device import Device
@@ -77,7 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
         line.tell("reading")
         data, notes = _usable(data, arguments)
         try:
-            inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell)
+            with open_executor(arguments.executor or arguments.threads) as executor:
+                inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell, executor)
             if arguments.bars:
                 about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
                 line.tell(about)
@@ -124,7 +126,7 @@ def _usable(data: WaveData, arguments: argparse.Namespace) -> tuple[WaveData, li
     return data, notes
 
 
-def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
+def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor: AnyExecutor) -> Inversion:
     chosen = arguments.discretisation
     started = start_of(data) if arguments.start else None
     inversion = invert(
@@ -143,17 +145,18 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iter
         drop_outliers=arguments.drop_outliers and moving_axis(data) is not None,  # else done before
         device=arguments.device,
         tell=tell,
+        executor=executor,
     )
     inversion.notes += started.notes if started else []
     return inversion
 
 
-def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Callable[[Iteration], None]) -> Inversion:
+def _in_zones(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor: AnyExecutor) -> Inversion:
     kept = arguments.output / "zones"
     inversion = invert_by_subzones(
         data,
         noise=arguments.noise,
-        executor=arguments.threads,
+        executor=executor,
         labelled=arguments.by_label,
         rounds=arguments.rounds or ROUNDS,
         checkpoint=kept,

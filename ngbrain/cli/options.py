@@ -62,10 +62,21 @@ def parser() -> argparse.ArgumentParser:
                 metavar="N",
                 help="for assembly (1)" if verb in assembling else "processes side by side",
             )
+        if verb in (demo, retract, invert):
+            add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary; warnings stay")
     return command
+
+
+def add_executor(verb: argparse.ArgumentParser) -> None:
+    """`--executor`, of a verb with independent work."""
+    verb.add_argument(
+        "--executor",
+        metavar="WHO",
+        help="who computes what is independent, in place of --threads: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
+    )
 
 
 class _Parser(argparse.ArgumentParser):
@@ -265,7 +276,7 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--subzones",
         action="store_true",
-        help="data in space in overlapping zones, --threads of them at a time; a stopped run goes on",
+        help="data in space in overlapping zones, --threads of them at a time, or on an --executor; a stopped run goes on",
     )
     parser.add_argument(
         "--device",

@@ -9,6 +9,7 @@ from typing import Any
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
+from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, RunProgress, terminal
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
@@ -65,9 +66,17 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
                 later = " (checks under way)" if UNDER_WAY in result["check_status"].values() else ""
                 progress.say("\n".join([*_summary(result["answers"]), f"report: {written[0]}{later}"]))
 
-        result = solve(
-            scene, folder, arguments.threads, arguments.resume, progress.tell, checks=arguments.checks, callback=extend
-        )
+        with open_executor(arguments.executor) as executor:
+            result = solve(
+                scene,
+                folder,
+                arguments.threads,
+                arguments.resume,
+                progress.tell,
+                checks=arguments.checks,
+                callback=extend,
+                executor=1 if executor is None and arguments.executor else executor,
+            )
     if failed := _checks_that(FAILED, result):
         LOG.warning("warning: checks that failed, so that error estimates are missing: %s", failed)
     cautions = _worth(result["worth"])

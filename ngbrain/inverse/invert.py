@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
 from ngbrain.forward.sensitivity import BOUNDARY
@@ -85,6 +87,7 @@ def invert(
     drop_outliers: bool = True,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = logged,
+    executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in the plane; those in space go to `invert_in_space`, which chooses starts and weights itself.
 
@@ -111,6 +114,7 @@ def invert(
     drop_outliers  whether gross errors are looked for before anything else and left out, see `without_outliers`
     device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
                  processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
+    executor     who inverts the slices of a slab, each on one thread (`parallel.run`): by default this process
 
     Raises `InputError` for waves that gain energy (`check_passive`), a regulariser, unknowns, misfit or weight that is none,
     negative noise, no rounds, data that cannot be inverted, a device that is none or not there; `MissingExtra` for cuda without
@@ -139,27 +143,24 @@ def invert(
         raise InputError("dispersion", repr(dispersion), nearest(dispersion, DISPERSIONS))
     axis = moving_axis(data) if data.dim == 3 and elements is None else None
     if axis is not None and start is None:
+        of_slice = partial(
+            invert,
+            noise=noise,
+            model_error=model_error,
+            regulariser="smooth" if regulariser == "auto" else regulariser,
+            weight=weight,
+            uniform=uniform and bool(levels),
+            levels=levels,
+            labelled=labelled,
+            unknowns=unknowns,
+            misfit=misfit,
+            rounds=rounds,
+            dispersion=dispersion,
+            drop_outliers=drop_outliers,
+            device=device,
+        )
 
-        def of_slice(one: WaveData) -> Inversion:
-            return invert(
-                one,
-                noise=noise,
-                model_error=model_error,
-                regulariser="smooth" if regulariser == "auto" else regulariser,
-                weight=weight,
-                uniform=uniform and bool(levels),
-                levels=levels,
-                labelled=labelled,
-                unknowns=unknowns,
-                misfit=misfit,
-                rounds=rounds,
-                dispersion=dispersion,
-                drop_outliers=drop_outliers,
-                device=device,
-                tell=tell,
-            )
-
-        return invert_slices(data, axis, of_slice)
+        return invert_slices(data, axis, of_slice, executor, tell)
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
     differ = contradiction(data)

@@ -13,6 +13,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.inversion import Inversion, Row
@@ -80,19 +81,37 @@ def slices_of(data: WaveData, axis: int) -> list[tuple[Array, WaveData]]:
     return found
 
 
-def invert_slices(data: WaveData, axis: int, invert: Callable[[WaveData], Inversion]) -> Inversion:
-    """Property maps of a slab, slice by slice; `invert` is what is done with each.
+def _of_slice(invert: Callable[..., Inversion], one: WaveData, *, tell: parallel.Tell) -> Inversion:
+    """Without the experiment that it ended with, which cannot be sent."""
+    return replace(invert(one, tell=tell), end=None)
+
+
+def invert_slices(
+    data: WaveData,
+    axis: int,
+    invert: Callable[..., Inversion],
+    executor: parallel.AnyExecutor = None,
+    tell: parallel.Tell | None = None,
+) -> Inversion:
+    """Property maps of a slab, slice by slice; `invert` is what is done with each, called with it and `tell`.
+
+    Slices are tasks of an executor (`parallel.run`), each on one thread: the answer does not depend on who computes them.
 
     Its one row of starts, `slices`, has the sums over all of them; there is no `end` that error bars could start from.
     """
     unmeasured = [i for i in range(3) if i != axis]
     u = data.displacement.copy()
     u[:, :, unmeasured] = np.nan
-    parts, each = slices_of(data, axis), list[Inversion]()
-    for number, (own, one) in enumerate(parts, 1):
-        LOG.info("slice %d of %d", number, len(parts))
-        each.append(invert(one))
-        u[:, own, axis] = each[-1].data.displacement[:, :, 0]  # without gross errors
+    parts = slices_of(data, axis)
+    tasks = [
+        parallel.Task(f"slice {number} of {len(parts)}", _of_slice, (invert, one))
+        for number, (_, one) in enumerate(parts, 1)
+    ]
+    each: list[Inversion] = list(
+        parallel.run(tasks, executor, tell=tell, finished=lambda name, _: LOG.info("%s is inverted", name)).values()
+    )
+    for (own, _), found in zip(parts, each, strict=True):
+        u[:, own, axis] = found.data.displacement[:, :, 0]  # without gross errors
     data, whole = replace(data, displacement=u), [own for own, _ in parts]
     n, first, ends = len(data.points), each[0], [found.rows[-1] for found in each]
     noise = np.ones(n)

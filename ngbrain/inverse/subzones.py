@@ -274,7 +274,7 @@ def _in_cells(data: WaveData, cells: Lattice, size: float | None, overlap: float
 def _folder(checkpoint: str | os.PathLike[str] | None) -> Path | None:
     if checkpoint is None:
         return None
-    folder = Path(checkpoint)
+    folder = Path(checkpoint).absolute()  # workers elsewhere stand in another folder
     if folder.exists() and not folder.is_dir():
         raise InputError("checkpoint", str(folder), "a folder, or a name that is free")
     folder.mkdir(parents=True, exist_ok=True)

@@ -101,7 +101,7 @@ def solve(
     """
     started = time.perf_counter()
     ngsglobals.msg_level = 0
-    where = None if folder is None else Path(folder)
+    where = None if folder is None else Path(folder).absolute()  # workers elsewhere stand in another folder
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)

@@ -13,6 +13,7 @@ from typing import Any
 
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
+from ngbrain.parallel import open_executor
 from ngbrain.surrogate.data import MODALITIES, DataSet, generate
 from ngbrain.surrogate.shipped import Operator
 from ngbrain.surrogate.trust import calibrate
@@ -56,7 +57,10 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that compute data"
+        "--executor",
+        default=str(os.cpu_count() or 1),
+        metavar="WHO",
+        help="who computes data: N processes, dask:ADDRESS, mpi[:N] or slurm[:KEY=VALUE,...]",
     )
     parser.add_argument("--data", action="store_true", help="no training, the data alone")
     arguments = parser.parse_args()
@@ -73,7 +77,8 @@ def main() -> None:
         path = folder / f"{name}_{split}.h5"
         if not path.exists():
             print(f"{path}: {sum(counts.values())} samples", flush=True)
-            generate(path, name, counts, split, arguments.seed, across, arguments.workers)
+            with open_executor(arguments.executor) as executor:
+                generate(path, name, counts, split, arguments.seed, across, executor)
     if not arguments.data:
         of = {key: getattr(arguments, key) for key in ("epochs", "rate", "seed")}
         learn(folder, name, {**of, "twice": tuple(arguments.twice)}, arguments.start)

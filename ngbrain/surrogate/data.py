@@ -13,6 +13,7 @@ Elements are of fourth order, on another mesh than the points that data are give
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -27,6 +28,7 @@ from scipy.ndimage import map_coordinates
 from ngbrain import parallel
 from ngbrain.errors import InputError, naming, nearest
 from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.io.finished import FinishedWork
 from ngbrain.io.versions import versions
 from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.materials import Shearing
@@ -165,6 +167,9 @@ def generate(
     Datasets, a row for each sample: displacement, storage, loss, frequency, poisson, family (a number; names in the attribute
     `families`). Attributes: modality, split, seed, side (m), sha256 of what is in it, and the versions of what computed.
 
+    Blocks of samples are tasks of an executor (`parallel.run`). They are kept in a folder beside the file until it is written, so
+    that a run that was stopped goes on.
+
     Raises `InputError` for names that are none, `SolverError` where no field was found.
     """
     tasks: list[parallel.Task] = []
@@ -173,7 +178,8 @@ def generate(
         for first in range(0, count, BLOCK):
             ids = range(first, min(first + BLOCK, count))
             tasks.append(parallel.Task(f"{name} {first}", _block, (modality, name, seed, split, ids, across)))
-    blocks = list(parallel.run(tasks, executor, tell=tell).values())
+    work = FinishedWork(path.with_name(f"{path.stem}_blocks"))
+    blocks = list(parallel.run(tasks, executor, tell=tell, store=work).values())
     columns = {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
     columns["family"] = np.concatenate([np.full(count, i) for i, count in enumerate(families.values())])
     told = {"modality": modality, "split": split, "seed": seed, "side": SIDES[modality], "families": list(families)}
@@ -186,6 +192,7 @@ def generate(
 
     image = hdf5_image(fill)
     whole(path, lambda part: part.write_bytes(image))
+    shutil.rmtree(work.folder)
 
 
 def _block(
