@@ -129,3 +129,12 @@ def works_alone(folder, *, tell):
 def adds(one, other, *, tell):
     """What others have found."""
     return one + other
+
+
+def writes_and_dies_once(folder, number, *, tell):
+    """It writes its result as a script of one's own would, into a table, and its process dies before anybody hears of it."""
+    with (folder / "table.csv").open("a") as table:
+        table.write(f"{number},{number**2}\n")
+    if len((folder / "table.csv").read_text().splitlines()) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return np.array([number, number**2])

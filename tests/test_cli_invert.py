@@ -253,6 +253,7 @@ def test_choices_reach_the_inversion(tmp_path, capsys, monkeypatch, waves, start
         (["--noise", "-0.1"], ["--noise is -0.1", "0.02"]),
         (["--noise", "nan"], ["--noise is nan"]),
         (["--rounds", "0"], ["--rounds is 0", "at least 1"]),
+        (["--executor", "banana"], ["executor is 'banana'", "dask:ADDRESS"]),
         (["--oss-snr", "-3"], ["--oss-snr is -3.0", "positive"]),
         (["--model-error", "20"], ["--model-error is 20.0"]),
         (["--discretisation", "data"], ["waves.npz: element is not given", "q4"]),

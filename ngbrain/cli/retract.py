@@ -16,7 +16,7 @@ from ngbrain.surgery.heads import likewise
 from ngbrain.surgery.retraction import CHECKS, solve
 from ngbrain.surgery.worth import FAILED, NOT_COMPUTED, UNDER_WAY
 
-NOT_OF_THE_SCENE = ("-", "checkpoint", "result")
+NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")
 """How a field begins that an option or another file gave."""
 
 

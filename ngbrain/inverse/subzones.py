@@ -21,6 +21,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
+from ngbrain.forward.elements import Form
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer, told
 from ngbrain.inverse.believable import check_frequency
@@ -119,7 +120,8 @@ def invert_by_subzones(
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(tell)
     tasks: list[parallel.Task] = [
-        parallel.Task(name, _alone, (name, own, box, common)) for name, (own, _, box) in zip(names, parts, strict=True)
+        parallel.Task(name, _alone, (name, own, box, common), memory=_memory(box))
+        for name, (own, _, box) in zip(names, parts, strict=True)
     ]
     rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
     found = [Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()))]
@@ -128,9 +130,16 @@ def invert_by_subzones(
         tasks = []
         for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
-            tasks.append(parallel.Task(name, _among, (f"{name}, pass {i + 1}", own, box, around, answer, common)))
+            args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
+            tasks.append(parallel.Task(name, _among, args, memory=_memory(box)))
         found.append(Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()), found[0]))
     return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
+
+
+def _memory(cells: Lattice) -> float:
+    """Bytes that a zone will take, where elements of its order were measured."""
+    cubic = Form.named(cells.form).order == 3
+    return parallel.predicted_memory("zone", int(cells.cells.sum())) if cubic else 0.0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from ngbrain.errors import InputError, SolverError
 from ngbrain.parallel.executors import adapted, room
 from ngbrain.parallel.kernel import GIB, machine_memory
 from ngbrain.parallel.processes import Job, NotSent, ProcessExecutor
-from ngbrain.parallel.remote import compute, identity
+from ngbrain.parallel.remote import OtherVersions, compute, identity
 from ngbrain.parallel.tasks import AnyExecutor, Store, Task, TaskLost, Tell
 from ngbrain.progress import LOG
 from ngbrain.threads import threads
@@ -234,7 +234,7 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
                 tried.add(name)
                 LOG.warning("%s; it is tried again%s", error, ", alone" if error.memory else "")
                 alone.append(plan.tasks[name]) if error.memory else submit(plan.tasks[name])
-            except NotSent:
+            except (NotSent, OtherVersions):  # not the task's own fault
                 raise
             except BrokenExecutor as error:
                 raise SolverError(

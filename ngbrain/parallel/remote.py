@@ -37,20 +37,24 @@ def identity() -> dict[str, str]:
 
 
 def check_identity(worker: str, theirs: dict[str, str] | None) -> None:
-    """Raise `InputError` for a worker without ngbrain (None), or one whose versions are not those of this process."""
+    """Raise `OtherVersions` for a worker without ngbrain (None), or one whose versions are not those of this process."""
     ours = identity()
     if theirs is None:
         wanted = f"ngbrain {ours['ngbrain']} and ngsolve {ours['ngsolve']} there, as here"
-        raise InputError(f"worker {worker}", "without ngbrain", wanted)
+        raise OtherVersions(f"worker {worker}", "without ngbrain", wanted)
     if theirs != ours:
         raise mismatch(worker, theirs, ours)
 
 
-def mismatch(worker: str, theirs: dict[str, str], ours: dict[str, str]) -> InputError:
+class OtherVersions(InputError):
+    """A worker does not compute with what the process that sends it tasks does; no task is of use there."""
+
+
+def mismatch(worker: str, theirs: dict[str, str], ours: dict[str, str]) -> OtherVersions:
     """The error of a worker whose versions are not those of the process that asks it."""
     differ = [name for name, number in ours.items() if theirs.get(name) != number]
     there, here = (", ".join(f"{name} {of.get(name)}" for name in differ) for of in (theirs, ours))
-    return InputError(f"worker {worker}", f"with {there}", f"{here}, as in the process that sends the tasks")
+    return OtherVersions(f"worker {worker}", f"with {there}", f"{here}, as in the process that sends the tasks")
 
 
 def compute(name: str, function: Callable[..., Any], args: tuple[Any, ...], theirs: dict[str, str]) -> Any:

@@ -88,7 +88,7 @@ class SlurmExecutor(Executor):
         with self._lock:
             left = list(self._jobs)
         for job, _, future in left:
-            if cancel_futures and future.cancel():
+            if future.cancelled() or (cancel_futures and future.cancel()):
                 job.cancel()
             elif wait:
                 with suppress(CancelledError):

@@ -15,7 +15,7 @@ from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.io.whole import whole
-from ngbrain.parallel import ProcessExecutor, Task, Tell, helped
+from ngbrain.parallel import ProcessExecutor, Task, Tell, helped, predicted_memory
 from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
 from ngbrain.surgery import answers, band, response, worth
@@ -186,15 +186,16 @@ def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True)
     groups: dict[Any, list[Protocol | Force]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
         groups.setdefault(program.beginning, []).append(program)
+    memory = predicted_memory("retraction", model.mesh.ne) if scene.body.order == 2 and model.mesh is not None else 0.0
     shared: list[Task] = []
     leading: list[Task] = []
     following: list[Task] = []
     for programs in groups.values():
         first, *others = sorted(programs, key=lambda p: -len(p.times))
         begun = [_BEGINNING + first.name] if others else []
-        shared += [Task(name, _begin, (model, first, folder, resume)) for name in begun]
-        leading.append(Task(first.name, _go, (model, first, folder, resume), begun))
-        following += [Task(other.name, _go, (model, other, folder, resume), begun) for other in others]
+        shared += [Task(name, _begin, (model, first, folder, resume), memory=memory) for name in begun]
+        leading.append(Task(first.name, _go, (model, first, folder, resume), begun, memory))
+        following += [Task(other.name, _go, (model, other, folder, resume), begun, memory) for other in others]
     leading.sort(key=lambda task: -len(task.args[1].times))
     after = [Task(_CHECK + name, _check, (model, name, folder, resume)) for name in _CHECKS if checks]
     return [*shared, *leading, *following, *after]

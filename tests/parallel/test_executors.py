@@ -115,7 +115,7 @@ def test_a_worker_of_another_version_is_refused(cluster, monkeypatch):
             ProcessPoolExecutor(1) as executor,
         ):
             executor.submit(remote.identity.cache_clear).result()  # a fork begins with what was remembered here
-            parallel.run([("a", lives, (1,))], executor)
+            parallel.run([("a", lives, (1,))], executor, on_error="return")
     finally:
         remote.identity.cache_clear()
 

@@ -76,6 +76,11 @@ def test_the_last_task_gets_the_threads_that_are_left():
 
 
 @pytest.mark.one_thread
+def test_without_threads_to_share_the_last_task_has_one_too(two):
+    assert parallel.run([("short", lives, (1,)), ("long", outlives, (0.5,))], two)["long"] == [1, 1]
+
+
+@pytest.mark.one_thread
 def test_one_process_has_one_thread():
     assert parallel.run([("short", lives, (1,)), ("long", outlives, (0.0,))], 1)["long"] == [1, 1]
 
@@ -162,7 +167,7 @@ def test_a_killed_task_is_tried_once_more_and_found(two, tmp_path, caplog):
 
 
 def test_what_memory_was_short_for_is_tried_alone(two, tmp_path, caplog):
-    tasks = [("large", exhausts_once, (tmp_path,))] + [(f"{i}", works, (tmp_path, 1.0)) for i in range(2)]
+    tasks = [("large", exhausts_once, (tmp_path,)), ("short", works, (tmp_path, 0.3)), ("long", works, (tmp_path, 2.0))]
     assert parallel.run(tasks, two)["large"] == []
     assert caplog.messages == ["large: out of memory; fewer at once take less; it is tried again, alone"]
 

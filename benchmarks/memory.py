@@ -1,0 +1,164 @@
+"""How much memory a task will take, by its size: measured, fitted, and foretold for sizes that the fit has not seen.
+
+Each size has a process of its own, on one thread, whose peak of memory counts; sizes that `statics_scaling` and
+`inversion_zones` have on record are taken from there. Fitted is base + factor n^power, where the base is a process without
+work; `error` is that of a size foretold from all others. The library's table (`parallel.predicted_memory`) is made from the
+records.
+
+    python benchmarks/memory.py [--quick] [--json]            last line of --json: a list of records
+    python benchmarks/memory.py --chart FILE.png < memory.json
+    python benchmarks/memory.py --table < memory.json         write ngbrain/parallel/memory.json
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from _command import main
+
+GIB = 2**30
+HERE = Path(__file__).resolve().parent
+PARTS = Path("out/bench/memory.parts.jsonl")
+"""Of a run that was stopped; delete it to measure anew."""
+TABLE = HERE.parent / "ngbrain" / "parallel" / "memory.json"
+SIZES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
+    "statics": ("unknowns", (), (2_000, 4_000, 8_000)),
+    "zone": ("elements", (4, 5), (4,)),
+    "retraction": ("elements", (1.2, 1.0, 0.8), (2.0, 1.7, 1.4)),
+    "scan": ("elements", (8, 5, 3.5), (14, 12, 10)),
+    "plane": ("points", (15, 21, 41), (9, 11, 13)),
+}
+"""Kind → what its size is counted in, what it is called with, and what with --quick."""
+QUICK = ("statics", "plane")
+ENOUGH = 0.25
+"""Error up to which a prediction is of use."""
+
+
+def one(kind: str, size: float) -> dict:
+    """A record, measured in this process."""
+    import _work
+    from statics_scaling import peak
+
+    _work.quiet()
+    begun = time.process_time()
+    n = 0 if kind == "nothing" else getattr(_work, kind)(size)
+    return {"kind": kind, "size": size, "n": n, "peak_gib": peak(), "cpu_s": time.process_time() - begun}
+
+
+def apart(kind: str, size: float) -> dict:
+    """The same in a process of its own, or from a run that was stopped."""
+    for kept in PARTS.read_text().splitlines() if PARTS.exists() else ():
+        if (found := json.loads(kept))["kind"] == kind and found["size"] == size:
+            return found
+    command = [sys.executable, __file__, "--one", kind, str(size)]
+    with tempfile.TemporaryDirectory() as cache:  # what is kept from a run before would not be computed
+        environment = os.environ | {"NGBRAIN_CACHE": cache}
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if done.returncode:
+        raise RuntimeError(f"{kind} {size}: {done.stderr[-500:]}")
+    found = json.loads(done.stdout.splitlines()[-1])
+    print(line(found), file=sys.stderr, flush=True)
+    PARTS.parent.mkdir(parents=True, exist_ok=True)
+    with PARTS.open("a") as parts:
+        parts.write(json.dumps(found) + "\n")
+    return found
+
+
+def measure(quick: bool) -> list[dict]:
+    """A record for each size, with what was foretold of it."""
+    base = apart("nothing", 0)["peak_gib"]
+    records = []
+    for kind in QUICK if quick else SIZES:
+        of, full, short = SIZES[kind]
+        found = [apart(kind, size) for size in (short if quick else full)] + ([] if quick else measured_before(kind))
+        n, peak = (np.array([float(r[key]) for r in found]) for key in ("n", "peak_gib"))
+        for i, record in enumerate(found):
+            others = np.arange(len(n)) != i
+            factor, power = fitted(n[others], peak[others], base)
+            foretold = base + factor * n[i] ** power
+            more = {"of": of, "base_gib": base, "foretold_gib": foretold, "error": abs(foretold / peak[i] - 1)}
+            names = {"method": f"ngbrain:{kind}", "order": None, "ndof": record["n"], "converged": True}
+            records.append(record | more | names)
+    return records
+
+
+def measured_before(kind: str) -> list[dict]:
+    """Peaks of the same work that other benchmarks have on record."""
+    found = []
+    if kind == "statics":
+        for r in json.loads((HERE / "statics_scaling.json").read_text()):
+            if r["case"] == "mixed" and r["method"] == "ngbrain:sparsecholesky" and r["converged"]:
+                found.append((r["ndof"], r["memory_gib"], r["cpu_s"], "statics_scaling"))
+    if kind == "zone":
+        for r in json.loads((HERE / "inversion_zones.json").read_text()):
+            if r["method"].startswith("ngbrain:one inversion"):
+                found.append((r["elements"], r["peak_gib"], r["cpu_s"], "inversion_zones"))
+    names = ("n", "peak_gib", "cpu_s", "from")
+    return [{"kind": kind, "size": each[0]} | dict(zip(names, each, strict=True)) for each in found]
+
+
+def fitted(n: np.ndarray, peak: np.ndarray, base: float) -> tuple[float, float]:
+    """Factor and power of what is above the base, least squares of logarithms."""
+    power, factor = np.polyfit(np.log(n), np.log(np.maximum(peak - base, 1e-3)), 1)
+    return float(np.exp(factor)), float(power)
+
+
+def table(records: list[dict]) -> dict[str, dict]:
+    """What the library predicts from: kind → what is counted, base, factor, power, the sizes measured, the largest error."""
+    found = {}
+    for kind in dict.fromkeys(r["kind"] for r in records):
+        of = [r for r in records if r["kind"] == kind]
+        n, peak = (np.array([float(r[key]) for r in of]) for key in ("n", "peak_gib"))
+        factor, power = fitted(n, peak, of[0]["base_gib"])
+        found[kind] = {
+            "of": of[0]["of"],
+            "base_gib": round(of[0]["base_gib"], 4),
+            "factor_gib": float(f"{factor:.4g}"),
+            "power": round(power, 4),
+            "measured": [int(n.min()), int(n.max())],
+            "largest_error": round(max(r["error"] for r in of if r["peak_gib"] >= 1) if peak.max() >= 1 else 0.0, 3),
+        }
+    return found
+
+
+def chart(records: list[dict], png: str) -> None:
+    """Memory against size, measured and foretold."""
+    from _front import figure
+
+    plt, made, panels = figure(12, 3.6, len({r["kind"] for r in records}))
+    for axes, kind in zip(np.atleast_1d(panels), dict.fromkeys(r["kind"] for r in records), strict=True):
+        of = [r for r in records if r["kind"] == kind]
+        fit = table(of)[kind]
+        n = np.geomspace(min(r["n"] for r in of), 2 * max(r["n"] for r in of), 50)
+        axes.plot(n, fit["base_gib"] + fit["factor_gib"] * n ** fit["power"], "-", color="#999999")
+        axes.plot([r["n"] for r in of], [r["peak_gib"] for r in of], "o", color="#0072B2")
+        axes.set(title=kind, xlabel=of[0]["of"], xscale="log", yscale="log", ylim=(0.2, 16))
+        ticks = [f"{size:.0e}" for size in n[[0, -1]]]
+        axes.set_xticks([float(size) for size in ticks], [f"{float(size):,.0f}" for size in ticks])
+        axes.set_yticks([0.25, 0.5, 1, 2, 4, 8], ["¼", "½", "1", "2", "4", "8"])
+        axes.minorticks_off()
+    np.atleast_1d(panels)[0].set_ylabel("peak of memory (GiB)")
+    made.savefig(png)
+    plt.close(made)
+
+
+def line(r: dict) -> str:
+    """A record to read."""
+    foretold = f", foretold {r['foretold_gib']:.2f}" if "foretold_gib" in r else ""
+    return f"{r['kind']:<12}{r['n']:>9}  {r['peak_gib']:6.2f} GiB{foretold}  {r['cpu_s']:.0f} s"
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--one"]:
+        print(json.dumps(one(sys.argv[2], float(sys.argv[3]))))
+    elif sys.argv[1:2] == ["--table"]:
+        TABLE.write_text(json.dumps(table(json.load(sys.stdin)), indent=1) + "\n")
+    else:
+        main(__doc__, measure, chart, line)
