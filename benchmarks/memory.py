@@ -25,8 +25,8 @@ from _command import main
 
 GIB = 2**30
 HERE = Path(__file__).resolve().parent
-PARTS = Path("out/bench/memory.parts.jsonl")
-"""Of a run that was stopped; delete it to measure anew."""
+PARTS = HERE.parent / "out" / "bench" / "memory.parts.jsonl"
+"""Of a full run that was stopped; delete it to measure anew."""
 TABLE = HERE.parent / "ngbrain" / "parallel" / "memory.json"
 SIZES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
     "statics": ("unknowns", (), (2_000, 4_000, 8_000)),
@@ -52,9 +52,9 @@ def one(kind: str, size: float) -> dict:
     return {"kind": kind, "size": size, "n": n, "peak_gib": peak(), "cpu_s": time.process_time() - begun}
 
 
-def apart(kind: str, size: float) -> dict:
+def apart(kind: str, size: float, quick: bool) -> dict:
     """The same in a process of its own, or from a run that was stopped."""
-    for kept in PARTS.read_text().splitlines() if PARTS.exists() else ():
+    for kept in PARTS.read_text().splitlines() if PARTS.exists() and not quick else ():
         if (found := json.loads(kept))["kind"] == kind and found["size"] == size:
             return found
     command = [sys.executable, __file__, "--one", kind, str(size)]
@@ -65,19 +65,22 @@ def apart(kind: str, size: float) -> dict:
         raise RuntimeError(f"{kind} {size}: {done.stderr[-500:]}")
     found = json.loads(done.stdout.splitlines()[-1])
     print(line(found), file=sys.stderr, flush=True)
-    PARTS.parent.mkdir(parents=True, exist_ok=True)
-    with PARTS.open("a") as parts:
-        parts.write(json.dumps(found) + "\n")
+    if not quick:
+        PARTS.parent.mkdir(parents=True, exist_ok=True)
+        with PARTS.open("a") as parts:
+            parts.write(json.dumps(found) + "\n")
     return found
 
 
 def measure(quick: bool) -> list[dict]:
     """A record for each size, with what was foretold of it."""
-    base = apart("nothing", 0)["peak_gib"]
+    base = apart("nothing", 0, quick)["peak_gib"]
     records = []
     for kind in QUICK if quick else SIZES:
         of, full, short = SIZES[kind]
-        found = [apart(kind, size) for size in (short if quick else full)] + ([] if quick else measured_before(kind))
+        found = [apart(kind, size, quick) for size in (short if quick else full)] + (
+            [] if quick else measured_before(kind)
+        )
         n, peak = (np.array([float(r[key]) for r in found]) for key in ("n", "peak_gib"))
         for i, record in enumerate(found):
             others = np.arange(len(n)) != i
