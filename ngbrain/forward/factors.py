@@ -77,7 +77,7 @@ class Factorised:
         return self._factors[omega].solve(b)
 
     def _factor(self, omega: float, device: Device) -> Factor:
-        factor = device.factor(self._forms[omega].mat, self.body.fes.FreeDofs(), "the harmonic matrix")
+        factor = device.factor(self._forms[omega].mat, self.body.free, "the harmonic matrix")
         self.solves.factorisations += 1
         return factor
 

@@ -87,6 +87,9 @@ class Harmonic:
                single components, {"x": "side|top", "y": "top"}
     quadrature rules of degree 2 × this on elements; unasked one more than the order
     device     where matrices are factorised, `Device.named("cuda")` for a GPU
+    translation  with motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part of u,
+               the last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an image
+               of phase is known up to multiples of 2π; a pressure that changes evenly along z acts alike
 
     Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex
     constant of NGSolve's as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
@@ -114,6 +117,7 @@ class Harmonic:
         kinematics: Solid | None = None,
         quadrature: int | None = None,
         device: Device = CPU,
+        translation: bool = False,
     ) -> None:
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
@@ -123,16 +127,21 @@ class Harmonic:
         axes = self._check(held)
         dirichlet = {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
         if self.axes == "z":
-            displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
+            self.displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
         else:
-            displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
-        if self.form.pressure is None:
-            self.fes = displacement
-        else:
+            self.displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
+        self.translation, self.fes = translation, self.displacement
+        if translation and self.axes != "z":
+            raise InputError("translation", True, "False but with motion through the plane")
+        if translation:
+            self.fes = self.displacement * ngs.NumberSpace(mesh, complex=True)
+        elif self.form.pressure is not None:
             pressures = ngs.H1 if self.form.continuous else ngs.L2
-            self.fes = displacement * pressures(mesh, order=self.form.pressure, complex=True)
+            self.fes = self.displacement * pressures(mesh, order=self.form.pressure, complex=True)
         self.device, self.device_note = device.for_unknowns(self.fes.ndof)
         self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
+        self.held[self.displacement.ndof :] |= translation
+        self.free = ngs.BitArray((~self.held).tolist())
         degree = self.form.order + 1 if quadrature is None else quadrature
         self.rules = IntegrationRuleSpace(mesh, order=degree).GetIntegrationRules()
         self.boundary_rules = {
@@ -154,9 +163,9 @@ class Harmonic:
         """Displacement, pressure (if there is one) and displacement gradient of a trial, test or grid function."""
         known = isinstance(whole, ngs.GridFunction)
         u, p = whole, None
-        if self.mixed:
+        if self.mixed or self.translation:
             u, p = whole.components if known else whole
-        return u, p, _gradient(u) if known else ngs.Grad(u)
+        return u, p if self.mixed else None, _gradient(u) if known else ngs.Grad(u)
 
     def strain(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """ε(u): 2×2 in plane strain, else 3×3."""
@@ -182,6 +191,8 @@ class Harmonic:
         elif self.bulk is not None:
             pressed = derivative(self.bulk / 2 * ngs.Trace(strain) * ngs.Trace(strain), strain, along, "bulk")
             works = [works[0] + pressed] if self.mesh.dim == 3 else [*works, pressed]
+        if self.translation:
+            u, v = (sum(each.components if isinstance(each, ngs.GridFunction) else each) for each in (trial, test))
         if omega:
             works.append(-(omega**2) * self.inertia(u, v))
         return [self.kinematics.weight() * work for work in works]
@@ -276,7 +287,7 @@ class Harmonic:
 
     def _prescribed(self, wave: Wave) -> Array:
         values = np.zeros(self.fes.ndof, complex)
-        gfu = ngs.GridFunction(self.fes.components[0] if self.mixed else self.fes)
+        gfu = ngs.GridFunction(self.displacement)
         for pattern, value in wave.held.items():
             region = self.mesh.Boundaries(pattern)
             gfu.Set(_vector(value), definedon=region, dual=True)  # it forgets what was set on other boundaries

@@ -29,7 +29,7 @@ from ngbrain.forward.wave_curvature import Turned
 
 Array = np.ndarray
 BOUNDARY = "boundary"
-"""Name of the block of held displacements: real parts, then imaginary parts, for each wave (m)."""
+"""Name of the block of held displacements (and translations): real parts, then imaginary parts, for each wave (m)."""
 
 
 class WaveModel:
@@ -57,13 +57,12 @@ class WaveModel:
             if field.space.is_complex:
                 raise InputError(f"fields.{name}", "complex", "a real field; storage and loss are one each")
         self.body, self.fields, self.points = body, dict(fields), np.asarray(points, float)
-        displacement = body.fes.components[0] if body.mixed else body.fes
         self.dim = len(body.axes)
         scalar = evaluation(ngs.H1(body.mesh, order=body.form.order), self.points)
-        if scalar.shape[1] * self.dim != displacement.ndof:
+        if scalar.shape[1] * self.dim != body.displacement.ndof:
             raise InputError("form", str(body.form), "components of the displacement in spaces of their own")
         self._scalar = scalar
-        self.driving = np.flatnonzero(body.held[: displacement.ndof])
+        self.driving = np.flatnonzero(body.held)
         sizes = {name: field.space.ndof for name, field in self.fields.items()}
         sizes[BOUNDARY] = 2 * len(self.driving) * len(body.waves)
         ends = np.cumsum(list(sizes.values()))

@@ -81,6 +81,7 @@ class Experiment:
             kinematics=AntiPlane() if data.motion == "anti_plane" else None,
             quadrature=elements.quadrature,
             device=device,
+            translation=data.motion == "anti_plane",
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]

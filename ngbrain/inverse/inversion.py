@@ -260,7 +260,7 @@ def concluded(
         *of_size(data),
     ]
     if data.motion == "anti_plane":
-        notes += of_one_slice(data)
+        notes += of_one_slice(data, experiment.model.held(unknowns.theta(best.x))[:, -1])
     if is_tracked(data):
         notes += map_notes(data, maps["youngs"])
     if EXPONENT in maps:

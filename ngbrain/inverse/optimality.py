@@ -105,7 +105,7 @@ class Optimality:
         """Of each of a wave's unknowns, were it on the boundary."""
         ties = np.full(len(self.free), TIED)
         body = self.state.model.body
-        moved = body.fes.components[0].ndof if body.mixed else body.fes.ndof
+        moved = body.displacement.ndof
         ties[:moved].reshape(weight.shape[1], -1)[~np.any(weight > 0, axis=0)] = FAINT  # components one after the other
         return ties
 

@@ -171,8 +171,7 @@ def _beside(checkpoint: str | os.PathLike[str] | None, level: float) -> Path | N
 def _shared(experiment: Experiment) -> float:
     """Points for each node of the elements."""
     body = experiment.body
-    moved = body.fes.components[0] if body.mixed else body.fes
-    return len(experiment.model.points) * body.mesh.dim / moved.ndof
+    return len(experiment.model.points) * body.mesh.dim / body.displacement.ndof
 
 
 def _problem(experiment: Experiment, made: MisfitKind, noise: Relative, prior: Prior) -> Reduced:

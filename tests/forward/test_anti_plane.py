@@ -59,7 +59,7 @@ def _cube():
     return geometry.GenerateMesh(maxh=0.01)
 
 
-def model(mesh):
+def model(mesh, translation=False):
     """Storage, loss and the exponent of frequency as fields, at two frequencies, an absorbing edge."""
     space, fields = ngs.H1(mesh, order=2), {}
     for name, value in (("storage", 2000.0), ("loss", 700.0), ("exponent", 0.6)):
@@ -75,12 +75,14 @@ def model(mesh):
         held="bottom|top",
         kinematics=AntiPlane(),
         absorbing=[Absorbing("left", 2000 + 700j)],
+        translation=translation,
     )
     return WaveModel(body, fields, np.array([[0.01, 0.02], [0.03, 0.011], [0.04, 0.04]]))
 
 
-def test_derivatives_by_taylor_and_transpose(rng):
-    of = model(square(3, SIDE))
+@pytest.mark.parametrize("translation", [False, True])
+def test_derivatives_by_taylor_and_transpose(rng, translation):
+    of = model(square(3, SIDE), translation)
     theta, shape = of.theta, of.at(of.theta).data.shape
     assert shape == (2, 3, 1)
     target = of.at(theta).data + 1e-3 * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
@@ -98,6 +100,24 @@ def test_derivatives_by_taylor_and_transpose(rng):
         assert np.all((rates > 1.9) & (rates < 2.1)), rates
         there, w = of.at(theta), rng.normal(size=shape) + 1j * rng.normal(size=shape)
         assert dot(there.push, there.pull(w), direction, w) < 1e-10
+
+
+def test_a_translation_is_what_u_leaves_out_of_the_inertia():
+    """What is left of a wave when a number is subtracted solves the problem whose body moves by that number."""
+    mesh, shift = square(3, SIDE), 3e-6 - 2e-6j
+    whole, rest = (
+        Harmonic(mesh, Shearing(G), [Wave(FREQUENCY, {".*": u})], form="P3", kinematics=AntiPlane(), translation=moves)
+        for u, moves in ((plane_wave(), False), (plane_wave() - shift, True))
+    )
+    (u,) = whole.solve()
+    driven = rest.prescribed[0].copy()
+    driven[-1] = shift
+    left = rest.factorised().driven(0, driven)[:-1]
+    constant = ngs.GridFunction(whole.fes)
+    constant.Set(shift)
+    assert np.allclose(left, u.vec.FV().NumPy() - constant.vec.FV().NumPy(), atol=1e-12)
+    with pytest.raises(InputError, match="translation is True; wanted: False but with motion through the plane"):
+        Harmonic(mesh, Shearing(G), [Wave(FREQUENCY)], bulk=1e5, translation=True)
 
 
 def test_volume_does_not_change_so_that_nothing_of_it_is_taken():

@@ -52,7 +52,7 @@ def test_a_modulus_of_one_slice_and_what_is_said_of_it():
     assert np.median(found.maps["loss"]) == pytest.approx(800, rel=0.04)
     assert found.predicted.shape == (1, 528, 1) and 0.7 < found.checks["misfit_over_expected"] < 1.3
     said = " ".join(found.notes)
-    assert "apparent moduli" in said and "square of the pixels' size" in said
+    assert "apparent moduli" in said and "uniform displacement" in said and "square of the pixels' size" in said
     assert np.isfinite(found.strain.oss).all()
 
 
