@@ -87,9 +87,9 @@ class Harmonic:
                single components, {"x": "side|top", "y": "top"}
     quadrature rules of degree 2 × this on elements; unasked one more than the order
     device     where matrices are factorised, `Device.named("cuda")` for a GPU
-    translation  with motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part of u,
-               the last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an image
-               of phase is known up to multiples of 2π; a pressure that changes evenly along z acts alike
+    translation  with motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part
+               of u: the last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an
+               image of phase is known up to multiples of 2π; a pressure that changes evenly along z acts alike
 
     Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex
     constant of NGSolve's as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).

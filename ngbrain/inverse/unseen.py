@@ -70,8 +70,8 @@ def of_one_slice(data: WaveData, translations: np.ndarray) -> list[str]:
         "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
         "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is "
         "taken as given",
-        "a uniform displacement of the slice is an unknown of each wave, as motion of the whole head that was subtracted and phases "
-        f"that are known up to 2π leave it out: {size} µm were found",
+        "a uniform displacement of the slice is an unknown of each wave, as motion of the whole head that was subtracted and "
+        f"phases that are known up to 2π leave it out: {size} µm were found",
     ]
 
 

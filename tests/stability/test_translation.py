@@ -1,5 +1,6 @@
-"""Waves through a slice whose mean was subtracted, as whole-head motion or a phase known up to 2π is. Naive: u is inverted as it is.
-Ours: each wave has an unknown translation beside it.
+"""Waves through a slice whose mean was subtracted, as whole-head motion is, or an unknown multiple of 2π of a phase.
+
+Naive: they are inverted as they are. Ours: each wave has an unknown translation beside it.
 
 Two crossing waves in a slice of 50 × 50 mm, about one wavelength at 40 Hz: subtracting their mean changes ρω²u, not ∇²u.
 """
