@@ -84,7 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
                 about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
                 line.tell(about)
                 LOG.info(about)
-            bars = uncertainty(inversion) if arguments.bars else None
+            bars = None
+            if arguments.bars:
+                bars = uncertainty(inversion, prior="best" if arguments.regulariser == "auto" else "own")
+                inversion = bars.found
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise

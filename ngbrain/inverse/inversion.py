@@ -107,6 +107,11 @@ class Inversion:
     end: End | None = field(default=None, repr=False)
 
     @property
+    def chosen_row(self) -> Row:
+        """The start that was kept."""
+        return next(row for row in self.rows if row.name == self.chosen)
+
+    @property
     def answers(self) -> dict[str, dict[str, float]]:
         """Of the maps, as in `result.json`."""
         return answers(self.data, self.maps)

@@ -15,7 +15,8 @@ Ghattas 2021, 10.1145/3428447.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +30,7 @@ from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.curvature import Metric
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.randomised import eigenpairs
+from ngbrain.inverse.regularise import Quadratic
 
 Array = np.ndarray
 LEAST = 0.1
@@ -63,6 +65,8 @@ class Posterior:
     least   eigenvalue below which data are neglected; 0: none are
     seed    of the eigensolver's random vectors
 
+    `regular` is Σ αR of all regularised unknowns, `reference` the values that it draws them to.
+
     It takes one Gauss-Newton product for each unknown without a regulariser, and two for each eigenvalue found.
 
     Raises `InputError` where a regulariser leaves something free (its matrix is singular), and where an unknown without one is
@@ -84,8 +88,9 @@ class Posterior:
         for name in self.held:
             holds[self.blocks[name]] = True
         self._held, self._loose = np.flatnonzero(holds), np.flatnonzero(~holds)
-        self._regular = sp.csr_array(point.regular_matrix[self._held][:, self._held])
-        self._metric = _metric(self._regular) if len(self._held) else None
+        self.reference = reduced.unknowns.start[self._held]
+        self.regular = sp.csr_array(point.regular_matrix[self._held][:, self._held])
+        self._metric = _metric(self.regular) if len(self._held) else None
         self._eliminate(point)
 
         def data(white: Array) -> Array:
@@ -94,10 +99,49 @@ class Posterior:
             whole = np.zeros(len(self.x))
             whole[self._held] = v
             image = point.product(whole)
-            return self._metric.slope(image[self._held] - self._regular @ v - self._response.T @ image[self._loose])
+            return self._metric.slope(image[self._held] - self.regular @ v - self._response.T @ image[self._loose])
 
         random = np.random.default_rng(seed)
         self.eigenvalues, self._white = eigenpairs(data, len(self._held), least, random)
+        self._slope = reduced.regular_slope(self.x)[self._held]
+        """Of the regularisers at x*, where the data's is its opposite."""
+
+    @cached_property
+    def informing(self) -> tuple[Array, Array]:
+        """What data say of the regularised unknowns f, as far as it is known: numbers y = Uᵀf + e, e of unit variance; U and y.
+
+        So S = U Uᵀ, and x* is where its regularisers and these numbers balance.
+        """
+        vectors, root = self._vectors(), np.sqrt(self.eigenvalues)
+        U = (self.regular @ vectors) * root
+        return U, U.T @ self.x[self._held] + (vectors.T @ self._slope) / root
+
+    def under(self, regularisers: Mapping[str, Quadratic], weights: Mapping[str, float]) -> Posterior:
+        """The same data with other regularisers of the same blocks. x* moves to where they balance then.
+
+        Exact for data that are linear in x, else one Gauss-Newton step. Raises `InputError` for a singular matrix.
+        """
+        U, y = self.informing
+        parts = [weights[name] * regularisers[name].matrix(np.zeros(0)) for name in self.held]
+        regular = sp.csr_array(sp.block_diag(parts))
+        reference = np.concatenate([regularisers[name].reference for name in self.held])
+        other = copy(self)
+        for name in ("informing", "left"):
+            other.__dict__.pop(name, None)
+        other.regular, other.reference, other._metric = regular, reference, _metric(regular)
+        white = other._metric.slope(U)
+        values, turn = np.linalg.eigh(white.T @ white)
+        keep = values > SINGULAR * values.max()
+        values, turn = values[keep][::-1], turn[:, keep][:, ::-1]
+        other.eigenvalues, other._white = values, white @ (turn / np.sqrt(values))
+        off = turn @ ((turn.T @ (y - U.T @ reference)) / (1 + values))
+        step = other._metric.back(white @ off)
+        moved = reference + step - self.x[self._held]
+        other.x = self.x.copy()
+        other.x[self._held] += moved
+        other.x[self._loose] -= self._response @ moved
+        other._slope = regular @ step
+        return other
 
     @property
     def kept(self) -> Array:
@@ -114,7 +158,7 @@ class Posterior:
         v = self._vectors(slice(i, i + 1))[:, 0]
         x = np.zeros(len(self.x))
         x[self._held], x[self._loose] = v, -self._response @ v
-        parts = v * (self._regular @ v)
+        parts = v * (self.regular @ v)
         return Direction(
             float(self.eigenvalues[i]), x, {name: float(parts[self._of(name)].sum()) for name in self.held}
         )
@@ -123,7 +167,7 @@ class Posterior:
     def determined(self) -> dict[str, float]:
         """How many numbers of each regularised block the data determine, n - tr(R_b C_bb), as far as eigenvalues are known."""
         vectors = self._vectors()
-        parts = vectors * (self._regular @ vectors)
+        parts = vectors * (self.regular @ vectors)
         return {name: float(parts[self._of(name)].sum(axis=0) @ self.kept) for name in self.held}
 
     @cached_property
@@ -255,6 +299,10 @@ class Posterior:
     def _vectors(self, which: slice = slice(None)) -> Array:
         white = self._white[:, which]
         return white if self._metric is None else self._metric.back(white)
+
+    def within(self, name: str) -> Array:
+        """Where (indices) a regularised block is among all that are."""
+        return np.flatnonzero(self._of(name))
 
     def _of(self, name: str) -> Array:
         """Where a regularised block is among all that are."""

@@ -6,18 +6,23 @@ Each is an energy of x, a field in the variables of `parameters`, drawn to x̄; 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.forward.factors import sparse
+from ngbrain.forward.points import evaluation
 
 Array = np.ndarray
+NEAR = 1e-8
+"""Of the body: points that are the same."""
 HELD = 1e-2
 """Share of the mass matrix that keeps a constant from costing nothing, over the squared size of the body."""
 
@@ -67,16 +72,14 @@ def smooth(space: ngs.FESpace, reference: Array | float, weight: CoefficientFunc
 def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadratic:
     """½ (x - x̄)·(ℓ²K + M) M⁻¹ (ℓ²K + M)(x - x̄)/ℓᵈ: Gaussian fields with correlations over ℓ (m), Matérn's of ν = 2 - d/2.
 
-    M is lumped. Smoother than H1: for fields without edges. Raises `InputError` unless ℓ is positive.
+    M⁻¹ is lumped. Smoother than H1: for fields without edges. Raises `InputError` unless ℓ is positive.
     Source: Lindgren, Rue, Lindström 2011, 10.1111/j.1467-9868.2011.00777.x.
     """
     if not length > 0:
         raise InputError("length", length, "a positive length in m")
     gradients = _Gradients(space)
-    lumped = np.abs(gradients.mass).sum(axis=1)
-    whole = length**2 * gradients.stiffness(1.0) + sp.diags_array(lumped)
-    inverse = sp.diags_array(1 / lumped)
-    return Quadratic(sp.csr_array(whole @ inverse @ whole / length**space.mesh.dim), reference)
+    whole = length**2 * gradients.stiffness(1.0) + gradients.mass
+    return Quadratic(sp.csr_array(whole @ gradients.lumped_inverse() @ whole / length**space.mesh.dim), reference)
 
 
 class Steep:
@@ -137,6 +140,21 @@ def total_variation(space: ngs.FESpace, reference: Array | float, edge: float) -
     return Steep(space, reference, lambda s: 2 * floor * (ngs.sqrt(s + floor**2) - floor))
 
 
+def nodes(space: ngs.FESpace) -> Array:
+    """Points (ndof, dim) m, a lattice in each element, at which a function of an H1 space may take any values."""
+    line = np.linspace(0, 1, space.globalorder + 1)
+    cube = [point for point in itertools.product(line, repeat=space.mesh.dim)]
+    simplex = [point for point in cube if sum(point) < 1 + 1e-9]
+    rules = {}
+    for shape in {el.type for el in space.mesh.Elements()}:
+        points = simplex if shape in (ngs.ET.TRIG, ngs.ET.TET) else cube
+        rules[shape] = ngs.IntegrationRule(points=points, weights=[0.0] * len(points))
+    position = ngs.CF((ngs.x, ngs.y, ngs.z)[: space.mesh.dim])
+    found = np.asarray(position(space.mesh.MapToAllElements(rules, ngs.VOL)))
+    close = NEAR * np.ptp(found, axis=0).max()
+    return found[np.unique(np.round(found / close), axis=0, return_index=True)[1]]
+
+
 class _Gradients:
     """Matrices of a space: mass, stiffness with a weight, and what regularisers make of them."""
 
@@ -157,6 +175,21 @@ class _Gradients:
 
     def matrix(self, weight: CoefficientFunction | float) -> sp.csr_array:
         return sp.csr_array(self.scale * self.stiffness(weight) + self.held)
+
+    def lumped_inverse(self) -> sp.csr_array:
+        """M⁻¹ of a mass matrix that is diagonal in values at nodes, with the diagonal of M's scaled to the body's size.
+
+        In values: of higher order unknowns are none, and a diagonal in them is no mass. Scaled diagonals are positive.
+        Source: Hinton, Rock, Zienkiewicz 1976, 10.1002/eqe.4290040305.
+        """
+        at = evaluation(self.space, nodes(self.space))
+        back = at.T  # of first order unknowns are values
+        if self.space.globalorder > 1:
+            back = scipy.sparse.linalg.spsolve(sp.csc_array(at), sp.eye_array(at.shape[0], format="csc"))
+        back = sp.csc_array(back)
+        diagonal = np.asarray(back.multiply(self.mass @ back).sum(axis=0)).ravel()
+        diagonal *= ngs.Integrate(1.0, self.space.mesh) / diagonal.sum()
+        return sp.csr_array(back @ sp.diags_array(1 / diagonal) @ back.T)
 
     def _assembled(self, integrand: CoefficientFunction) -> sp.csr_array:
         form = ngs.BilinearForm(self.space)

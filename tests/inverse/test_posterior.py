@@ -84,6 +84,31 @@ def test_linear_problem_in_closed_form(names):
             assert posterior.left[name] == 0
 
 
+@pytest.mark.parametrize("names", ["abc", "ab"])
+def test_the_same_data_under_other_regularisers(names):
+    """In closed form: the mean and the covariance of data and of the other assumption, from the minimum under the first one."""
+    reduced, H = linear(names)
+    start = reduced.unknowns.start
+    x = start - np.linalg.solve(H, reduced.at(start).gradient())
+    rng = np.random.default_rng(5)
+    others, weights = {}, {"a": 0.7, "b": 3.0}
+    own, other, pull = (np.zeros_like(H), np.zeros_like(H), np.zeros(len(H)))
+    for name in "ab":
+        block, size = reduced.unknowns.blocks[name], SIZES[name]
+        root = rng.normal(size=(size, size))
+        others[name] = Quadratic(sp.csr_array(root @ root.T + np.eye(size)), rng.normal(size=size))
+        own[block, block] = reduced.weights[name] * reduced.regularisers[name].matrix(x[block]).toarray()
+        other[block, block] = weights[name] * others[name].matrix(x[block]).toarray()
+        pull[block] = other[block, block] @ others[name].reference
+    data = H - own
+    moved = Posterior(reduced.at(x), least=0.0).under(others, weights)
+    C = np.linalg.inv(data + other)
+    assert moved.x == pytest.approx(C @ (H @ x + pull), rel=1e-8, abs=1e-8)
+    assert moved.variance(np.eye(len(C))) == pytest.approx(np.diag(C), rel=1e-8)
+    back = moved.under(reduced.regularisers, reduced.weights)
+    assert back.x == pytest.approx(x, rel=1e-8, abs=1e-8)
+
+
 @pytest.mark.parametrize("names", ["abc", "ab", "c"])
 def test_draws_have_the_covariance(names):
     reduced, H = linear(names)

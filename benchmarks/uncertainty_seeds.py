@@ -1,0 +1,156 @@
+"""Do intervals of whole inversions hold the truth as often as they say? Twenty draws of the noise, data from other elements.
+
+plane   CV-G of `ngbrain.inverse.phantoms` on every second of its 51 × 51 points, made in bilinear elements, 2 % noise
+space   a block of 3 cm, moduli with a smooth bump, two loads at 60 Hz, made in tetrahedra of fourth order, 1 % noise
+
+Each is inverted with every choice left to `invert`; error bars follow with the prior that fits best (`evidence`), and with the
+regulariser of the inversion as before. `error` is |coverage - .95| at 95 %, over all points of both maps and all draws; `l2` the
+relative error of storage and loss. CPU time of one thread for a draw: `cpu_s` the inversion, `bars_s` the error bars.
+
+    python benchmarks/uncertainty_seeds.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/uncertainty_seeds.py --chart FILE.png < records.json
+"""
+
+from __future__ import annotations
+
+import time
+
+import ngsolve as ngs
+import numpy as np
+from _command import main
+from _coverage import chart as coverage_chart
+from _coverage import coverage, told
+from netgen.csg import CSGeometry, OrthoBrick, Pnt
+from scipy.special import ndtri
+
+from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.points import evaluation
+from ngbrain.inverse.discretise import Discretisation, in_elements
+from ngbrain.inverse.invert import invert
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.uncertainty import Uncertainty, uncertainty
+from ngbrain.io.waves import WaveData
+from ngbrain.materials import Shearing
+from ngbrain.mesh.grid import boxes
+
+Record = dict
+SEEDS = 20
+MAPS = ("storage", "loss")
+PRIORS = {"best": "ngbrain:evidence", "own": "naive: the inversion's regulariser"}
+SIDE, BULK, MODULUS = 0.03, 2e5, (2400.0, 1000.0)
+
+
+def plane() -> tuple[WaveData, Discretisation]:
+    """Every second point."""
+    data = Phantom.named("CV-G").measured().data()
+    grid = data.structured
+    assert grid is not None
+    chosen = np.zeros(grid.shape, bool)
+    chosen[::2, ::2] = True
+    at = np.flatnonzero(grid.flat(chosen))
+    truth = {name: values[at] for name, values in data.truth.items()}
+    about = {"poisson": data.poisson, "truth": truth}
+    coarse = WaveData(
+        data.points[at], data.displacement[:, at], data.frequency, data.density, "isotropic", "viscoelastic", **about
+    )
+    return coarse, in_elements(coarse)
+
+
+def bump(x, y, z, exp):  # type: ignore[no-untyped-def]
+    """1.6 at the middle of the bump, 1 far from it."""
+    return 1 + 0.6 * exp(-((x - 0.014) ** 2 + (y - 0.016) ** 2 + (z - 0.015) ** 2) / 1e-2**2)
+
+
+def block(order: int = 4, spacing: float = 2.5e-3) -> tuple[WaveData, Discretisation]:
+    """Waves in tetrahedra; hexahedra to invert them."""
+    geometry = CSGeometry()
+    geometry.Add(OrthoBrick(Pnt(0, 0, 0), Pnt(SIDE, SIDE, SIDE)).bc("all"))
+    mesh = ngs.Mesh(geometry.GenerateMesh(maxh=0.01))
+    share = bump(ngs.x, ngs.y, ngs.z, ngs.exp)
+    drives = [(1e-5 * ngs.z / SIDE, 0, 0), (0, 1e-5 * (1 - ngs.x / SIDE), 0.5e-5 * ngs.y / SIDE)]
+    law = Shearing(MODULUS[0] * share + 1j * (MODULUS[1] * share))
+    waves = [Wave(60.0, {"all": drive}) for drive in drives]
+    body = Harmonic(mesh, law, waves, bulk=BULK, form=f"P{order}", held="all", quadrature=order + 2)
+    line = np.linspace(0, SIDE, round(SIDE / spacing) + 1)
+    points = np.array([[x, y, z] for z in line for y in line for x in line])
+    observe = evaluation(ngs.H1(mesh, order=order), np.clip(points, 1e-9, SIDE - 1e-9))
+    u = [observe @ gfu.vec.FV().NumPy().reshape(3, -1).T for gfu in body.solve()]
+    truth = complex(*MODULUS) * bump(*points.T, np.exp)
+    about = {"bulk": BULK, "truth": {"shear": truth}}
+    data = WaveData(points, u, [60.0] * 2, 1000.0, "isotropic", "viscoelastic", **about)
+    line = np.linspace(0, SIDE, 4)
+    mesh = boxes(np.ones((3, 3, 3), bool), line, line, line)
+    return data, Discretisation(mesh, "P3", 2, None, np.ones(len(points), bool))
+
+
+CASES = {"plane": (plane, 0.02), "space": (block, 0.01)}
+
+
+def scores(bars: Uncertainty) -> np.ndarray:
+    """How many standard deviations the truth is off, of ln storage and ln loss at all points."""
+    truth, found, reach = bars.data.truth_views, bars.arrays(), ndtri(0.975)
+    parts = []
+    for name in MAPS:
+        low, high = np.log(found[f"{name}_low"]), np.log(found[f"{name}_high"])
+        off = np.log(np.real(truth[name])) - (low + high) / 2
+        parts.append((off / ((high - low) / 2 / reach))[np.isfinite(low)])
+    return np.concatenate(parts)
+
+
+def measure(quick: bool) -> list[Record]:
+    """Two records for each case, one for each prior."""
+    return [
+        record for case in CASES for record in measured(case, 2 if quick else SEEDS) if not quick or case == "plane"
+    ]
+
+
+def measured(case: str, seeds: int) -> list[Record]:
+    """One record for each prior."""
+    make, noise = CASES[case]
+    exact, elements = make()
+    off: dict[str, list[np.ndarray]] = {name: [] for name in PRIORS}
+    errors: dict[str, list[list[float]]] = {name: [] for name in PRIORS}
+    spent, bars_s = 0.0, dict.fromkeys(PRIORS, 0.0)
+    for seed in range(seeds):
+        begun = time.process_time()
+        found = invert(exact.with_noise(noise, seed), elements, tell=lambda _: None)
+        spent += time.process_time() - begun
+        for prior in PRIORS:
+            begun = time.process_time()
+            bars = uncertainty(found, prior=prior)
+            off[prior].append(scores(bars))
+            bars_s[prior] += time.process_time() - begun
+            errors[prior].append([bars.found.answers[name]["relative_l2_error"] for name in MAPS])
+    return [
+        {
+            "method": label,
+            "case": case,
+            "order": 3,
+            "ndof": found.model["n_unknowns"],
+            "noise": noise,
+            "seeds": seeds,
+            **coverage(np.concatenate(off[prior])),
+            "coverage_by_draw": [float(np.mean(np.abs(each) < ndtri(0.975))) for each in off[prior]],
+            "l2": np.mean(errors[prior], axis=0).tolist(),
+            "cpu_s": spent / seeds,
+            "bars_s": bars_s[prior] / seeds,
+            "converged": True,
+        }
+        for prior, label in PRIORS.items()
+    ]
+
+
+def line(r: Record) -> str:
+    """A record to read."""
+    storage, loss = (100 * each for each in r["l2"])
+    spent = f"{r['bars_s']:.0f} s after {r['cpu_s']:.0f} s"
+    return f"{r['case']}, {r['method']}: {told(r)}; storage {storage:.2g} %, loss {loss:.2g} %, {spent}"
+
+
+def chart(records: list[Record], png: str) -> None:
+    """Coverage against level."""
+    coverage_chart(records, png, lambda r: f"{r['case']}, {100 * r['noise']:g} % noise", "points", 3.2)
+
+
+if __name__ == "__main__":
+    main(__doc__, measure, chart, line)
