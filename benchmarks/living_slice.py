@@ -6,6 +6,8 @@ displacement at four times of a period, and the authors' map of the shear modulu
 or more inside of the mask, its median; Spearman's rank correlation of both there, smoothed by a Gaussian of 5 mm (standard
 deviation); and the same of plain Helmholtz inversion of a smooth field, and of our own local frequency estimation, which is the
 authors' method: what that has is the file's convention and the pixels, what the others have beyond it is the method.
+`wavelengths` says what the displacements themselves have, without any inversion: half of their energy is in waves longer than
+`median_mm` in the plane, `shorter` of it in waves as short as the authors' modulus has, `authors_mm`, or shorter.
 
     python benchmarks/living_slice.py FILE [--only HZ|all ...] [--json]      last line of --json: a list of records
 """
@@ -34,7 +36,8 @@ from ngbrain.threads import set_threads
 Record = dict
 FREQUENCIES = (30.0, 40.0, 50.0, 60.0)
 CHOICES = {**{f"{hz:g}": [i] for i, hz in enumerate(FREQUENCIES)}, "all": list(range(len(FREQUENCIES)))}
-PIXEL, DEEP, SMOOTH = 1.25e-3, 10e-3, 5e-3
+PIXEL, DEEP, SMOOTH, TAPER = 1.25e-3, 10e-3, 5e-3, 20e-3
+DENSITY = 1000.0
 THROUGH = 2
 """The component that moves through the slice; nothing else was measured."""
 STIFFEST = 20e3
@@ -60,7 +63,7 @@ class Slice:
             samples=samples[:, :, None, :, None],
             spacing=PIXEL,
             frequency=[FREQUENCIES[i] for i in chosen],
-            density=1000.0,
+            density=DENSITY,
             symmetry="isotropic",
             rheology="viscoelastic",
             motion="anti_plane",
@@ -75,6 +78,22 @@ class Slice:
         ratio = float(np.median(storage[inside] / self.authors[..., which][inside]))
         ours, theirs = (smooth(np.where(known, each, 0), known) for each in (storage, self.authors[..., which]))
         return ratio, float(spearmanr(ours[inside], theirs[inside]).statistic)
+
+    def wavelengths(self, which: int) -> Record:
+        """In the plane, of the displacements' energy at one frequency (tapered over 2 cm from the border, mean subtracted)."""
+        wave = np.fft.fft(self.samples[..., which], axis=2)[..., 1]
+        ramp = np.clip(ndimage.distance_transform_edt(np.pad(self.mask, 1))[1:-1, 1:-1] * PIXEL / TAPER, 0, 1)
+        taper = np.sin(ramp * np.pi / 2) ** 2
+        wave = taper * (wave - np.sum(taper * wave) / taper.sum())
+        size = [2 * n for n in wave.shape]
+        energy = np.abs(np.fft.fft2(wave, size)) ** 2
+        per_metre = np.hypot(*np.meshgrid(*(np.fft.fftfreq(n, PIXEL) for n in size), indexing="ij"))
+        order = np.argsort(per_metre, axis=None)
+        share = np.cumsum(energy.ravel()[order]) / energy.sum()
+        middle = per_metre.ravel()[order][np.searchsorted(share, 0.5)]
+        theirs = np.sqrt(np.nanmedian(self.authors[..., which][self.mask & self.deep]) / DENSITY) / FREQUENCIES[which]
+        shorter = float(energy[per_metre >= 1 / theirs].sum() / energy.sum())
+        return {"median_mm": float(1e3 / middle), "authors_mm": float(1e3 * theirs), "shorter": shorter}
 
 
 def smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -112,6 +131,7 @@ def record(known: Slice, chosen: list[int]) -> Record:
         np.where(np.isfinite(plain), np.clip(plain, 0, STIFFEST), np.nan), chosen[0]
     )
     lfe = grid.box(local_frequency(data).real)
+    found["wavelengths"] = known.wavelengths(chosen[0])
     found["lfe_ratio"], found["lfe_rank"] = known.compared(lfe, chosen[0])
     for name in ("usable", "reasons", "notes", "checks", "noise", "chosen"):
         found[name] = result[name]

@@ -114,6 +114,53 @@ class Uncertainty:
             raise InputError("map", repr(name), nearest(name, value))
         return Band.sampled(float(value[name][chosen].mean()), self.draws(number)[name][:, chosen].mean(axis=1), level)
 
+    def with_best_prior(self) -> Uncertainty:
+        """Under Gaussian fields, where these fit better and waves of the moved maps fit the data; else these bars.
+
+        `found` then has the maps of that prior.
+        """
+        found, posterior = self.found, self.posterior
+        assert found.end is not None
+        experiment, problem = found.end.experiment, found.end.problem
+        unknowns = problem.unknowns
+        if (
+            not isinstance(unknowns, Fields)
+            or unknowns.level is not None
+            or not isinstance(problem.misfit, LeastSquares)
+        ):
+            return self
+        at = evaluation(experiment.space, experiment.model.points)
+        means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
+        gaussian = best_prior(posterior, experiment.space, means)
+        if gaussian is None:
+            return self
+        moved = posterior.under(gaussian.regularisers, gaussian.weights)
+        data, determined = experiment.model.at(unknowns.theta(moved.x)).data, moved.determined
+        before, misfit = found.chosen_row, problem.misfit.squares(data)
+        if misfit > LOOSE * max(before.misfit, before.expected):
+            return self
+        problem = Reduced(problem.model, problem.misfit, unknowns, gaussian.regularisers, gaussian.weights)
+        predicted = np.full_like(found.predicted, np.nan)
+        predicted[:, experiment.inside] = data
+        maps = {name: values for name, values in experiment.maps(unknowns, moved.x).items() if name in found.maps}
+        note = (
+            f"maps and error bars are those of Gaussian fields correlated over {1e3 * gaussian.length:.3g} mm, which fit the data "
+            f"better than the regulariser {found.regulariser} (e^{gaussian.gain:.3g} times as probable)"
+        )
+        best = replace(
+            found,
+            maps=maps,
+            predicted=predicted,
+            regulariser="matern",
+            weights=dict(gaussian.weights),
+            determined=determined,
+            resolution=resolution(ngs.Integrate(ngs.CF(1), experiment.body.mesh), found.data.dim, determined),
+            checks={**found.checks, "misfit_over_expected": misfit / before.expected},
+            notes=[*found.notes, note],
+            end=End(experiment, problem, moved.x),
+        )
+        return Uncertainty(best, moved)
+
     @property
     def notes(self) -> list[str]:
         """Those of the posterior, and fields of which so little is known that they are taken for uniform."""
@@ -211,49 +258,8 @@ def uncertainty(found: Inversion, least: float = LEAST, prior: str = "best") -> 
     """
     if prior not in PRIORS:
         raise InputError("prior", repr(prior), nearest(prior, PRIORS))
-    posterior = Posterior(_ended(found), least)
-    better = _better(found, posterior) if prior == "best" else None
-    return Uncertainty(found, posterior) if better is None else better
-
-
-def _better(found: Inversion, posterior: Posterior) -> Uncertainty | None:
-    """With Gaussian fields, where these fit better and waves of the moved maps fit the data."""
-    assert found.end is not None
-    experiment, problem = found.end.experiment, found.end.problem
-    unknowns = problem.unknowns
-    if not isinstance(unknowns, Fields) or unknowns.level is not None or not isinstance(problem.misfit, LeastSquares):
-        return None
-    at = evaluation(experiment.space, experiment.model.points)
-    means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
-    gaussian = best_prior(posterior, experiment.space, means)
-    if gaussian is None:
-        return None
-    moved = posterior.under(gaussian.regularisers, gaussian.weights)
-    data, determined = experiment.model.at(unknowns.theta(moved.x)).data, moved.determined
-    before, misfit = found.chosen_row, problem.misfit.squares(data)
-    if misfit > LOOSE * max(before.misfit, before.expected):
-        return None
-    problem = Reduced(problem.model, problem.misfit, unknowns, gaussian.regularisers, gaussian.weights)
-    predicted = np.full_like(found.predicted, np.nan)
-    predicted[:, experiment.inside] = data
-    maps = {name: values for name, values in experiment.maps(unknowns, moved.x).items() if name in found.maps}
-    note = (
-        f"maps and error bars are those of Gaussian fields correlated over {1e3 * gaussian.length:.3g} mm, which fit the data "
-        f"better than the regulariser {found.regulariser} (e^{gaussian.gain:.3g} times as probable)"
-    )
-    best = replace(
-        found,
-        maps=maps,
-        predicted=predicted,
-        regulariser="matern",
-        weights=dict(gaussian.weights),
-        determined=determined,
-        resolution=resolution(ngs.Integrate(ngs.CF(1), experiment.body.mesh), found.data.dim, determined),
-        checks={**found.checks, "misfit_over_expected": misfit / before.expected},
-        notes=[*found.notes, note],
-        end=End(experiment, problem, moved.x),
-    )
-    return Uncertainty(best, moved)
+    bars = Uncertainty(found, Posterior(_ended(found), least))
+    return bars.with_best_prior() if prior == "best" else bars
 
 
 def products_of(found: Inversion) -> int:
