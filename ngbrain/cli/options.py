@@ -270,8 +270,8 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--bars",
         action="store_true",
-        help="error bars too: credible intervals at every point, of the mean and of labels' means; in the plane it then takes "
-        "two to four times as long",
+        help="error bars too: credible intervals at every point, of the mean and of labels' means, under the prior that fits the "
+        "data best; in the plane it then takes up to three times as long",
     )
     parser.add_argument(
         "--subzones",
