@@ -176,20 +176,25 @@ class Posterior:
 
         It is 0 for blocks without a regulariser, of which nothing was assumed.
         """
-        vectors, found = self._vectors(), dict.fromkeys(self.blocks, 0.0)
-        for name in self.held:
-            less = float(np.sum(vectors[self._of(name)] ** 2, axis=0) @ self.kept)
-            found[name] = 1 - less / (less + float(np.sum(self.variance(self.rows(name)))))
-        return found
+        return dict.fromkeys(self.blocks, 0.0) | {name: self.share_left(self.rows(name)) for name in self.held}
+
+    def share_left(self, rows: sp.csr_array) -> float:
+        """Of the variance that was assumed of B x, regularised unknowns alone, the share that is left, its mean over the rows."""
+        taken = float(np.sum((rows[:, self._held] @ self._vectors()) ** 2 @ self.kept))
+        return 1 - taken / (taken + float(np.sum(self.variance(rows))))
 
     @property
     def notes(self) -> list[str]:
         """What the data tell and what they do not, in words."""
+        return self.notes_of(self.left)
+
+    def notes_of(self, left: Mapping[str, float]) -> list[str]:
+        """So of fields whose unknowns are no values: name → the share of the variance assumed of its values that is left."""
         number, notes = int(np.sum(self.eigenvalues > 1)), []
         if self.held:
             told = ", ".join(f"{value:.1f} of {name}" for name, value in self.determined.items())
             notes.append(f"data inform {number} directions more than was assumed; numbers determined: {told}")
-        for name, share in self.left.items():
+        for name, share in left.items():
             if share > 0.5:
                 notes.append(
                     f"of the variance assumed of {name}, {100 * share:.0f} % is left: its bands are mostly assumed"

@@ -29,7 +29,7 @@ from ngbrain.forward.points import evaluation
 from ngbrain.inverse.answers import derived, shear_of
 from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.evidence import best_prior
-from ngbrain.inverse.inversion import End, Inversion
+from ngbrain.inverse.inversion import End, Inversion, Row
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.posterior import DRAWS, LEAST, Posterior
@@ -45,6 +45,8 @@ EIGENVALUES = 1.8
 FOLLOWING = ("magnitude", "stiffness")
 PART = 4096
 """Maps that follow from those looked for and have bands too; points of which draws are held at a time."""
+SOME = 200
+"""Points at which the variance that is left is compared with that assumed."""
 LOOSE = 1.1
 """Of the misfit: what it may grow by when maps move to another prior by one step."""
 PRIORS = ("best", "own")
@@ -119,7 +121,7 @@ class Uncertainty:
 
         `found` then has the maps of that prior.
         """
-        found, posterior = self.found, self.posterior
+        found, posterior, begun = self.found, self.posterior, time.process_time()
         assert found.end is not None
         experiment, problem = found.end.experiment, found.end.problem
         unknowns = problem.unknowns
@@ -147,8 +149,12 @@ class Uncertainty:
             f"maps and error bars are those of Gaussian fields correlated over {1e3 * gaussian.length:.3g} mm, which fit the data "
             f"better than the regulariser {found.regulariser} (e^{gaussian.gain:.3g} times as probable)"
         )
+        value, last = problem.misfit.value(data) + problem.regular(moved.x), [before.history[-1]]
+        spent = time.process_time() - begun
         best = replace(
             found,
+            rows=[*found.rows, Row("gaussian", maps, misfit, before.expected, value, last, spent, True)],
+            chosen="gaussian",
             maps=maps,
             predicted=predicted,
             regulariser="matern",
@@ -165,7 +171,11 @@ class Uncertainty:
     def notes(self) -> list[str]:
         """Those of the posterior, and fields of which so little is known that they are taken for uniform."""
         few = [name for name, number in self.posterior.determined.items() if number < FEW]
-        return self.posterior.notes + [
+        left = {}
+        for name, rows in self._rows.items():
+            some = rows[:: max(1, rows.shape[0] // SOME)]
+            left[name] = self.posterior.share_left(some)
+        return self.posterior.notes_of(left) + [
             f"{name} is taken for nearly uniform: its bands say how well its level is known, and are too narrow where it differs"
             for name in few
         ]

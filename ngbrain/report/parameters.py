@@ -58,6 +58,7 @@ STARTS = {
     "uniform": "uniform fields",
     "given": "measured waves and a given map",
     "both": "measured waves, then descent",
+    "gaussian": "Gaussian fields, one step",
     "zones": "zones, each for itself",
     "slices": "slices, one by one",
     "pass 1": "zones among their neighbours",
