@@ -415,7 +415,10 @@ def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
 
 def test_error_bars(tmp_path, capsys, waves):
     status, out, errors = run(capsys, waves, "-o", tmp_path / "out", *ROUGH[:-1], "--bars")
-    assert status == 0 and "Mean of G′, 95 % credible interval" in out
+    assert (
+        status == 0 and "Mean of G′, 95 % credible interval" in out and "mean (95 % interval)" in out.split("start")[0]
+    )
+    assert "half its width" in (tmp_path / "out" / "report.html").read_text()
     assert len(errors) == 1 and errors[0].startswith("ngbrain: error bars: about ")
     bars = json.loads((tmp_path / "out" / "result.json").read_text())["error_bars"]
     for name, truth in (("storage", SHEAR.real), ("loss", SHEAR.imag)):

@@ -106,7 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from ngbrain.report import elastography
 
-    report = elastography.build(folder / "report.html", result, inversion.data, inversion.arrays())
+    arrays = inversion.arrays() | (bars.arrays() if bars else {})
+    report = elastography.build(folder / "report.html", result, inversion.data, arrays)
     notes = [f"note: {note}" for note in result["notes"]]
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], notes)
     if not inversion.usable:
@@ -203,10 +204,13 @@ def summary(result: dict[str, Any]) -> list[str]:
     """The result as lines: parameters, starts, what was assumed and found."""
     reasons = result.get("reasons")
     lines = [f"Do not use: {'; '.join(reasons)}", ""] if reasons else []
-    lines += [f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"]
-    for row in parameters.parameters(result):
+    ends = parameters.intervals(result)
+    head = f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}"
+    lines.append(f"{head}   mean (95 % interval)" if ends else head)
+    for i, row in enumerate(parameters.parameters(result)):
         median, iqr, error = (text for text, _ in row.cells)
-        lines.append(f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}")
+        line = f"{f'{row.name} {row.unit}':<34}{median:>9}{iqr:>9}{error:>12}"
+        lines.append(f"{line}   {ends[i]}" if ends else line)
     symbols = [parameters.PARAMETERS[name].symbol for name in result["answers"]]
     heads = [*(f"{symbol} error" for symbol in symbols), "misfit/exp", "J", "rounds", "settled", "CPU s"]
     lines += ["", f"{'start':<34}" + "".join(f"{head:>11}" for head in heads)]

@@ -194,6 +194,10 @@ class Uncertainty:
 
         Of the maps that were looked for, and by draws of those of `FOLLOWING` that follow from them.
         """
+        return dict(self._ends)
+
+    @cached_property
+    def _ends(self) -> dict[str, Array]:
         bands = {name: self.band(name) for name in self._sought} | self._following()
         return {f"{name}_{end}": getattr(band, end) for name, band in bands.items() for end in ("low", "high")}
 

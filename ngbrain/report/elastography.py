@@ -36,7 +36,7 @@ def build(
     """Write the page to `path`.
 
     result  of the verb `invert`
-    arrays  of maps.npz: values at the points of the data
+    arrays  of maps.npz: values at the points of the data, NAME_low and NAME_high too where there are error bars
 
     Raises `MissingExtra` where matplotlib or jinja2 is not installed.
     """
@@ -46,6 +46,7 @@ def build(
     pictures |= {
         "maps": maps(result, data, arrays, flat),
         "following": following(arrays, flat),
+        "intervals": intervals(result, data, arrays, flat),
         "strain": strain(data, arrays, flat),
         "residuals": residuals(result, arrays["residual"]),
         "convergence": convergence(result),
@@ -60,6 +61,7 @@ def build(
         space=data.dim == 3,
         symbols=[PARAMETERS[name].symbol for name in result["answers"]],
         parameters=parameters.parameters(result),
+        intervals=parameters.intervals(result),
         label_heads=parameters.label_heads(result),
         labels=parameters.labels(result),
         starts=parameters.starts(result),
@@ -115,6 +117,23 @@ def maps(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats]
         both = window(MODULUS, np.concatenate([estimate, truth]))
         return [(both, estimate), (both, truth), ({"cmap": DIFFERENCE, "vmin": -most, "vmax": most}, off)]
 
+    return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
+
+
+def intervals(result: Mapping[str, Any], data: WaveData, arrays: Mapping[str, Floats], flat: Sequence[Plane]) -> bytes:
+    """Of each parameter with error bars: both ends of its interval at the same colours, and half its width in per cent."""
+    rows = [(name, plane) for name in result["answers"] if f"{name}_low" in arrays for plane in flat]
+    if not rows:
+        return b""
+
+    def looks(row: int) -> list[tuple[dict[str, Any], Floats]]:
+        name = rows[row][0]
+        low, high = (PARAMETERS[name].factor * arrays[f"{name}_{end}"] for end in ("low", "high"))
+        width = 50 * (high - low) / np.abs(PARAMETERS[name].factor * arrays[name])
+        both = window(MODULUS, np.concatenate([low, high]))
+        return [(both, low), (both, high), (window(MODULUS, width), width)]
+
+    titles = ("2.5 % end", "97.5 % end", "half width (%)")
     return table([plane for _, plane in rows], titles, [PARAMETERS[name].label for name, _ in rows], looks)
 
 

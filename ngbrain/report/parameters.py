@@ -77,6 +77,12 @@ def parameters(result: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
+def intervals(result: Mapping[str, Any]) -> list[str]:
+    """For each parameter its mean and the ends of its 95 % interval; nothing without error bars."""
+    bars = result.get("error_bars", {})
+    return [_ends(name, bars[name]["mean"]) if name in bars else "–" for name in result["answers"] if bars]
+
+
 def labels(result: Mapping[str, Any]) -> list[Row]:
     """A row for each label: median and interquartile range of every map that `label_heads` names."""
     found = _of_labels(result)
@@ -109,10 +115,13 @@ def starts(result: Mapping[str, Any]) -> list[Row]:
 
 
 def _interval(name: str, band: Mapping[str, float]) -> str:
-    """A value and the ends of its interval, in the unit shown."""
-    shown = PARAMETERS[name]
-    value, low, high = (number(shown.factor * band[key], 4) for key in ("value", "low", "high"))
-    return f"{value} ({low} to {high}) {shown.unit}".rstrip()
+    """A value and the ends of its interval, in the unit shown, with that."""
+    return f"{_ends(name, band)} {PARAMETERS[name].unit}".rstrip()
+
+
+def _ends(name: str, band: Mapping[str, float]) -> str:
+    value, low, high = (number(PARAMETERS[name].factor * band[key], 4) for key in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
 
 
 def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -94,6 +94,19 @@ def test_without_truth_no_error_is_shown(tmp_path, plane):
     assert "<th>Label</th>" in page and "truth" not in page.lower() and '<th class="n">Error</th>' not in page
 
 
+def test_error_bars_are_drawn_and_stand_in_the_first_table(tmp_path, plane):
+    bands = {f"{name}_{end}": np.full(48, by * value) for name, value in (("storage", 2000.0), ("loss", 800.0)) for end, by in
+             (("low", 0.9), ("high", 1.1))}  # fmt: skip
+    mean = {"value": 2000.0, "deviation": 10.0, "low": 1980.0, "high": 2020.0}
+    result = result_of(plane, error_bars={"storage": {"mean": mean, "by_label": {}}})
+    text = elastography.build(tmp_path / "report.html", result, plane, arrays_of(plane) | bands).read_text()
+    table = text[text.index("<h2>Parameters") : text.index("<h2>Maps")]
+    assert "Mean (95 % interval)" in table and "2.000 (1.980 to 2.020)" in table
+    assert "half its width" in text
+    bare = elastography.build(tmp_path / "bare.html", result_of(plane), plane, arrays_of(plane)).read_text()
+    assert "95 %" not in bare and "half its width" not in bare
+
+
 @pytest.mark.parametrize("scattered", [False, True])
 def test_space_is_drawn_on_its_middle_planes(scattered):
     points = grid(9, 8, 7)
