@@ -100,7 +100,7 @@ def test_error_bars_are_drawn_and_stand_in_the_first_table(tmp_path, plane):
     mean = {"value": 2000.0, "deviation": 10.0, "low": 1980.0, "high": 2020.0}
     result = result_of(plane, error_bars={"storage": {"mean": mean, "by_label": {}}})
     text = elastography.build(tmp_path / "report.html", result, plane, arrays_of(plane) | bands).read_text()
-    table = text[text.index("<h2>Parameters") : text.index("<h2>Maps")]
+    table = text.split(">Parameters</h2>")[1].split(">Maps</h2>")[0]
     assert "Mean (95 % interval)" in table and "2.000 (1.980 to 2.020)" in table
     assert "half its width" in text
     bare = elastography.build(tmp_path / "bare.html", result_of(plane), plane, arrays_of(plane)).read_text()
