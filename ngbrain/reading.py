@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import os
@@ -13,7 +14,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -112,6 +113,57 @@ def read_json(path: str | os.PathLike[str], what: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(what, f"damaged ({error})", "a JSON file", Path(path)) from error
+
+
+class Table(NamedTuple):
+    """A table of text.
+
+    Attributes
+    ----------
+    columns : list of str
+        Of the first line, without blanks around them.
+    rows : list of (int, list of str)
+        The number of a line in the file, from 1, and its cells, one for each column; lines without any are left out.
+    mark : str
+        What parts the columns: a comma, a semicolon, as spreadsheets write where the comma is decimal, or a tab.
+    """
+
+    columns: list[str]
+    rows: list[tuple[int, list[str]]]
+    mark: str
+
+
+def read_table(path: str | os.PathLike[str], what: str) -> Table:
+    """A table (CSV) as spreadsheets write it; lines before the columns' names that begin with # are comments.
+
+    Raises
+    ------
+    InputError
+        What `read_text` refuses; a line has more cells than there are columns, or quotes that do not close.
+    """
+    path = Path(path)
+    lines, first = read_text(path, what).splitlines(keepends=True), 0
+    while first < len(lines) and (lines[first].startswith("#") or not lines[first].strip(" \t\r\n,;")):
+        first += 1
+    head = lines[first] if first < len(lines) else ""
+    mark = ";" if ";" in head else "\t" if "\t" in head and "," not in head else ","
+    reader = csv.reader(lines[first:], delimiter=mark, skipinitialspace=True, strict=True)
+    rows = list[tuple[int, list[str]]]()
+    try:
+        columns = [name.strip() for name in next(reader, [])]
+        for cells in reader:
+            line = first + reader.line_num
+            if not any(cell.strip() for cell in cells):
+                continue
+            if len(cells) > len(columns):
+                found = f"{len(cells)} cells: {mark.join(cells)[:60]!r}"
+                wanted = f"{len(columns)}, one for each column, decimals with a point"
+                raise InputError(f"line {line}", found, wanted, path)
+            rows.append((line, cells + [""] * (len(columns) - len(cells))))
+    except csv.Error as error:
+        found = f"unreadable ({error})"
+        raise InputError(f"line {first + reader.line_num}", found, "a table (CSV)", path) from error
+    return Table(columns, rows, mark)
 
 
 def read_npz(path: str | os.PathLike[str], what: str, most: int = MOST) -> dict[str, np.ndarray]:

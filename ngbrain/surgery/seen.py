@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 from ngbrain.arguments import numbers
 from ngbrain.errors import InputError
 from ngbrain.inverse.misfit import LeastSquares
-from ngbrain.reading import read_text
+from ngbrain.reading import read_table
 
 Array = np.ndarray
 LANDMARKS = ("t_s", "x_mm", "y_mm", "z_mm", "ux_mm", "uy_mm", "uz_mm")
@@ -102,35 +100,19 @@ class Seen:
 
 def _table(path: Path, columns: tuple[str, ...], keys: int) -> Array:
     """Its rows; the first so many columns say what a row is of. The first column is a time, which grows."""
-    text = read_text(path, "table")
-    first = next(iter(text.splitlines()), "")
-    mark = ";" if ";" in first else "\t" if "\t" in first and "," not in first else ","
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, skipinitialspace=True, strict=True)
+    given, found, mark = read_table(path, "table")
     rows, lines, last = list[list[float]](), dict[tuple[float, ...], int](), dict[tuple[float, ...], float]()
-    try:
-        given = [name.strip() for name in next(reader, [])]
-        places = _places(given, columns, path)
-        for cells in reader:
-            line = reader.line_num
-            if not any(cell.strip() for cell in cells):
-                continue
-            if len(cells) > len(given):
-                found = f"{len(cells)} cells: {mark.join(cells)[:60]!r}"
-                raise InputError(
-                    f"line {line}", found, f"{len(given)}, one for each column, decimals with a point", path
-                )
-            cells += [""] * (len(given) - len(cells))
-            values = [_number(cells[at], columns[i], line, path, i >= keys, mark == ";") for i, at in enumerate(places)]
-            key = tuple(values[:keys])
-            if key in lines:
-                raise InputError(f"line {line}", f"of what line {lines[key]} is of", "one line for each", path)
-            if not values[0] >= last.get(key[1:], 0.0):
-                wanted = "a time (s) of at least 0, and none before those above for the same thing"
-                raise InputError(f"line {line}, {columns[0]}", cells[places[0]], wanted, path)
-            lines[key], last[key[1:]] = line, values[0]
-            rows.append(values)
-    except csv.Error as error:
-        raise InputError(f"line {reader.line_num}", f"unreadable ({error})", "a table (CSV)", path) from error
+    places = _places(given, columns, path)
+    for line, cells in found:
+        values = [_number(cells[at], columns[i], line, path, i >= keys, mark == ";") for i, at in enumerate(places)]
+        key = tuple(values[:keys])
+        if key in lines:
+            raise InputError(f"line {line}", f"of what line {lines[key]} is of", "one line for each", path)
+        if not values[0] >= last.get(key[1:], 0.0):
+            wanted = "a time (s) of at least 0, and none before those above for the same thing"
+            raise InputError(f"line {line}, {columns[0]}", cells[places[0]], wanted, path)
+        lines[key], last[key[1:]] = line, values[0]
+        rows.append(values)
     if not rows:
         raise InputError("table", "without a line", f"lines of {', '.join(columns)}", path)
     table = np.array(rows)
