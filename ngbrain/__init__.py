@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from ngbrain.scene import Scene
     from ngbrain.scene.loading import Loading
     from ngbrain.threads import set_threads
+    from ngbrain.workflows.cohort import cohort
 
 __version__ = version("ngbrain")
 
-__all__ = ["Loading", "Scene", "__version__", "datasets", "set_threads", "solve"]
+__all__ = ["Loading", "Scene", "__version__", "cohort", "datasets", "set_threads", "solve"]
 
-_HOME = {"Loading": "scene.loading", "Scene": "scene", "set_threads": "threads"}
+_HOME = {"Loading": "scene.loading", "cohort": "workflows.cohort", "Scene": "scene", "set_threads": "threads"}
 
 if not TYPE_CHECKING:  # who checks types sees the names above and the package's modules, and no others
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import re
 import sys
@@ -21,6 +22,8 @@ from ngbrain.progress import LOG, terminal
 LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 """Three numbers with commas, the first of them negative."""
 EXIT_INPUT, EXIT_SOLVER = 2, 3
+ERRORS = (InputError, MissingExtra, SolverError, OSError, MemoryError)
+"""What ends a command with one line."""
 WRITING = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
 """Verbs that write results to a folder."""
 MODULES = {"demo": "retract", "solve": "ladder"}
@@ -36,29 +39,43 @@ def main(argv: Sequence[str] | None = None) -> int:
         command.print_help()
         return 0
     resumed = f"; go on with --resume -o {arguments.output}" if hasattr(arguments, "resume") else ""
+    resumed = "; the same command goes on with it" if arguments.verb == "cohort" else resumed
     stopped = f"ngbrain: stopped{resumed}"
     try:
-        with heard(), interruptible(stopped), _logging(arguments.quiet):
-            module = import_module(f"ngbrain.cli.{MODULES.get(arguments.verb, arguments.verb)}")  # a second or two
-            with claimed(arguments) if arguments.verb in WRITING else nullcontext():
-                return int(module.run(arguments) or 0)
-    except (InputError, MissingExtra) as error:
-        print(f"ngbrain: {error}", file=sys.stderr)
-        return EXIT_INPUT
-    except OSError as error:
-        print(f"ngbrain: {error.filename or arguments.output}: {error.strerror or error}", file=sys.stderr)
-        return EXIT_INPUT
-    except SolverError as error:
-        written = arguments.verb != "mesh" and arguments.output.is_dir() and any(arguments.output.iterdir())
-        kept = f"; the steps so far are in {arguments.output}" if written else ""
-        print(f"ngbrain: {error}{kept}", file=sys.stderr)
-        return EXIT_SOLVER
-    except MemoryError:
-        print("ngbrain: out of memory; larger elements or fewer --threads take less", file=sys.stderr)
-        return EXIT_SOLVER
+        with heard(), interruptible(stopped):
+            return perform(arguments)
+    except ERRORS as error:
+        status, line = ended(error, arguments)
+        print(f"ngbrain: {line}", file=sys.stderr)
+        return status
     except KeyboardInterrupt:
         print(stopped, file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def perform(arguments: argparse.Namespace) -> int:
+    """Do what parsed arguments ask for; returns the exit status, and raises what `ERRORS` has and whatever else goes wrong."""
+    with _logging(arguments.quiet):
+        module = import_module(module_of(arguments.verb))  # a second or two
+        with claimed(arguments) if arguments.verb in WRITING else nullcontext():
+            return int(module.run(arguments) or 0)
+
+
+def module_of(verb: str) -> str:
+    """The module that a verb is at home in."""
+    return f"ngbrain.cli.{MODULES.get(verb, verb)}"
+
+
+def ended(error: BaseException, arguments: argparse.Namespace) -> tuple[int, str]:
+    """The exit status and the line of a command that one of `ERRORS` has ended."""
+    if isinstance(error, InputError | MissingExtra):
+        return EXIT_INPUT, str(error)
+    if isinstance(error, SolverError):
+        written = arguments.verb != "mesh" and arguments.output.is_dir() and any(arguments.output.iterdir())
+        return EXIT_SOLVER, f"{error}; the steps so far are in {arguments.output}" if written else str(error)
+    if isinstance(error, OSError):
+        return EXIT_INPUT, f"{error.filename or arguments.output}: {error.strerror or error}"
+    return EXIT_SOLVER, "out of memory; larger elements or fewer --threads take less"
 
 
 @contextmanager

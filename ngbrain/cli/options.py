@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ngbrain import __version__
+from ngbrain.cli.cohort_options import add_cohort
 
 PLACE = "X,Y,Z"
 # Names that the library has in tables, which take a second to import; a test holds these to them.
@@ -28,16 +29,26 @@ MOST_THREADS = 1024
 
 def parser() -> argparse.ArgumentParser:
     """Of the whole command; `verb` is what is asked for, or None."""
+    return _parsers()[0]
+
+
+def parsers() -> dict[str, argparse.ArgumentParser]:
+    """Those of the verbs, by name."""
+    return _parsers()[1]
+
+
+def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
     command = _Parser(prog="ngbrain", description="In silico brain surgery.")
     command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
     demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
     invert, predict, loaded, stiff = _invert(verbs), _predict(verbs), _solve(verbs), _calibrate(verbs)
+    many = add_cohort(verbs)
     _materials(verbs)
     _data(verbs)
     folders = (
         (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
-        (loaded, "solved"), (stiff, "calibrated"),
+        (loaded, "solved"), (stiff, "calibrated"), (many, "cohort"),
     )  # fmt: skip
     assembling = invert, predict, loaded, stiff
     for verb, folder in folders:
@@ -58,16 +69,16 @@ def parser() -> argparse.ArgumentParser:
             verb.add_argument(
                 "--threads",
                 type=_positive,
-                default=1 if verb in assembling else os.cpu_count() or 1,
+                default=1 if verb in (*assembling, many) else os.cpu_count() or 1,
                 metavar="N",
-                help="for assembly (1)" if verb in assembling else "processes side by side",
+                help="for assembly (1)" if verb in assembling else f"processes side by side{' (1)' if verb is many else ''}",
             )
         if verb in (demo, retract, invert):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")
         verb.add_argument("-q", dest="quiet", action="store_true", help="no progress and no summary; warnings stay")
-    return command
+    return command, dict(verbs.choices)
 
 
 def add_executor(verb: argparse.ArgumentParser) -> None:
@@ -143,8 +154,8 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )
-    parser.add_argument("--atlas", metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
-    parser.add_argument("--template", metavar="T1", help="what it was drawn on, with its skull or without")
+    parser.add_argument("--atlas", type=Path, metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
+    parser.add_argument("--template", type=Path, metavar="T1", help="what it was drawn on, with its skull or without")
     parser.add_argument("--route", choices=ROUTES, help="how (hull)")
     parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
     parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")

@@ -37,6 +37,13 @@ def claimed(arguments: argparse.Namespace) -> Iterator[None]:
         option = "--overwrite" if arguments.verb == "calibrate" else "--force"
         wanted = f"{instead}{option} to replace them, or another {'folder' if not is_file else 'place'}"
         raise InputError("-o", f"{output}, where results are already ({folder / RESULT})", wanted)
+    with held(folder):
+        yield
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Make a folder, and keep it from other commands; raises `InputError` where it cannot be written to or is held already."""
     made = _made(folder)
     try:
         with _alone(folder):

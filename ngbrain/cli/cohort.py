@@ -1,0 +1,47 @@
+"""The verb `cohort`: many scans or cases through another verb."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+from ngbrain.cli import EXIT_SOLVER
+from ngbrain.cli.words import conclude
+from ngbrain.progress import Progress, terminal
+from ngbrain.workflows.cohort import OK, REPORT, TABLE, Cohort, cohort
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the list, compute what is not finished, write, print; returns the exit status, 3 where a row is not usable."""
+    with Progress(terminal(arguments.quiet), text="reading the list") as line:
+        done = cohort(
+            arguments.list,
+            arguments.output,
+            arguments.of_rows,
+            group=arguments.group,
+            executor=arguments.threads,
+            again=arguments.overwrite,
+            tell=line.tell,
+        )
+    conclude(arguments.quiet, summary(done), list(_cautions(done)))
+    return 0 if done.usable else EXIT_SOLVER
+
+
+def summary(done: Cohort) -> list[str]:
+    """The cohort as lines: how many rows have which verdict, where results are."""
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in done.counts.items() if count)
+    now = sum(row.computed for row in done.rows)
+    earlier = f"; {len(done.rows) - now} were finished before" if now < len(done.rows) else ""
+    return [
+        f"{len(done.rows)} rows: {counts}{earlier}",
+        f"table: {done.folder / TABLE}",
+        f"report: {done.folder / REPORT}",
+    ]
+
+
+def _cautions(done: Cohort) -> Iterator[str]:
+    for row in done.rows:
+        if row.verdict != OK:
+            yield f"{row.name}: {row.verdict}: {row.reason}"
+    if done.left_out:
+        yield f"no longer in the list, but still in {done.folder}: {', '.join(done.left_out)}"

@@ -1,0 +1,387 @@
+"""Many scans or cases through one of the command's verbs: a verdict for each, one table and one report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ngbrain.cli.places import held
+from ngbrain.errors import InputError, require
+from ngbrain.io.json_file import write_json
+from ngbrain.io.versions import versions
+from ngbrain.io.whole import whole
+from ngbrain.parallel import AnyExecutor, ProcessExecutor, run
+from ngbrain.reading import read_json
+from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, Outlier, Spread, find_outliers
+from ngbrain.workflows.listing import Case, read_list, values_of
+from ngbrain.workflows.rows import EXCLUDED, FAILED, RESULT, Record, digest_case, run_row
+from ngbrain.workflows.summary import Number, cautions, main_numbers
+
+OK, WARNING = "ok", "warning"
+VERDICTS = (OK, WARNING, EXCLUDED, FAILED)
+ROWS, TABLE, REPORT = "rows", "cohort.csv", "report.html"
+GROUP = "group"
+"""The column that parts statistics where none is named."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scan or case, and what has come of it.
+
+    Attributes
+    ----------
+    name, verb : str
+    verdict : str
+        ok; warning, where a number stands out or the verb warns; excluded, where the verb does not want its answer used; failed.
+    reason : str
+        Why it is not ok, in a line; "" where it is.
+    time_s : float or None
+        That the verb took; None where it failed.
+    numbers : dict of Number
+        The main numbers of its result by key; none where it failed.
+    group : str
+        What its statistics are parted by.
+    about : dict of str
+        The list's other columns.
+    folder : Path
+        With the verb's own results and report.
+    input : str
+        The files, as in the list's folder.
+    computed : bool
+        In this call, not in an earlier one.
+    """
+
+    name: str
+    verb: str
+    verdict: str
+    reason: str
+    time_s: float | None
+    numbers: dict[str, Number] = field(repr=False)
+    group: str
+    about: dict[str, str] = field(repr=False)
+    folder: Path = field(repr=False)
+    input: str = field(repr=False)
+    computed: bool = field(repr=False)
+
+    @property
+    def usable(self) -> bool:
+        """Whether its numbers count: it is ok, or merely worth a look."""
+        return self.verdict in (OK, WARNING)
+
+    @property
+    def report(self) -> str:
+        """Its verb's report, relative to the cohort's folder; "" where there is none."""
+        there = self.folder / REPORT
+        return f"{ROWS}/{self.name}/{REPORT}" if self.numbers and there.exists() else ""
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """The rows of a list with their verdicts, and the statistics of those that are usable.
+
+    Attributes
+    ----------
+    rows : list of Row
+        In the order of the list.
+    spreads : list of Spread
+        Of every number in every group.
+    outliers : list of Outlier
+    left_out : list of str
+        Rows that are in the folder but no longer in the list.
+    folder : Path
+    group : str
+        The column that groups are of; "" where there are none.
+    """
+
+    rows: list[Row]
+    spreads: list[Spread]
+    outliers: list[Outlier]
+    left_out: list[str]
+    folder: Path
+    group: str = ""
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items() if count)
+        return f"Cohort({len(self.rows)} rows: {counts}; {self.folder})"
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many rows have which verdict."""
+        found = Counter(row.verdict for row in self.rows)
+        return {verdict: found[verdict] for verdict in VERDICTS}
+
+    @property
+    def usable(self) -> bool:
+        """Whether every row is."""
+        return all(row.usable for row in self.rows)
+
+    def values(self, key: str) -> dict[str, float]:
+        """A number of the usable rows that have it, by row.
+
+        Raises `InputError` for a key that no row has.
+        """
+        found = {row.name: row.numbers[key].value for row in self.rows if row.usable and key in row.numbers}
+        if not found:
+            known = sorted({each for row in self.rows for each in row.numbers})
+            raise InputError("key", repr(key), f"one of {', '.join(known) or 'none: no row is usable'}")
+        return found
+
+
+def cohort(
+    path: str | Path,
+    folder: str | Path,
+    verb: str | None = None,
+    *,
+    group: str | None = None,
+    executor: AnyExecutor = 1,
+    again: bool = False,
+    tell: Callable[..., Any] | None = None,
+) -> Cohort:
+    """Put many scans or cases through one of the command's verbs.
+
+    Every row of the list is computed in `folder/rows/NAME` as the command line would, whatever becomes of the others. What an
+    earlier call has finished from the same files, options, code and versions is not computed again, so that a call that was
+    stopped goes on, and one with a longer list does what is new. The folder then has `cohort.csv` (a line for each row),
+    `result.json` and `report.html`.
+
+    Parameters
+    ----------
+    path : str or Path
+        The list, see `ngbrain.workflows.listing.read_list`; ``ngbrain cohort --template`` prints one.
+    folder : str or Path
+        Where results go; it is made if need be.
+    verb : str, optional
+        mesh, invert, predict, solve or retract, of rows that name none.
+    group : str, optional
+        The column that parts the statistics and the search for outliers; `group`, if there is such a column.
+    executor : int or concurrent.futures.Executor, optional
+        Who computes the rows: a number of processes of this machine (1), another executor, or None for this process, which a row
+        that crashes takes with it. Workers of other machines need the same folders.
+    again : bool
+        Compute all rows, also those that are finished.
+    tell : callable, optional
+        Called with a text, how far the work has come.
+
+    Returns
+    -------
+    Cohort
+        The rows as objects, and their statistics.
+
+    Raises
+    ------
+    InputError
+        The list has a fault (see `read_list`), the folder holds other results, or another process is at work there.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ngbrain import datasets
+    >>> with tempfile.TemporaryDirectory() as there:
+    ...     _ = datasets.write("waves_plane", there)
+    ...     table = Path(there) / "list.csv"
+    ...     _ = table.write_text("name,verb,input,age\\nfirst,predict,waves_plane.npz,40\\n")
+    ...     done = cohort(table, Path(there) / "out", executor=None)
+    >>> done.rows[0].verdict, round(done.values("storage_kPa_median")["first"], 1)
+    ('ok', 2.9)
+    """
+    started = time.monotonic()
+    require("jinja2", "report")
+    path, folder = Path(path), Path(folder).absolute()
+    cases = read_list(path, verb)
+    by = group or (GROUP if GROUP in cases[0].about else "")
+    groups = values_of(cases, by) if by else dict.fromkeys((case.name for case in cases), "")
+    _check_folder(folder)
+    with held(folder):
+        records, computed = _computed(cases, folder, executor, again, tell or (lambda *_: None))
+        rows = [_row(case, records[case.name], groups[case.name], folder, case.name in computed) for case in cases]
+        done = _judged(rows, folder, by, [case.name for case in cases])
+        _write(done, path, executor, time.monotonic() - started)
+    return done
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder with results of something else, which a cohort would replace."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError("-o", str(folder), "a folder, or a name that is free")
+    if (folder / RESULT).exists():
+        found = read_json(folder / RESULT, "result")
+        if not isinstance(found, dict) or found.get("verb") != "cohort":
+            raise InputError("-o", f"{folder}, where results of something else are", "the folder of a cohort, or another")
+
+
+def _computed(
+    cases: Sequence[Case], folder: Path, executor: AnyExecutor, again: bool, tell: Callable[..., Any]
+) -> tuple[dict[str, Record], set[str]]:
+    """What is known of every row, and the names of those that were computed for it now."""
+    tell("looking for what is finished")
+    digests = {case.name: digest_case(case) for case in cases}
+    places = {case.name: folder / ROWS / case.name for case in cases}
+    known = {name: record for name, place in places.items() if (record := Record.read(place)) is not None}
+    finished = {
+        name: record for name, record in known.items() if record.digest == digests[name] and record.outcome and not again
+    }
+    if again:
+        for name in known:
+            (places[name] / "row.json").unlink(missing_ok=True)
+    new = [case for case in cases if case.name not in finished]
+    tasks = [(case.name, run_row, (case, str(places[case.name]), digests[case.name])) for case in new]
+    ended, under_way = list[str](), list[str]()
+
+    def words() -> str:
+        now = ", ".join(name for name in under_way if name not in ended)
+        return f"{len(finished) + len(ended)} of {len(cases)} rows done" + (f"; {now}" if now else "")
+
+    def begun(name: str) -> None:
+        under_way.append(name)
+        tell(words())
+
+    def over(name: str, _: Any) -> None:
+        ended.append(name)
+        tell(words())
+
+    found = _run(tasks, executor, begun, over) if tasks else {}
+    for name, outcome in found.items():
+        lost = isinstance(outcome, BaseException)
+        finished[name] = Record(digests[name], outcome=FAILED, reason=str(outcome)) if lost else outcome
+    return finished, set(found)
+
+
+def _run(
+    tasks: Sequence[tuple[Any, ...]], executor: AnyExecutor, begun: Callable[..., Any], over: Callable[..., Any]
+) -> dict[str, Any]:
+    """Tasks in processes of their own if a number of them is given, also one: a row that crashes ends no more than that."""
+    if not isinstance(executor, int):
+        return run(tasks, executor, tell=begun, finished=over, on_error="return")
+    with ProcessExecutor(min(executor, len(tasks))) as processes:
+        return run(tasks, processes, tell=begun, finished=over, on_error="return")
+
+
+def _row(case: Case, record: Record, group: str, folder: Path, computed: bool) -> Row:
+    """With the numbers of its result, but for those that stand out, which only the others say."""
+    place = folder / ROWS / case.name
+    verdict, reason, numbers, taken = record.outcome, record.reason, dict[str, Number](), None
+    if verdict != FAILED:
+        try:
+            result = read_json(place / RESULT, "result")
+            numbers, taken = main_numbers(result), float(result["time_s"])
+        except (InputError, KeyError, TypeError, AttributeError) as error:
+            verdict, reason = FAILED, f"its result cannot be read ({error})"
+        else:
+            warned = cautions(result)
+            verdict = EXCLUDED if verdict == EXCLUDED else WARNING if warned else OK
+            reason = reason or "; ".join(warned)
+    given = ", ".join(path.name for path in case.files)
+    return Row(case.name, case.verb, verdict, reason, taken, numbers, group, case.about, place, given, computed)
+
+
+def _judged(rows: list[Row], folder: Path, by: str, names: list[str]) -> Cohort:
+    """With warnings for rows that stand out among usable ones of their verb and group."""
+    usable = [row for row in rows if row.usable]
+    several = len({row.verb for row in rows}) > 1
+    groups = {row.name: " ".join(filter(None, (row.verb if several else "", row.group))) for row in usable}
+    values = {row.name: {key: number.value for key, number in row.numbers.items()} for row in usable}
+    spreads, outliers = find_outliers(values, groups)
+    out = dict[str, list[str]]()
+    for each in outliers:
+        row = next(row for row in usable if row.name == each.row)
+        out.setdefault(each.row, []).append(describe(each, row.numbers[each.key]))
+    judged = [
+        Row(**{**vars(row), "verdict": WARNING, "reason": "; ".join(filter(None, (*out[row.name], row.reason)))})
+        if row.name in out
+        else row
+        for row in rows
+    ]
+    kept = folder / ROWS
+    left = sorted(each.name for each in kept.iterdir() if each.name not in names) if kept.exists() else []
+    return Cohort(judged, spreads, outliers, left, folder, by)
+
+
+def describe(outlier: Outlier, number: Number) -> str:
+    """In words: which number stands out, and by how much."""
+    spread = outlier.spread
+    unit = f" {number.unit}" if number.unit else ""
+    of = f"{number.name} of {number.region}" if number.region else number.name
+    where = f"{abs(outlier.deviation):.1f} robust standard deviations {'above' if outlier.deviation > 0 else 'below'}"
+    return f"{of} {outlier.value:.4g}{unit} is {where} the median {spread.median:.4g}{unit} (limit {spread.limit:.1f})"
+
+
+def _write(done: Cohort, path: Path, executor: AnyExecutor, seconds: float) -> None:
+    """cohort.csv, report.html, and result.json at last."""
+    from ngbrain.report import cohort as page
+
+    keys = list(dict.fromkeys(key for row in done.rows for key in row.numbers))
+    own = list(dict.fromkeys(column for row in done.rows for column in row.about))
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(["name", "verb", "input", "verdict", "reason", "time_s", *own, *keys])
+    for row in done.rows:
+        seconds_ = "" if row.time_s is None else f"{row.time_s:.1f}"
+        numbers = [repr(row.numbers[key].value) if key in row.numbers else "" for key in keys]
+        others = [row.about.get(column, "") for column in own]
+        writer.writerow([row.name, row.verb, row.input, row.verdict, row.reason, seconds_, *others, *numbers])
+    whole(done.folder / TABLE, lambda part: part.write_text(table.getvalue(), encoding="utf-8"))
+    result = summarise(done) | {
+        "list": path.name,
+        "versions": versions(),
+        "seed": None,
+        "threads": executor if isinstance(executor, int) else 1,
+        "time_s": seconds,
+        "files": [TABLE, REPORT, RESULT],
+    }
+    page.build(done.folder / REPORT, result)
+    write_json(done.folder / RESULT, result)
+
+
+def summarise(done: Cohort) -> dict[str, Any]:
+    """The cohort as result.json has it, but for the run itself."""
+    known = {key: number for row in done.rows for key, number in row.numbers.items()}
+    numbers = {
+        key: {"name": number.name, "unit": number.unit, "region": number.region} for key, number in known.items()
+    }
+    untested = sum(bool(spread.untested) for spread in done.spreads)
+    warnings = [f"{row.name}: {row.verdict}: {row.reason}" for row in done.rows if row.verdict != OK]
+    if done.left_out:
+        warnings.append(f"no longer in the list, but still in the folder: {', '.join(done.left_out)}")
+    return {
+        "verb": "cohort",
+        "checks": {
+            **done.counts,
+            "rows": len(done.rows),
+            "computed_now": sum(row.computed for row in done.rows),
+            "spreads_tested": len(done.spreads) - untested,
+            "spreads_untested": untested,
+            "outliers": len(done.outliers),
+        },
+        "rule": {"level": LEVEL, "least_rows": LEAST_ROWS},
+        "warnings": warnings,
+        "left_out": done.left_out,
+        "group": done.group,
+        "answers": {
+            "rows": {
+                row.name: {
+                    "verb": row.verb,
+                    "verdict": row.verdict,
+                    "reason": row.reason,
+                    "time_s": row.time_s,
+                    "group": row.group,
+                    "about": row.about,
+                    "report": row.report,
+                    "numbers": {key: number.value for key, number in row.numbers.items()},
+                }
+                for row in done.rows
+            },
+            "numbers": numbers,
+            "spreads": [asdict(spread) | {"n": spread.n, "bounds": list(spread.bounds)} for spread in done.spreads],
+            "outliers": [
+                {"row": each.row, "key": each.key, "value": each.value, "group": each.spread.group}
+                | {"deviation": each.deviation, "limit": each.spread.limit}
+                for each in done.outliers
+            ],
+        },
+    }

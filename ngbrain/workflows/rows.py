@@ -1,0 +1,219 @@
+"""A row of a cohort: computed by its verb in a folder of its own, as by hand, and known again by what it was made from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import tomllib
+import traceback
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ngbrain.cli import ERRORS, EXIT_SOLVER, ended, module_of, perform
+from ngbrain.cli.options import parser
+from ngbrain.errors import InputError, SolverError
+from ngbrain.io.cache import code_digest
+from ngbrain.io.json_file import write_json
+from ngbrain.parallel import TaskLost, Tell
+from ngbrain.reading import read_json
+from ngbrain.workflows.listing import Case
+
+RECORD, LOG, RESULT = "row.json", "log.txt", "result.json"
+USABLE, EXCLUDED, FAILED = "usable", "excluded", "failed"
+COMPANIONS = (".json", ".img", ".hdr", ".h5")
+"""What belongs to a file of the same name: sidecars of images, data of XDMF."""
+SIGNS = "ngbrain: "
+"""How lines of the log begin."""
+BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of a row's work.
+
+    Attributes
+    ----------
+    digest : str
+        Of what it is made from.
+    runs : int
+        How often it has been begun with that digest.
+    outcome : str
+        usable, excluded (by its verb), failed; "" while it is not finished.
+    reason : str
+        Why it is excluded or has failed.
+    notes : tuple of str
+        What the verb warned of.
+    """
+
+    digest: str
+    runs: int = 1
+    outcome: str = ""
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> Record | None:
+        """That of a folder; None where there is none that can be read."""
+        with suppress(InputError, TypeError, KeyError):
+            found = read_json(folder / RECORD, "record")
+            return cls(**{**found, "notes": tuple(found["notes"])})
+        return None
+
+    def write(self, folder: Path) -> None:
+        """Into the folder, whole."""
+        write_json(folder / RECORD, asdict(self))
+
+
+def digest_case(case: Case) -> str:
+    """The digest of all that a row's result is made from: files, options, code and versions; not its name.
+
+    Files are those that the row names, their sidecars, and those that a scene or sidecar names in turn.
+    """
+    options = list(case.options)
+    for path in case.files:
+        options = [text.replace(str(path), path.name) for text in options]
+    contents = [[path.name, _sum(path)] for given in case.files for path in _files(given)]
+    inputs = [re.sub(r"=.*", "", text) if "=" in text else "" for text in case.inputs]
+    made_from = [case.verb, inputs, options, contents, code_digest((module_of(case.verb),))]
+    return hashlib.sha256(json.dumps(made_from).encode()).hexdigest()
+
+
+def run_row(case: Case, folder: str, digest: str, *, tell: Tell) -> Record:
+    """Compute a row in its folder; what an earlier run with the same digest has left there is gone on with.
+
+    Parameters
+    ----------
+    case : Case
+    folder : str
+        Where results go.
+    digest : str
+        Of the row, by `digest_case`.
+    tell : callable
+        Called with the row's name when it begins.
+
+    Returns
+    -------
+    Record
+        As it is written in the folder at last. It is not where the row failed for what may be the machine's fault (no memory, a
+        full disk, an unknown error), so that it is done again next time.
+    """
+    tell(case.name)
+    place = Path(folder)
+    before = Record.read(place)
+    again = before is not None and before.digest == digest
+    arguments = parser().parse_args([*case.argv, "-q", "-o", str(output(case, place))])
+    if place.exists() and not again:
+        shutil.rmtree(place)
+    place.mkdir(parents=True, exist_ok=True)
+    arguments.overwrite = True
+    if hasattr(arguments, "resume"):
+        arguments.resume = again
+    if hasattr(arguments, "threads"):  # rows are computed side by side, each the same whatever is beside it
+        arguments.threads = 1
+    record = Record(digest, runs=before.runs + 1 if before and again else 1)
+    record.write(place)
+    with open(place / LOG, "w", encoding="utf-8", buffering=1) as log, redirect_stderr(log), redirect_stdout(log):
+        error: BaseException | None = None
+        try:
+            status = perform(arguments)
+        except (MemoryError, TaskLost):
+            raise
+        except ERRORS as wrong:
+            error, (status, line) = wrong, ended(wrong, arguments)
+            print(f"{SIGNS}{line}")
+        except Exception as wrong:
+            error, status = wrong, EXIT_SOLVER
+            traceback.print_exception(wrong)
+    notes = tuple(_notes(place / LOG))
+    if error is None:
+        outcome = EXCLUDED if status else USABLE
+        record = replace(record, outcome=outcome, notes=notes, reason=_against(notes) if status else "")
+    else:
+        known = isinstance(error, ERRORS)
+        reason = notes[-1] if known and notes else f"{type(error).__name__}: {error}"
+        record = replace(record, outcome=FAILED, reason=reason, notes=notes[:-1] if known else notes)
+    if error is None or isinstance(error, InputError | SolverError):
+        record.write(place)
+    return record
+
+
+def output(case: Case, folder: Path) -> Path:
+    """What the verb is given as -o."""
+    return folder / f"{case.name}.vtkhdf" if case.verb == "mesh" else folder
+
+
+def _notes(log: Path) -> Iterator[str]:
+    """What the verb printed, without what all lines begin with."""
+    for line in log.read_text(encoding="utf-8").splitlines():
+        if line.startswith(SIGNS):
+            yield line.removeprefix(SIGNS).removeprefix("warning: ")
+
+
+def _against(notes: tuple[str, ...]) -> str:
+    """Why a verb does not want its answer used."""
+    said = [note for note in notes if note.startswith("do not use")]
+    return "; ".join(said) or (notes[-1] if notes else "its verb does not want the answer used")
+
+
+def _files(path: Path) -> Iterator[Path]:
+    """A file with what belongs to it, or the files of a folder."""
+    waiting, found = [path], dict[Path, None]()
+    while waiting:
+        each = waiting.pop()
+        if each in found:
+            continue
+        if each.is_dir():
+            waiting += sorted((inner for inner in each.rglob("*") if inner.is_file()), reverse=True)
+            continue
+        found[each] = None
+        stem = each.name.partition(".")[0]
+        waiting += [there for suffix in COMPANIONS if (there := each.with_name(stem + suffix)).is_file()]
+        waiting += [there for text in _texts(each) for there in _named(text, each)]
+    yield from found
+
+
+def _texts(path: Path) -> list[str]:
+    """Every text in a scene or sidecar."""
+    reads = {".toml": tomllib.loads, ".json": json.loads}
+    if path.suffix.lower() not in reads:
+        return []
+    try:
+        waiting: list[Any] = [reads[path.suffix.lower()](path.read_text(encoding="utf-8"))]
+    except (ValueError, OSError):  # its verb will say so
+        return []
+    found = list[str]()
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, str):
+            found.append(each)
+        waiting += each.values() if isinstance(each, dict) else each if isinstance(each, list) else []
+    return found
+
+
+def _named(text: str, by: Path) -> Iterator[Path]:
+    """The files that a text in a file may mean: beside it, or from the working folder."""
+    for folder in (by.parent, Path()):
+        with suppress(OSError, ValueError):
+            if (there := (folder / text).absolute()).is_file():
+                yield there
+
+
+def _sum(path: Path) -> str:
+    state = path.stat()
+    return _sum_of(path, state.st_size, state.st_mtime_ns)
+
+
+@cache
+def _sum_of(path: Path, size: int, changed: int) -> str:
+    """Of a file's bytes; read once for the many rows that share it."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as stream:
+        while block := stream.read(BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
