@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 
 from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
+from ngbrain.parallel import AnyExecutor, open_executor
 from ngbrain.progress import Progress, terminal
 from ngbrain.workflows.cohort import OK, REPORT, TABLE, Cohort, cohort
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the list, compute what is not finished, write, print; returns the exit status, 3 where a row is not usable."""
-    with Progress(terminal(arguments.quiet), text="reading the list") as line:
+    with _executor(arguments) as executor, Progress(terminal(arguments.quiet), text="reading the list") as line:
         done = cohort(
             arguments.list,
             arguments.output,
             arguments.of_rows,
             group=arguments.group,
-            executor=arguments.threads,
+            executor=executor,
             again=arguments.overwrite,
             tell=line.tell,
         )
@@ -27,13 +29,21 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if done.usable else EXIT_SOLVER
 
 
+def _executor(arguments: argparse.Namespace) -> AbstractContextManager[AnyExecutor]:
+    """What --executor names, else so many processes as --threads says."""
+    named: str = arguments.executor or str(arguments.threads)
+    return nullcontext(int(named)) if named.isdigit() else open_executor(named)
+
+
 def summary(done: Cohort) -> list[str]:
     """The cohort as lines: how many rows have which verdict, where results are."""
     counts = ", ".join(f"{count} {verdict}" for verdict, count in done.counts.items() if count)
     now = sum(row.computed for row in done.rows)
+    kept = list(dict.fromkeys(column for row in done.rows for column in row.about))
     earlier = f"; {len(done.rows) - now} were finished before" if now < len(done.rows) else ""
     return [
         f"{len(done.rows)} rows: {counts}{earlier}",
+        *([f"columns that are no option, kept as they are: {', '.join(kept)}"] if kept else []),
         f"table: {done.folder / TABLE}",
         f"report: {done.folder / REPORT}",
     ]

@@ -72,13 +72,22 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         rows=answers["rows"],
         own=list(dict.fromkeys(column for row in answers["rows"].values() for column in row["about"])),
         numbers={key: title(answers, key) for key in answers["numbers"]},
-        show=lambda value: number(value, 4),
+        show=show,
         taken=lambda seconds: "–" if seconds is None else duration(seconds),
         gate=[_gate(spread, rows, out, answers) for spread, rows in tested],
         untested=untested,
         strips=[_strip(spread, rows, out, answers) for spread, rows in zip(spreads, places, strict=True)],
         out=out,
     )
+
+
+def show(value: Any) -> str:
+    """A number with four digits, a whole one without a point.
+
+    >>> show(639.0), show(16.0123), show(None)
+    ('639', '16.01', '–')
+    """
+    return number(int(value) if isinstance(value, float) and value.is_integer() else value, 4)
 
 
 def conclusion(checks: Mapping[str, Any]) -> str:
@@ -117,7 +126,7 @@ def _deviation(spread: Mapping[str, Any], value: float) -> float:
 
 def _gate(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, str]], answers: Any) -> Strip:
     def place(away: float) -> float:
-        return 50 + 50 * min(max(away / spread["limit"], -BEYOND), BEYOND) / BEYOND
+        return 50 + 48 * min(max(away / spread["limit"], -BEYOND), BEYOND) / BEYOND
 
     away = {name: _deviation(spread, value) for name, value, _ in rows}
     dots = [
@@ -137,14 +146,14 @@ def _strip(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, 
         return 50.0 if most <= least else 2 + 96 * (value - least) / (most - least)
 
     dots = [
-        Dot(place(value), _height(i), name, f"{name}: {number(value, 4)}", link, (name, spread["key"]) in out)
+        Dot(place(value), _height(i), name, f"{name}: {show(value)}", link, (name, spread["key"]) in out)
         for i, (name, value, link) in enumerate(rows)
     ]
-    about = f"{spread['n']} row{'s' if spread['n'] > 1 else ''}, median {number(spread['median'], 4)}"
+    about = f"{spread['n']} row{'s' if spread['n'] > 1 else ''}, median {show(spread['median'])}"
     if spread["n"] > 1:
-        about += f", quartiles {number(spread['low'], 4)} to {number(spread['high'], 4)}"
+        about += f", quartiles {show(spread['low'])} to {show(spread['high'])}"
     box = (place(spread[key]) for key in ("low", "median", "high"))
-    ends = number(least, 4), number(most, 4)
+    ends = show(least), show(most)
     return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), *box, *ends)
 
 

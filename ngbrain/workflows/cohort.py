@@ -286,7 +286,8 @@ def _judged(rows: list[Row], folder: Path, by: str, names: list[str]) -> Cohort:
     several = len({row.verb for row in rows}) > 1
     groups = {row.name: " ".join(filter(None, (row.verb if several else "", row.group))) for row in usable}
     values = {row.name: {key: number.value for key, number in row.numbers.items()} for row in usable}
-    spreads, outliers = find_outliers(values, groups)
+    extremes = {key for row in usable for key, number in row.numbers.items() if number.extreme}
+    spreads, outliers = find_outliers(values, groups, extremes)
     out = dict[str, list[str]]()
     for each in outliers:
         row = next(row for row in usable if row.name == each.row)

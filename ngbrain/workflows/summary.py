@@ -23,9 +23,9 @@ OPERATION = (
 )
 """Of a protocol: key, name, unit."""
 QUALITY = (
-    ("n_tets", "Tetrahedra", ""),
-    ("min_dihedral_deg", "Smallest dihedral angle", "°"),
-    ("fraction_radius_ratio_below_0_1", "Share of tetrahedra with a radius ratio below 0.1", ""),
+    ("n_tets", "Tetrahedra", "", False),
+    ("min_dihedral_deg", "Smallest dihedral angle", "°", True),
+    ("fraction_radius_ratio_below_0_1", "Share of tetrahedra with a radius ratio below 0.1", "", True),
 )
 
 
@@ -44,6 +44,8 @@ class Number:
     value : float
     region : str
         Which region, label or protocol it is of; "" for the whole.
+    extreme : bool
+        It is the smallest or largest of many, or counts these.
     """
 
     key: str
@@ -51,6 +53,7 @@ class Number:
     unit: str
     value: float
     region: str = ""
+    extreme: bool = False
 
 
 def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
@@ -80,8 +83,8 @@ def cautions(result: Mapping[str, Any]) -> list[str]:
 def _mesh(result: Mapping[str, Any]) -> Iterator[Number]:
     for name, region in result["regions"].items():
         yield Number(f"volume_ml_{name}", "Volume", "ml", region["volume_ml"], name)
-    for key, name, unit in QUALITY:
-        yield Number(key, name, unit, result["quality"].get(key, math.nan))
+    for key, name, unit, extreme in QUALITY:
+        yield Number(key, name, unit, result["quality"].get(key, math.nan), extreme=extreme)
     if "grey_white_contrast" in result:
         yield Number("grey_white_contrast", "Contrast of grey and white matter", "", result["grey_white_contrast"])
     if found := result.get("surfaces"):
@@ -125,4 +128,4 @@ def _operation(result: Mapping[str, Any]) -> Iterator[Number]:
     for protocol, answer in result["answers"].items():
         for key, name, unit in OPERATION:
             if answer.get(key) is not None:
-                yield Number(f"{key}_{protocol}", name, unit, answer[key], protocol)
+                yield Number(f"{key}_{protocol}", name, unit, answer[key], protocol, key.startswith("min_"))
