@@ -26,14 +26,16 @@ def add_cohort(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "cohort",
         help="many scans or cases through one of these: one table, one report",
-        epilog="The same command goes on with a cohort that was stopped, and does only what is new or has changed in a longer list.",
+        epilog="The same command goes on with a cohort that was stopped, and of a longer list does what is new.",
     )
     parser.add_argument("list", type=Path, metavar="LIST.csv", help="a row for each: name, verb, input, options")
     parser.add_argument("--template", action=_List, nargs=0, help="print a commented list to start from, and stop")
     parser.add_argument("--verb", dest="of_rows", choices=VERBS, help="of all rows, for a list without the column")
     parser.add_argument("--group", metavar="COLUMN", help="which column parts the statistics (group, if there is one)")
     parser.add_argument(
-        "--executor", metavar="WHO", help="who computes the rows in place of --threads: dask:ADDRESS, mpi, slurm or a number"
+        "--executor",
+        metavar="WHO",
+        help="who computes the rows in place of --threads: dask:ADDRESS, mpi, slurm or a number",
     )
     return parser
 

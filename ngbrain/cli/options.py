@@ -71,7 +71,9 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 type=_positive,
                 default=1 if verb in (*assembling, many) else os.cpu_count() or 1,
                 metavar="N",
-                help="for assembly (1)" if verb in assembling else f"processes side by side{' (1)' if verb is many else ''}",
+                help="for assembly (1)"
+                if verb in assembling
+                else f"processes side by side{' (1)' if verb is many else ''}",
             )
         if verb in (demo, retract, invert):
             add_executor(verb)
@@ -154,7 +156,9 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--structures", action="store_true", help="split tissues: left, right, cerebellum, stem, deep grey, callosum"
     )
-    parser.add_argument("--atlas", type=Path, metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with")
+    parser.add_argument(
+        "--atlas", type=Path, metavar="LABELS", help="regions of an atlas of your own, laid into the scan, with"
+    )
     parser.add_argument("--template", type=Path, metavar="T1", help="what it was drawn on, with its skull or without")
     parser.add_argument("--route", choices=ROUTES, help="how (hull)")
     parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")

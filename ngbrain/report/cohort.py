@@ -60,7 +60,9 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
     untested = dict[str, list[str]]()
     for spread in spreads:
         if spread["untested"]:
-            name = " ".join(filter(None, (title(answers, spread["key"]), f"({spread['group']})" if spread["group"] else "")))
+            name = " ".join(
+                filter(None, (title(answers, spread["key"]), f"({spread['group']})" if spread["group"] else ""))
+            )
             untested.setdefault(spread["untested"], []).append(name)
     return write_page(
         Path(path),
@@ -97,7 +99,9 @@ def conclusion(checks: Mapping[str, Any]) -> str:
     '2 of 4 rows are usable, 1 of them to look at; 2 failed.'
     """
     usable = checks["ok"] + checks["warning"]
-    text = f"{usable} of {checks['rows']} rows are usable" + (f", {checks['warning']} of them to look at" * bool(checks["warning"]))
+    text = f"{usable} of {checks['rows']} rows are usable" + (
+        f", {checks['warning']} of them to look at" * bool(checks["warning"])
+    )
     return text + "".join(f"; {checks[word]} {word}" for word in ("excluded", "failed") if checks[word]) + "."
 
 
@@ -135,8 +139,8 @@ def _gate(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, s
     ]
     about = f"{spread['n']} rows, limit ±{spread['limit']:.1f}"
     marks = place(-spread["limit"]), place(spread["limit"])
-    box = (place(_deviation(spread, spread[key])) for key in ("low", "median", "high"))
-    return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), *box, "", "", marks)
+    low, middle, high = (place(_deviation(spread, spread[key])) for key in ("low", "median", "high"))
+    return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), low, middle, high, "", "", marks)
 
 
 def _strip(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, str]], answers: Any) -> Strip:
@@ -152,9 +156,10 @@ def _strip(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, 
     about = f"{spread['n']} row{'s' if spread['n'] > 1 else ''}, median {show(spread['median'])}"
     if spread["n"] > 1:
         about += f", quartiles {show(spread['low'])} to {show(spread['high'])}"
-    box = (place(spread[key]) for key in ("low", "median", "high"))
-    ends = show(least), show(most)
-    return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), *box, *ends)
+    low, middle, high = (place(spread[key]) for key in ("low", "median", "high"))
+    return Strip(
+        title(answers, spread["key"]), spread["group"], about, _shown(dots), low, middle, high, show(least), show(most)
+    )
 
 
 def _height(i: int) -> float:

@@ -212,7 +212,9 @@ def _check_folder(folder: Path) -> None:
     if (folder / RESULT).exists():
         found = read_json(folder / RESULT, "result")
         if not isinstance(found, dict) or found.get("verb") != "cohort":
-            raise InputError("-o", f"{folder}, where results of something else are", "the folder of a cohort, or another")
+            raise InputError(
+                "-o", f"{folder}, where results of something else are", "the folder of a cohort, or another"
+            )
 
 
 def _computed(
@@ -224,7 +226,9 @@ def _computed(
     places = {case.name: folder / ROWS / case.name for case in cases}
     known = {name: record for name, place in places.items() if (record := Record.read(place)) is not None}
     finished = {
-        name: record for name, record in known.items() if record.digest == digests[name] and record.outcome and not again
+        name: record
+        for name, record in known.items()
+        if record.digest == digests[name] and record.outcome and not again
     }
     if again:
         for name in known:

@@ -136,9 +136,7 @@ def find_outliers(
         step, logarithmic, untested = scales[key, group]
         least, most = float(found.min()), float(found.max())
         limit = 0.0 if untested else float(stats.t.isf(LEVEL / tests / 2, EFFICIENCY * (len(of) - 1)))
-        spread = Spread(
-            key, group, tuple(of), median, low, high, least, most, step, logarithmic, limit, untested
-        )
+        spread = Spread(key, group, tuple(of), median, low, high, least, most, step, logarithmic, limit, untested)
         spreads.append(spread)
         outliers += [
             Outlier(row, key, value, spread, away)

@@ -103,8 +103,8 @@ def read_list(path: str | Path, verb: str | None = None) -> list[Case]:
         except InputError as error:
             faults.append(error)
     if faults:
-        for error in faults[: SHOWN - 1][: len(faults) - 1]:
-            LOG.error("%s", error)
+        for fault in faults[: SHOWN - 1][: len(faults) - 1]:
+            LOG.error("%s", fault)
         if len(faults) > SHOWN:
             LOG.error("%d more faults of this kind", len(faults) - SHOWN)
         raise faults[-1]
@@ -150,7 +150,9 @@ class _Reader:
         if verb not in self._options:
             raise self._fault(line, name, VERB, repr(verb) if verb else "missing", nearest(verb, VERBS))
         if values.get(""):
-            raise self._fault(line, name, "a column without a name", repr(values[""][:60]), "its name in the first line")
+            raise self._fault(
+                line, name, "a column without a name", repr(values[""][:60]), "its name in the first line"
+            )
         parser, taken = self._parsers[verb], self._options[verb]
         inputs, files = self._inputs(line, name, values[INPUT], several_inputs(parser))
         options = list[str]()

@@ -66,7 +66,15 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
     2.9
     """
     verb = result["verb"]
-    of = _mesh if verb == "mesh" else _maps if verb in ("invert", "predict") else _asked if verb == "solve" else _operation
+    of = (
+        _mesh
+        if verb == "mesh"
+        else _maps
+        if verb in ("invert", "predict")
+        else _asked
+        if verb == "solve"
+        else _operation
+    )
     return {each.key: each for each in of(result) if isinstance(each.value, int | float) and math.isfinite(each.value)}
 
 
@@ -103,11 +111,15 @@ def _maps(result: Mapping[str, Any]) -> Iterator[Number]:
             for label, answer in labels.items():
                 yield from _spread(name, answer, f"label {label}")
     if "misfit_over_expected" in result.get("checks", {}):
-        yield Number("misfit_over_expected", "Misfit over its expected level", "", result["checks"]["misfit_over_expected"])
+        yield Number(
+            "misfit_over_expected", "Misfit over its expected level", "", result["checks"]["misfit_over_expected"]
+        )
     if "found" in result.get("noise", {}):
         yield Number("noise_found", "Noise found", "", result["noise"]["found"])
     if "score" in result.get("checks", {}):
-        yield Number("trust_score", "Unlikeness to what was learnt (1: not to be trusted)", "", result["checks"]["score"])
+        yield Number(
+            "trust_score", "Unlikeness to what was learnt (1: not to be trusted)", "", result["checks"]["score"]
+        )
 
 
 def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterator[Number]:

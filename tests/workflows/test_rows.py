@@ -38,7 +38,9 @@ def test_the_same_files_elsewhere_by_another_name_are_the_same_work(study, tmp_p
 @pytest.mark.parametrize("changed", ["waves.nii.gz", "waves.json", "magnitude.nii"])
 def test_what_a_file_names_belongs_to_it(study, changed):
     before = digest(study)
-    (study / changed).write_bytes((study / changed).read_bytes().replace(b"image", b"imago").replace(b"60", b"50") + b" ")
+    (study / changed).write_bytes(
+        (study / changed).read_bytes().replace(b"image", b"imago").replace(b"60", b"50") + b" "
+    )
     assert digest(study) != before
 
 
