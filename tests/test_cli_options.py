@@ -19,7 +19,7 @@ from ngbrain.solvers.device import DEVICES
 from ngbrain.surgery.calibrate import SPREAD
 from ngbrain.units import UNITS_OF_LENGTH
 
-VERBS = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
+VERBS = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate", "cohort")
 
 
 def test_names_are_those_of_the_library():

@@ -42,7 +42,7 @@ def summary(done: Cohort) -> list[str]:
     kept = list(dict.fromkeys(column for row in done.rows for column in row.about))
     earlier = f"; {len(done.rows) - now} were finished before" if now < len(done.rows) else ""
     return [
-        f"{len(done.rows)} rows: {counts}{earlier}",
+        f"{len(done.rows)} row{'s' if len(done.rows) > 1 else ''}: {counts}{earlier}",
         *([f"columns that are no option, kept as they are: {', '.join(kept)}"] if kept else []),
         f"table: {done.folder / TABLE}",
         f"report: {done.folder / REPORT}",

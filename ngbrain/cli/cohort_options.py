@@ -32,11 +32,6 @@ def add_cohort(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--template", action=_List, nargs=0, help="print a commented list to start from, and stop")
     parser.add_argument("--verb", dest="of_rows", choices=VERBS, help="of all rows, for a list without the column")
     parser.add_argument("--group", metavar="COLUMN", help="which column parts the statistics (group, if there is one)")
-    parser.add_argument(
-        "--executor",
-        metavar="WHO",
-        help="who computes the rows in place of --threads: dask:ADDRESS, mpi, slurm or a number",
-    )
     return parser
 
 

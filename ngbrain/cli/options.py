@@ -71,11 +71,9 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 type=_positive,
                 default=1 if verb in (*assembling, many) else os.cpu_count() or 1,
                 metavar="N",
-                help="for assembly (1)"
-                if verb in assembling
-                else f"processes side by side{' (1)' if verb is many else ''}",
+                help="for assembly (1)" if verb in assembling else "processes side by side",
             )
-        if verb in (demo, retract, invert):
+        if verb in (demo, retract, invert, many):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")

@@ -108,7 +108,7 @@ class Cohort:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items() if count)
-        return f"Cohort({len(self.rows)} rows: {counts}; {self.folder})"
+        return f"Cohort({len(self.rows)} row{'s' if len(self.rows) > 1 else ''}: {counts}; {self.folder})"
 
     @property
     def counts(self) -> dict[str, int]:

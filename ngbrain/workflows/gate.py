@@ -6,7 +6,7 @@ numbers, not 37 %). Numbers that are positive in every row are compared by their
 
 A number stands out beyond the quantile of Student's t with 0.82 (n - 1) degrees of freedom at which, were all rows normal draws,
 5 % of all cohorts would have a single outlier in any row and number: the level is 5 % over how many are tested in all. At 12 rows
-and 20 numbers that is 6 of these units, at 100 rows 5. Of fewer than 6 rows nothing can be said.
+and 20 numbers that is 6 of these units, at 100 rows 4.5. Of fewer than 6 rows nothing can be said.
 """
 
 from __future__ import annotations
