@@ -10,7 +10,8 @@ from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
 from ngbrain.parallel import AnyExecutor, open_executor
 from ngbrain.progress import Progress, terminal
-from ngbrain.workflows.cohort import OK, REPORT, TABLE, Cohort, cohort
+from ngbrain.workflows.cohort import TABLE, cohort
+from ngbrain.workflows.results import OK, REPORT, Cohort
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -136,7 +136,7 @@ def run_row(case: Case, folder: str, digest: str, *, tell: Tell) -> Record:
         record = replace(record, outcome=outcome, notes=notes, reason=_against(notes) if status else "")
     else:
         known = isinstance(error, ERRORS)
-        reason = notes[-1] if known and notes else f"{type(error).__name__}: {error}"
+        reason = notes[-1] if known and notes else " ".join(f"{type(error).__name__}: {error}".split())
         record = replace(record, outcome=FAILED, reason=reason, notes=notes[:-1] if known else notes)
     if error is None or isinstance(error, InputError | SolverError):
         record.write(place)

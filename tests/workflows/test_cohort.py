@@ -196,6 +196,17 @@ def test_folders_of_others(study, tmp_path):
     with pytest.raises(InputError, match="group is 'centre'"):
         done(study, group="centre")
     assert not (study / "out" / "rows").exists()
+    (study / "out" / "rows" / "a").mkdir(parents=True)
+    (study / "out" / "rows" / "a" / "scan.nii").touch()  # somebody's own
+    with pytest.raises(InputError, match="rows is of something else"):
+        done(study)
+    assert (study / "out" / "rows" / "a" / "scan.nii").exists()
+
+
+def test_a_row_without_its_result_is_computed_again(study, performed):
+    done(study)
+    (study / "out" / "rows" / "b" / "result.json").unlink()
+    assert done(study).usable and performed == ["a", "b", "b"]
 
 
 def cohort_process(study):
