@@ -52,8 +52,16 @@ class Strip:
 def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
     """Write the page of a cohort's result. Raises `MissingExtra` where jinja2 is not installed."""
     answers = result["answers"]
-    spreads = answers["spreads"]
     out = {(each["row"], each["key"]) for each in answers["outliers"]}
+    keys = list(answers["numbers"])
+    spreads = sorted(answers["spreads"], key=lambda spread: keys.index(spread["key"]))  # groups one under the other
+    ends = {
+        key: (
+            min(each["least"] for each in spreads if each["key"] == key),
+            max(each["most"] for each in spreads if each["key"] == key),
+        )
+        for key in {spread["key"] for spread in spreads}
+    }
     places = [list(_places(spread, answers)) for spread in spreads]
     tested = [(spread, rows) for spread, rows in zip(spreads, places, strict=True) if not spread["untested"]]
     tested.sort(key=lambda each: -max(abs(_deviation(each[0], value)) / each[0]["limit"] for _, value, _ in each[1]))
@@ -78,7 +86,10 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         taken=lambda seconds: "–" if seconds is None else duration(seconds),
         gate=[_gate(spread, rows, out, answers) for spread, rows in tested],
         untested=untested,
-        strips=[_strip(spread, rows, out, answers) for spread, rows in zip(spreads, places, strict=True)],
+        strips=[
+            _strip(spread, rows, out, answers, ends[spread["key"]])
+            for spread, rows in zip(spreads, places, strict=True)
+        ],
         out=out,
     )
 
@@ -143,8 +154,10 @@ def _gate(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, s
     return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), low, middle, high, "", "", marks)
 
 
-def _strip(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, str]], answers: Any) -> Strip:
-    least, most = spread["least"], spread["most"]
+def _strip(
+    spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, str]], answers: Any, ends: tuple[float, float]
+) -> Strip:
+    least, most = ends
 
     def place(value: float) -> float:
         return 50.0 if most <= least else 2 + 96 * (value - least) / (most - least)

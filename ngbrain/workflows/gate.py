@@ -121,7 +121,7 @@ def find_outliers(
     >>> volumes = {name: {"volume": v} for name, v in zip("abcdefgh", (31, 29, 33, 30, 28, 32, 30, 95))}
     >>> spreads, outliers = find_outliers(volumes, dict.fromkeys(volumes, ""))
     >>> [(each.row, round(each.deviation, 1)) for each in outliers]
-    [('h', 17.1)]
+    [('h', 11.8)]
     """
     values = dict[tuple[str, str], dict[str, float]]()
     for row, of in numbers.items():
