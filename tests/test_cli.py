@@ -136,7 +136,7 @@ def staged(tmp_path, monkeypatch):
             seen.append((result["verb"], list(result["check_status"].values())))
             return self.path
 
-    def solve(scene, folder, threads, resume, tell, *, checks, callback):
+    def solve(scene, folder, threads, resume, tell, *, checks, callback, executor):
         folder.mkdir(exist_ok=True)
         answer = dict.fromkeys(
             (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 from pathlib import Path
 from typing import Any, NoReturn
 
 from ngbrain import __version__
+from ngbrain.cli import kinds
 from ngbrain.cli.cohort_options import add_cohort
 
 PLACE = "X,Y,Z"
@@ -24,7 +24,6 @@ UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
 DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
-MOST_THREADS = 1024
 
 
 def parser() -> argparse.ArgumentParser:
@@ -68,7 +67,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
         if verb is not mesh:
             verb.add_argument(
                 "--threads",
-                type=_positive,
+                type=kinds.threads,
                 default=1 if verb in (*assembling, many) else os.cpu_count() or 1,
                 metavar="N",
                 help="for assembly (1)" if verb in assembling else "processes side by side",
@@ -144,7 +143,7 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument("--labels", action="store_true", help="IMAGE is a map of labels")
     parser.add_argument(
         "--names",
-        type=_names,
+        type=kinds.names,
         default=(None, {}),
         metavar="N=NAME,…",
         help=f"what labels are called, or one of {', '.join(SCHEMES)}, with N=NAME,… of one's own behind it",
@@ -159,11 +158,18 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--template", type=Path, metavar="T1", help="what it was drawn on, with its skull or without")
     parser.add_argument("--route", choices=ROUTES, help="how (hull)")
-    parser.add_argument("--size", type=_length, metavar="MM", help="element size, away from the site if there is one")
-    parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
-    parser.add_argument("--near", type=_length, default=2e-3, metavar="MM", help="element size at the site or cut (2)")
     parser.add_argument(
-        "--radius", type=_length, metavar="MM", help="around it that is so fine (hull 17, lattice 10.5, conforming 20)"
+        "--size", type=kinds.length, metavar="MM", help="element size, away from the site if there is one"
+    )
+    parser.add_argument("--site", metavar=PLACE, help="a place to be finer around")
+    parser.add_argument(
+        "--near", type=kinds.length, default=2e-3, metavar="MM", help="element size at the site or cut (2)"
+    )
+    parser.add_argument(
+        "--radius",
+        type=kinds.length,
+        metavar="MM",
+        help="around it that is so fine (hull 17, lattice 10.5, conforming 20)",
     )
     parser.add_argument(
         "--surfaces", action="store_true", help="white and pial surface and the cortex's thickness too, as GIfTI"
@@ -174,11 +180,13 @@ def _mesh(verbs: Any) -> argparse.ArgumentParser:
     )
     cut = parser.add_argument_group("a cut", "a cleft with plane walls under a craniotomy")
     cut.add_argument("--cut", metavar=PLACE, help="the centre of its floor, a place in tissue")
-    cut.add_argument("--opening", type=_length, metavar="MM", help="between its walls (4)")
-    cut.add_argument("--width", type=_length, metavar="MM", help="along its walls (12)")
-    cut.add_argument("--craniotomy", type=_length, metavar="MM", help="diameter of the hole in the skull (40)")
-    cut.add_argument("--approach", type=_direction, metavar=PLACE, help="direction outwards (the shortest way)")
-    cut.add_argument("--across", type=_direction, metavar=PLACE, help="direction from wall to wall (left to right)")
+    cut.add_argument("--opening", type=kinds.length, metavar="MM", help="between its walls (4)")
+    cut.add_argument("--width", type=kinds.length, metavar="MM", help="along its walls (12)")
+    cut.add_argument("--craniotomy", type=kinds.length, metavar="MM", help="diameter of the hole in the skull (40)")
+    cut.add_argument("--approach", type=kinds.direction, metavar=PLACE, help="direction outwards (the shortest way)")
+    cut.add_argument(
+        "--across", type=kinds.direction, metavar=PLACE, help="direction from wall to wall (left to right)"
+    )
     return parser
 
 
@@ -374,43 +382,3 @@ def _data(verbs: Any) -> None:
     )
     parser.add_argument("--force", action="store_true", help="replace files that are there")
     parser.add_argument("-q", dest="quiet", action="store_true", help="do not say what was written")
-
-
-def _positive(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if not 1 <= number <= MOST_THREADS:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of threads, from 1 to {MOST_THREADS}")
-    return number
-
-
-def _length(text: str) -> float:
-    try:
-        return 1e-3 * float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a length in mm") from error
-
-
-def _direction(text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not three numbers with commas") from error
-    if not all(map(math.isfinite, (x, y, z))):
-        raise argparse.ArgumentTypeError(f"{text!r} is not three finite numbers")
-    return x, y, z
-
-
-def _names(text: str) -> tuple[str | dict[int, str] | None, dict[int, str]]:
-    """A scheme or names, and names besides."""
-    first, *rest = text.split(",")
-    given = rest if "=" not in first else [first, *rest]
-    try:
-        named = {int(number): name.strip() for number, name in (part.split("=") for part in given)}
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not number=name,number=name,…") from error
-    if "" in named.values():
-        raise argparse.ArgumentTypeError(f"{text!r} has an empty name")
-    return (named, {}) if "=" in first else (first, named)
