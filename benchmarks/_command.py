@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import ngsolve as ngs
 
@@ -22,22 +23,28 @@ Record = dict
 
 def main(
     about: str,
-    measure: Callable[[bool], list[Record]],
+    measure: Callable[..., list[Record]],
     chart: Callable[[list[Record], str], None],
     line: Callable[[Record], str],
+    **options: dict[str, Any],
 ) -> None:
-    """`[--quick] [--json]` measures on one thread; `--chart PNG` draws the records that come in as the last line."""
+    """`[--quick] [--json]` measures on one thread; `--chart PNG` draws the records that come in as the last line.
+
+    options    of one's own, name → what `add_argument` takes; `measure` gets their values by name
+    """
     parser = argparse.ArgumentParser(description=about.splitlines()[0])
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--chart", metavar="PNG")
+    for name, keywords in options.items():
+        parser.add_argument(f"--{name}", **keywords)
     arguments = parser.parse_args()
     if arguments.chart:
         chart(json.loads(sys.stdin.read().strip().splitlines()[-1]), arguments.chart)
         return
     set_threads(1)
     ngs.ngsglobals.msg_level = 0
-    found = measure(arguments.quick)
+    found = measure(arguments.quick, **{name: getattr(arguments, name) for name in options})
     made = run()
     print(json.dumps([r | {"run": made} for r in found]) if arguments.json else "\n".join(map(line, found)))
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from ngbrain.forward import harmonic, points
 from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation, inside
+from ngbrain.forward.points import evaluation, inside, quadrature_field, quadrature_points
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
-from ngbrain.inverse import labels as inverse_labels
-from ngbrain.inverse.labels import by_label, shares
+from ngbrain.inverse import stiffness
+from ngbrain.inverse.stiffness import StiffnessMap, read_stiffness
 from ngbrain.io.cache import kept
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
@@ -33,13 +33,30 @@ FREQUENCY, DENSITY = 50.0, 1000.0
 HINGE = (0.0, -0.02, -0.07)
 NODDING, SIDEWAYS = 2e-4, 15e-6
 """rad about the left-right axis through HINGE, m along it."""
+STIFFER, DETAIL, VOXEL, SEED = 2.0, 0.15, 2e-3, 0
+"""What a measured map is multiplied by: by this in the ball, and in every voxel of 2 mm by the exponential of a normal number of
+this standard deviation, as a mean of 134 people is smooth and a person is not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Head:
-    """Tissue of the brain with a stiff ball in it."""
+    """Tissue of the brain with a stiff ball in it; moduli of a measured map, or `MODULI` where there is none."""
 
     labels: LabelMap
+    measured: StiffnessMap | None = None
+
+    def modulus_at(self, x: Array) -> Array:
+        """G* (Pa) at points (n, 3) m; ventricles have the fluid's."""
+        label = self.label_at(x)
+        if self.measured is None:
+            return MODULI[label]
+        modulus = self.smooth_at(x) * np.exp(DETAIL * _normal(np.rint(x / VOXEL).astype(int)))
+        return np.where(label == 3, MODULI[3], np.where(label == 2, STIFFER, 1) * modulus)
+
+    def smooth_at(self, x: Array) -> Array:
+        """The measured map itself (Pa)."""
+        assert self.measured is not None
+        return self.measured.at(x)
 
     def label_at(self, x: Array) -> Array:
         """Which of `NAMES` points (n, 3) m are, as numbers (n,): what is neither white nor in a ventricle counts as grey."""
@@ -61,21 +78,22 @@ class Head:
         return table[number]
 
 
-def waves_of_head(size: float, form: str, spacing: float) -> WaveData:
+def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] | None = None) -> WaveData:
     """Without noise, at voxels of the parenchyma; simulated on tetrahedra of `size` (m).
 
     Two loads: the skull nods, and it moves sideways. Ventricles are filled with a fluid that is soft and lossy.
+
+    maps    files of stiffness and damping ratio in the space of MNI152, which the moduli are then taken from
     """
-    subject = Head(LabelMap(tissues(mni152()), TISSUES))
+    subject = head(maps)
 
     def make() -> dict[str, Array]:
         mesh, degree = meshed(subject.labels, "hull", Graded(size, size)).mesh(), int(form[1]) + 1
-        parts = shares(mesh, degree, subject.label_at, NAMES)
-        storage = by_label(parts, {name: ngs.CF(g.real) for name, g in zip(NAMES, MODULI, strict=True)})
-        loss = by_label(parts, {name: ngs.CF(g.imag) for name, g in zip(NAMES, MODULI, strict=True)})
+        space, at = quadrature_points(mesh, degree)
+        modulus = subject.modulus_at(at)
         nod = (0, -NODDING * (ngs.z - HINGE[2]), NODDING * (ngs.y - HINGE[1]))
         loads = [Wave(FREQUENCY, {"skull": nod}), Wave(FREQUENCY, {"skull": (SIDEWAYS, 0, 0)})]
-        law = Shearing(storage + 1j * loss)
+        law = Shearing(quadrature_field(space, modulus.real) + 1j * quadrature_field(space, modulus.imag))
         body = Harmonic(mesh, law, loads, bulk=BULK, density=DENSITY, form=form, held="skull", quadrature=degree)
         x = _voxels(subject, mesh, spacing)
         observe = evaluation(ngs.H1(mesh, order=body.form.order), x)
@@ -83,9 +101,23 @@ def waves_of_head(size: float, form: str, spacing: float) -> WaveData:
         return {"points": x, "displacement": np.array(u)}
 
     body_of = [list(map(str, MODULI)), BULK, DENSITY, CENTRE.tolist(), RADIUS]
+    if subject.measured:
+        volumes = (subject.measured.stiffness, subject.measured.damping_ratio)
+        body_of += [*(volume.digest() for volume in volumes), STIFFER, DETAIL, VOXEL, SEED]
     made_from = [subject.labels.volume.digest(), size, form, spacing, body_of, FREQUENCY, HINGE, NODDING, SIDEWAYS]
-    made = kept("head-waves", made_from, (harmonic, points, inverse_labels), make)
+    made = kept("head-waves", made_from, (harmonic, points, stiffness), make)
     return _on_grid(subject, made["points"], made["displacement"], spacing)
+
+
+def head(maps: tuple[str, str] | None = None) -> Head:
+    """The brain of MNI152, with the moduli of two files if there are some."""
+    return Head(LabelMap(tissues(mni152()), TISSUES), read_stiffness(*maps) if maps else None)
+
+
+def _normal(voxel: Array) -> Array:
+    """A normal number for each voxel (n, 3), the same for the same voxel whatever else is asked for."""
+    box = np.random.default_rng(SEED).standard_normal((256, 256, 256))
+    return box[tuple((voxel % 256).T)]
 
 
 def _voxels(subject: Head, mesh: ngs.Mesh, spacing: float) -> Array:
@@ -119,5 +151,5 @@ def _on_grid(subject: Head, points: Array, displacement: Array, spacing: float) 
         bulk=BULK,
         mask=mask,
         labels=labels,
-        truth={"shear": MODULI[labels]},
+        truth={"shear": subject.modulus_at(grid)},
     )

@@ -1,7 +1,7 @@
 """Sample data by name: what the README's examples run on.
 
 Waves, ultrasound, a loaded body and an operation were computed here and are shipped with the truth that an answer can be held to
-(`benchmarks/_samples.py` makes them anew). The heads come from other packages.
+(`benchmarks/_samples.py` makes them anew). The heads come from other packages, the maps from their authors' repository.
 
 >>> from ngbrain import datasets
 >>> waves = datasets.load_waves("waves_plane")
@@ -11,7 +11,9 @@ Waves, ultrasound, a loaded body and an operation were computed here and are shi
 
 from __future__ import annotations
 
+import hashlib
 import os
+import urllib.request
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +32,17 @@ COLIN27 = tuple(Path(root) / "share/mricron/templates/ch2.nii.gz" for root in ("
 """Where Debian's package mricron-data puts the scan, and where a build of one's own does."""
 
 
+MRE134 = "https://github.com/mechneurolab/MRE134/raw/befbe5b3596fe46cb00fc829df34747388a88737"
+"""Where the maps of 134 adults are, of one commit."""
+SHA256 = {
+    "MRE134_Stiffness3D.nii.zip": "360cecd1123649bde20fa04c1afbf2b4087d90dc213b21076bb4e64746602d02",
+    "MRE134_Damping3D.nii.zip": "b621f85237db3fecc5bed4c550d7819e2e60c62f858ff5cdad0a02aca72e091a",
+}
+"""Of every file that is fetched."""
+PATIENCE, MOST = 60, 2**24
+"""Seconds without an answer, and bytes of a file, after which fetching ends."""
+
+
 @dataclass(frozen=True)
 class Dataset:
     """One entry of `DATASETS`.
@@ -41,9 +54,10 @@ class Dataset:
     files : tuple of str
         Names of the files that `write` writes.
     kind : str
-        waves (`load_waves`), head (`load_head`), or scene: the files that a verb of the command line takes.
+        waves (`load_waves`), head (`load_head`), maps (`ngbrain.inverse.stiffness.read_stiffness`), or scene: the files that a verb
+        of the command line takes.
     external_size : int
-        Bytes of what another package brings; 0 where the files are shipped.
+        Bytes of what another package or the network brings; 0 where the files are shipped.
     """
 
     summary: str
@@ -95,6 +109,12 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             ("colin27_t1.nii.gz",),
             "head",
             3_510_351,
+        ),
+        "mre134": Dataset(
+            "mean shear stiffness and damping ratio of 134 adults' brains at 50 Hz in MNI space (Hiscox 2020), from GitHub",
+            tuple(SHA256),
+            "maps",
+            1_549_848,
         ),
     }
 )
@@ -166,7 +186,8 @@ def write(name: str, folder: str | os.PathLike[str] = ".", overwrite: bool = Fal
     Raises
     ------
     InputError
-        Another name; a file that is there already; the scan is not on this machine.
+        Another name; a file that is there already; the scan is not on this machine; the maps cannot be fetched, or are others than
+        those that were published.
     MissingExtra
         nilearn or nibabel is not installed.
 
@@ -196,8 +217,27 @@ def _maker(name: str, file: str) -> Callable[[Path], None]:
     if name == "mni152":
         volume = mni152().volume
         return lambda place: write_nifti(place, volume)
+    if file in SHA256:
+        raw = _fetched(file)
+        return lambda place: whole(place, lambda part: part.write_bytes(raw))
     source = _colin27() if name == "colin27" else SHIPPED / file
     return lambda place: whole(place, lambda part: part.write_bytes(source.read_bytes()))
+
+
+def _fetched(file: str) -> bytes:
+    """A file of `SHA256` from the network, checked."""
+    url = f"{MRE134}/{file}"
+    try:
+        with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
+            raw = bytes(answer.read(MOST))
+    except (OSError, ValueError) as error:  # URLError is an OSError
+        reason = getattr(error, "reason", error)
+        wanted = "a network that reaches it, or the file itself, downloaded by hand: what reads it takes any path"
+        raise InputError(file, f"not to be had from {url} ({reason})", wanted) from error
+    if (found := hashlib.sha256(raw).hexdigest()) != SHA256[file]:
+        wanted = f"{SHA256[file][:12]}…, the published file"
+        raise InputError(file, f"of SHA-256 {found[:12]}… as fetched from {url}", wanted)
+    return raw
 
 
 def _colin27() -> Path:

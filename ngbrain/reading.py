@@ -217,6 +217,23 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo, what: str, path: P
         return np.asarray(np.lib.format.read_array(stream, allow_pickle=False, max_header_size=_HEADER))
 
 
+def unzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytes:
+    """The one file in a ZIP archive, without those that macOS adds; `InputError` where it is damaged, too large or not one."""
+    path = Path(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            members = [each for each in archive.infolist() if not each.is_dir()]
+            members = [each for each in members if not each.filename.startswith("__MACOSX/")]
+            if len(members) != 1:
+                raise InputError(what, f"a ZIP archive of {len(members)} files", "one file, or an archive of one", path)
+            _bounded(members[0].file_size, what, most, path, "one that unpacks to")
+            return archive.read(members[0])
+    except InputError:
+        raise
+    except Exception as error:  # whatever damaged bytes lead zipfile into
+        raise InputError(what, f"unreadable ({type(error).__name__}: {error})", "a whole archive", path) from error
+
+
 def gunzipped(raw: bytes, what: str, path: str | os.PathLike[str], most: int = MOST) -> bytearray:
     """What gzip has packed, its checksums looked at; `InputError` where it is damaged or unpacks to more than `most` bytes."""
     path, size = Path(path), 0

@@ -1,5 +1,6 @@
 """Sample data: what is shipped is what it says it is, and nothing is overwritten."""
 
+import hashlib
 import shutil
 import sys
 from pathlib import Path
@@ -24,7 +25,7 @@ WAVES = [name for name, dataset in DATASETS.items() if dataset.kind == "waves"]
 
 
 def test_what_is_shipped_is_listed_and_small():
-    listed = [file for dataset in DATASETS.values() for file in dataset.files if dataset.kind != "head"]
+    listed = [file for dataset in DATASETS.values() for file in dataset.files if not dataset.external_size]
     assert sorted(listed) == sorted(path.name for path in SHIPPED.iterdir())
     assert sum(path.stat().st_size for path in SHIPPED.iterdir()) <= 1e6
     assert ngbrain.datasets is datasets
@@ -98,6 +99,28 @@ def test_colin27_is_taken_from_where_it_is_or_said_to_be_missing(tmp_path, monke
     (path,) = datasets.write("colin27", tmp_path / "out")
     assert path.read_bytes() == where.read_bytes()
     assert datasets.load_head("colin27").volume.data.shape == (197, 233, 189)
+
+
+def test_maps_are_fetched_checked_and_written_whole(tmp_path, monkeypatch):
+    """A file that is not the published one, or a host that does not answer, leaves nothing behind; no test goes to the network."""
+    there = tmp_path / "there"
+    there.mkdir()
+    monkeypatch.setattr(datasets, "MRE134", there.as_uri())
+    stiffness, damping = DATASETS["mre134"].files
+    (there / stiffness).write_bytes(b"stiffness")
+    with pytest.raises(InputError, match=f"{damping}|{stiffness}"):
+        datasets.write("mre134", tmp_path / "out")
+    (there / damping).write_bytes(b"damping")
+    with pytest.raises(InputError, match=f"{stiffness} is of SHA-256 .* as fetched from .*; wanted: 360cecd11236"):
+        datasets.write("mre134", tmp_path / "out")
+    sums = {file: hashlib.sha256((there / file).read_bytes()).hexdigest() for file in (stiffness, damping)}
+    monkeypatch.setattr(datasets, "SHA256", sums)
+    (there / damping).rename(there / "away")
+    with pytest.raises(InputError, match=rf"{damping} is not to be had from .*; wanted: .*by hand"):
+        datasets.write("mre134", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    (there / "away").rename(there / damping)
+    assert [path.read_bytes() for path in datasets.write("mre134", tmp_path / "out")] == [b"stiffness", b"damping"]
 
 
 @pytest.mark.parametrize("load", [datasets.load_waves, datasets.load_head, datasets.write])

@@ -265,6 +265,13 @@ BAD = [
     ("protocol.1.hold", 1.0, r"protocol#2\.hold is not a known key; .*'hold_s'"),
     ("body.two\nlines", 1, r"body\.'two\\nlines' is not a known key"),
     ("body.head", "real", r"body\.head is 'real'; wanted: one of idealised, mni152, scan"),
+    ("body.shear_modulus_map", "a.nii", r"body\.shear_modulus_map is 'a\.nii'; wanted: .*idealised head"),
+    ("body.shear_modulus_space", "head", r"body\.shear_modulus_space is 'head'; wanted: this key only with a map"),
+    (
+        "body",
+        {"head": "scan", "image": "t1.nii", "shear_modulus_map": "a.nii"},
+        r"body\.shear_modulus_space is missing; wanted: head or mni152",
+    ),
     ("body.order", 5, r"body\.order is 5; wanted: a whole number from 2 to 4"),
     ("body.order", 2.0, r"body\.order is 2\.0; wanted: a whole number"),
     ("body.order", True, r"body\.order is True"),

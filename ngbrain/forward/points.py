@@ -5,6 +5,7 @@ from __future__ import annotations
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
+from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 
@@ -54,3 +55,28 @@ def inside(mesh: ngs.Mesh, points: np.ndarray) -> np.ndarray:
     [True, False]
     """
     return np.asarray(mesh(*np.asarray(points, float).T)["nr"] >= 0)
+
+
+def quadrature_points(mesh: ngs.Mesh, order: int) -> tuple[IntegrationRuleSpace, np.ndarray]:
+    """NGSolve's space of values at the quadrature points of an order, and where these are, (n, dim) m."""
+    space = IntegrationRuleSpace(mesh, order=order)
+    at, points = ngs.GridFunction(space), np.empty((space.ndof, mesh.dim))
+    for i, coordinate in enumerate((ngs.x, ngs.y, ngs.z)[: mesh.dim]):
+        at.Interpolate(coordinate)
+        points[:, i] = at.vec.FV().NumPy()
+    return space, points
+
+
+def quadrature_field(space: IntegrationRuleSpace, values: np.ndarray) -> ngs.GridFunction:
+    """Values (n,) at the points of `quadrature_points` as a field, for integrals of that order alone.
+
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 1, 3), np.linspace(0, 1, 3))
+    >>> space, points = quadrature_points(mesh, 2)
+    >>> rule = ngs.dx(intrules=space.GetIntegrationRules())
+    >>> round(float(ngs.Integrate(quadrature_field(space, points[:, 0]) * rule, mesh)), 12)
+    0.5
+    """
+    found = ngs.GridFunction(space)
+    found.vec.FV().NumPy()[:] = values
+    return found

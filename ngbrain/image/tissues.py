@@ -64,6 +64,29 @@ def grey_white_contrast(scan: Scan) -> float:
         return _tissues(_brain(scan))[1]
 
 
+def template_place(scan: Scan) -> np.ndarray:
+    """Where the MNI152 template lies in a head, by affine registration of the brains.
+
+    Parameters
+    ----------
+    scan : Scan
+        Its T1.
+
+    Returns
+    -------
+    numpy.ndarray
+        (4, 4), takes points (m) of the template to points of the head. Parts of a brain stay some millimetres off.
+
+    Raises
+    ------
+    InputError
+        It is no T1 of a whole head or brain.
+    """
+    with naming(scan.source):
+        of = _brain(scan)
+        return _place(of, _even(of)).affine
+
+
 def structured(scan: Scan) -> Structures:
     """Tissues and structures of a scan: `tissues`, split by `ngbrain.image.structures.structures`; raises what they raise.
 

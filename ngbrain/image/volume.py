@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError, require
 from ngbrain.image.dicom import is_dicom, read_series
-from ngbrain.reading import check_regular, gunzipped, read_bytes
+from ngbrain.reading import check_regular, gunzipped, read_bytes, unzipped
 
 _GRID = 1e-3  # m
 _MOST_VOXELS = 512**3
@@ -256,6 +256,8 @@ def _parsed(path: Path) -> Any:
         return read_series(path)
     nibabel = require("nibabel", "mri")
     raw = read_bytes(path, "image")
+    if raw[:4] == b"PK\3\4":
+        raw = unzipped(raw, "image", path)
     if raw[:2] == b"\x1f\x8b":
         raw = bytes(gunzipped(raw, "image", path))
     if raw[344:348] == b"n+1\0":

@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping, Sequence
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
-from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
+from ngbrain.forward.points import quadrature_field, quadrature_points
 
 Array = np.ndarray
 
@@ -35,20 +35,11 @@ def shares(
     >>> [round(float(s.vec.FV().NumPy().mean()), 3) for s in found.values()]
     [0.5, 0.5]
     """
-    space = IntegrationRuleSpace(mesh, order=degree)
-    points = np.empty((space.ndof, mesh.dim))
-    at = ngs.GridFunction(space)
-    for i, coordinate in enumerate((ngs.x, ngs.y, ngs.z)[: mesh.dim]):
-        at.Interpolate(coordinate)
-        points[:, i] = at.vec.FV().NumPy()
+    space, points = quadrature_points(mesh, degree)
     numbers = np.asarray(label_at(points))
     if numbers.min() < 0 or numbers.max() >= len(names):
         raise InputError("labels", f"from {numbers.min()} to {numbers.max()}", f"numbers from 0 to {len(names) - 1}")
-    found = {}
-    for number, name in enumerate(names):
-        found[name] = ngs.GridFunction(space)
-        found[name].vec.FV().NumPy()[:] = numbers == number
-    return found
+    return {name: quadrature_field(space, numbers == number) for number, name in enumerate(names)}
 
 
 def by_label(shares: Mapping[str, ngs.GridFunction], fields: Mapping[str, CoefficientFunction]) -> CoefficientFunction:

@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import ngsolve as ngs
 import numpy as np
-from scipy import ndimage
 
 from ngbrain.errors import InputError
-from ngbrain.image.volume import Volume, opened
+from ngbrain.image.maps import filled, read_map
+from ngbrain.image.volume import Volume
 from ngbrain.ladder.quantities import Measured, percentile
-
-SIDES = (0.1e-3, 20e-3)
-"""Of a voxel (m)."""
 
 
 def read(path: str | os.PathLike[str]) -> Volume:
     """A NIfTI volume of shear moduli (Pa); voxels without one (0, or no number) have that of the nearest that has.
 
-    Raises `InputError` where it is unreadable, of other than three axes, or has no value at all; `MissingExtra` without nibabel.
+    Raises `InputError` where it is unreadable, of other than three axes, has no value at all, or a negative one; `MissingExtra`
+    without nibabel.
     """
-    path = Path(path)
-    image, affine = opened(path, SIDES)
-    values = np.asarray(image.get_fdata(dtype=np.float64))
-    if values.ndim != 3:
-        raise InputError("map", f"of {values.ndim} axes", "a volume of shear moduli (Pa), three axes", path)
-    known = np.isfinite(values) & (values > 0)
-    if not known.any():
-        raise InputError("map", "without a value above 0", "shear moduli (Pa)", path)
-    spacing = Volume(values, affine).spacing
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True, sampling=spacing)
-    return Volume(values[tuple(nearest)], affine)
+    return filled(read_map(path, "shear moduli (Pa)"))
 
 
 def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:

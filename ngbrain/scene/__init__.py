@@ -59,10 +59,17 @@ class Body(Section):
     """The head: which; element sizes (m) on the cleft, under the craniotomy and elsewhere; polynomial order.
 
     head    idealised; mni152, the average brain that nilearn brings along; or scan, with the T1's file as `image`
+    shear_modulus_map    file of shear moduli or shear stiffness, in any unit: its ratio to the mean over each tissue multiplies
+                         that tissue's moduli
+    shear_modulus_space  head: it lies in the head as it is; mni152: it lies in the template, which is brought to the head
     """
 
     head: str = choice("head", "idealised", ["idealised", "mni152", "scan"])
     image: str | None = text("image", None, "the path of a NIfTI file", lambda raw: raw.strip())
+    shear_modulus_map: str | None = text(
+        "shear_modulus_map", None, "the path of a NIfTI file, or of a ZIP archive of one", lambda raw: raw.strip()
+    )
+    shear_modulus_space: str | None = choice("shear_modulus_space", None, ["head", "mni152"])
     site: float = number("site_mm", 3e-3, least=0.2)
     near: float = number("near_mm", 8e-3, least=0.5)
     far: float = number("far_mm", 24e-3, least=2.0)
@@ -71,6 +78,13 @@ class Body(Section):
     def _check(self, path: str, scene: Scene) -> None:
         wanted = "a file to go with head = 'scan', and with no other head"
         self._need((self.head == "scan") == (self.image is not None), path, "image", wanted)
+        mapped, space = self.shear_modulus_map is not None, self.shear_modulus_space is not None
+        wanted = "this key left out: the idealised head is not that of anybody who was measured"
+        self._need(not mapped or self.head != "idealised", path, "shear_modulus_map", wanted)
+        wanted = "head or mni152, to go with body.shear_modulus_map" if mapped else "this key only with a map"
+        self._need(
+            space if mapped and self.head == "scan" else mapped or not space, path, "shear_modulus_space", wanted
+        )
         self._need(self.near >= self.site, path, "near", f"at least {self.shown('site'):g}, body.site_mm")
         self._need(self.far >= self.near, path, "far", f"at least {self.shown('near'):g}, body.near_mm")
 
@@ -343,6 +357,11 @@ class Scene(Document):
             for i, tissue in enumerate(self.tissues, 1)
             for caution in tissue.cautions
         ]
+        if self.body.shear_modulus_map:
+            found.append(
+                "body.shear_modulus_map is relative: where it is 1.1 times its mean over a tissue, that tissue's moduli are 1.1 "
+                "times what the scene says; its own level, measured with fast and small strains, is not used"
+            )
         if not any(tissue.law().branches for tissue in self.tissues):
             found.append("no tissue relaxes: pressures do not fall while the blade holds")
         return found

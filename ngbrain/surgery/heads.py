@@ -10,13 +10,14 @@ from typing import Any, Protocol
 
 import ngsolve as ngs
 import numpy as np
-from ngsolve.comp import IntegrationRuleSpace
 
+from ngbrain.forward.points import quadrature_field, quadrature_points
 from ngbrain.image import Scan, Volume, check_extracted, mni152, read_scan
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
+from ngbrain.image.maps import read_map
 from ngbrain.image.segment import NAMES, VENTRICLE, WHITE
-from ngbrain.image.tissues import tissues
+from ngbrain.image.tissues import template_place, tissues
 from ngbrain.io.cache import Arrays, kept
 from ngbrain.mesh import (
     Cleft,
@@ -45,9 +46,11 @@ class Head(Openable, Protocol):
     """A head before it is opened.
 
     left_out   what the model of it leaves out, in words
+    stiffness  a measured map of shear moduli in the head's space, NaN where nothing was measured
     """
 
     left_out: str
+    stiffness: Volume | None
 
     def opened(self, cleft: Cleft, craniotomy: float, sizes: Sizes) -> ngs.Mesh:
         """The mesh, with regions, and boundaries `skull`, `craniotomy` and the cleft's."""
@@ -69,6 +72,7 @@ class Idealised(shapes.Ellipsoids):
     """Ellipsoids: see `ngbrain.mesh.idealised_head`."""
 
     left_out = "pia, dura, vessels and the sulci of the cortex; the head is an idealised shape"
+    stiffness: Volume | None = None
     opened = staticmethod(idealised_head)
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
@@ -91,6 +95,7 @@ class Scanned:
     scan: Scan
     labels: Volume
     outlines: Outlines = field(init=False)
+    stiffness: Volume | None = None
     left_out = (
         "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
         "fibres, and differences between parts of grey and of white matter"
@@ -134,16 +139,9 @@ class Scanned:
 
     def mixtures(self, mesh: ngs.Mesh, order: int) -> dict[str, dict[str, Any]]:
         """Grey and white matter as the nearest voxel has it; what is neither, sulcal fluid above all, is grey."""
-        space = IntegrationRuleSpace(mesh, order=order - 1)
-        places = []
-        for coordinate in (ngs.x, ngs.y, ngs.z):
-            place = ngs.GridFunction(space)
-            place.Interpolate(coordinate)
-            places.append(place.vec.FV().NumPy().copy())
-        found = self.labels.at(np.column_stack(places), order=0)
-        white, grey = ngs.GridFunction(space), ngs.GridFunction(space)
-        white.vec.FV().NumPy()[:] = found == WHITE
-        grey.vec.FV().NumPy()[:] = found != WHITE
+        space, points = quadrature_points(mesh, order - 1)
+        found = self.labels.at(points, order=0)
+        white, grey = quadrature_field(space, found == WHITE), quadrature_field(space, found != WHITE)
         parts = {"brain": {"grey": grey, "white": white}, "ventricles": {"ventricles": 1.0}}
         return {name: parts[name.partition(PART)[0]] for name in mesh.GetMaterials()}
 
@@ -207,7 +205,16 @@ def head_of(body: Body) -> Head:
     if body.head == "idealised":
         return Idealised()
     scan = mni152() if body.head == "mni152" else read_scan(str(body.image))
-    return Scanned.of(scan)
+    head = Scanned.of(scan)
+    return replace(head, stiffness=_stiffness(body, scan)) if body.shear_modulus_map else head
+
+
+def _stiffness(body: Body, scan: Scan) -> Volume:
+    """The scene's map in the head's space."""
+    found = read_map(str(body.shear_modulus_map), "shear moduli or shear stiffness")
+    if body.head == "mni152" or body.shear_modulus_space == "head":
+        return found
+    return Volume(found.data, template_place(scan) @ found.affine)
 
 
 def _corners(mesh: ngs.Mesh) -> np.ndarray:
@@ -217,7 +224,8 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
 
 def likewise(scene: Scene, image: str) -> Scene:
     """A scene on the MNI152 head, moved to the like place of another scan: as many standard deviations from its middle."""
-    body = replace(scene.body, head="scan", image=image)
+    space = "mni152" if scene.body.shear_modulus_map else None
+    body = replace(scene.body, head="scan", image=image, shear_modulus_space=space)
     template, scan = mni152(), read_scan(image)
     middle, spread = _extent(check_extracted(template), template.volume)
     there, theirs = _extent(tissues(scan).data > 0, scan.volume)

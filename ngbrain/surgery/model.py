@@ -20,11 +20,13 @@ from ngbrain.forward.transient import Transient
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen
+from ngbrain.materials.viscous import viscous
 from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.solvers.newton import Newton
+from ngbrain.surgery import relative
 from ngbrain.surgery.blades import Blade, Spatula, Tube
 from ngbrain.surgery.heads import Head, divide, head_of, present
 from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
@@ -133,13 +135,27 @@ class Model:
         return self._materials(lambda tissue: stiffen(tissue.law(), factors.get(tissue.region, 1.0)))
 
     def _materials(self, law: Laws, order: int | None = None) -> dict[str, Material]:
-        mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
+        order = order or self.scene.body.order
+        mixtures = self.head.mixtures(self.mesh, order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
+        volume, ratio = self.head.stiffness, dict[str, ngs.GridFunction]()
+        if volume is not None:
+            ratio = relative.fields(volume, self.mesh, _counted(mixtures), order - 1)
         materials = {}
         for region, shares in mixtures.items():
             found = [name for name, where in present(self.mesh, region, shares).items() if where.any()]
-            materials[region] = _mixed([(tissues[name], shares[name]) for name in found], law)
+            laws = {name: law(tissues[name]) for name in found}
+            laws |= {name: stiffen(viscous(laws[name]), ratio[name]) for name in found if name in ratio}
+            materials[region] = _mixed([(tissues[name], laws[name], shares[name]) for name in found])
         return materials
+
+    def stiffness_map(self) -> dict[str, dict[str, float]]:
+        """What the head's measured map of moduli does to each tissue (`relative.summary`); nothing where there is none."""
+        if self.head.stiffness is None:
+            return {}
+        order = self.scene.body.order
+        mixtures = _counted(self.head.mixtures(self.mesh, order))
+        return relative.summary(self.head.stiffness, self.mesh, mixtures, order - 1)
 
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
         """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
@@ -159,7 +175,7 @@ class Model:
     def parts(self, order: int | None = None) -> dict[str, Part]:
         """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
         mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
-        counted = {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
+        counted = _counted(mixtures)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         parts = {}
         for name in {name: None for shares in counted.values() for name in shares}:
@@ -268,13 +284,20 @@ def _carried(blade: Blade, sharing: int) -> Moves:
     return lambda x: blade.moves(x) / sharing
 
 
-def _mixed(shares: list[tuple[Tissue, Value]], law: Laws) -> Material:
-    """One material for the tissues of a region; shares are 0 or 1 at quadrature points."""
+def _counted(mixtures: dict[str, dict[str, Value]]) -> dict[str, dict[str, Value]]:
+    """Without the ventricles."""
+    return {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
+
+
+def _mixed(shares: list[tuple[Tissue, Law | Viscous, Value]]) -> Material:
+    """One material for the tissues of a region, with their laws; shares are 0 or 1 at quadrature points."""
     if len(shares) == 1:
-        ((tissue, _),) = shares
-        return Material(law(tissue), tissue.bulk, _barrier(tissue))
-    bulk, barrier = (sum(share * value(tissue) for tissue, share in shares) for value in (lambda t: t.bulk, _barrier))
-    return Material(mix([(law(tissue), share) for tissue, share in shares]), bulk, barrier)
+        ((tissue, law, _),) = shares
+        return Material(law, tissue.bulk, _barrier(tissue))
+    bulk, barrier = (
+        sum(share * value(tissue) for tissue, _, share in shares) for value in (lambda t: t.bulk, _barrier)
+    )
+    return Material(mix([(law, share) for _, law, share in shares]), bulk, barrier)
 
 
 def _barrier(tissue: Tissue) -> float:

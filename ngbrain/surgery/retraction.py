@@ -18,7 +18,7 @@ from ngbrain.io.whole import whole
 from ngbrain.parallel import ProcessExecutor, Task, Tell, helped, predicted_memory
 from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
-from ngbrain.surgery import answers, band, response, worth
+from ngbrain.surgery import answers, band, relative, response, worth
 from ngbrain.surgery.answers import Answer, Runs
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller, one_order_more, other_elements
 from ngbrain.surgery.corridor import check_corridor
@@ -105,7 +105,7 @@ def solve(
     if where is not None:
         where.mkdir(parents=True, exist_ok=True)
     model = Model.of(scene)
-    warned = check_moduli(model) + check_corridor(model)
+    warned = check_moduli(model) + check_corridor(model) + relative.in_words(model.stiffness_map())
     model.run(model.program(scene, scene.protocols[0]))  # refuses unknown regions and boundaries before hours are spent
     if where is not None:
         _write_pictures(where / PICTURES, model.head.pictures())
@@ -139,7 +139,7 @@ def solve(
 
 def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
     """The part of a result that does not wait for the checks."""
-    scene = model.scene
+    scene, mapped = model.scene, model.stiffness_map()
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
     return {
         "verb": "retract",
@@ -148,7 +148,7 @@ def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
         "seed": 0,
         "threads": threads,
         "scene": scene.to_dict(),
-        "head": model.head.describe(model.mesh),
+        "head": model.head.describe(model.mesh) | ({"shear_modulus_map": mapped} if mapped else {}),
         "geometry": _geometry(model),
         "model": answers.model(model, runs),
         "answers": found,

@@ -24,6 +24,7 @@ class Bar:
     """A head that is a block of two tissues, side by side in one region; `border` may lie inside elements."""
 
     left_out = ""
+    stiffness = None
 
     def __init__(self, border=0.4):
         self.border = border * SIZE

@@ -13,6 +13,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.body import Body, Material
 from ngbrain.image import Volume
 from ngbrain.image.segment import WHITE
+from ngbrain.image.tissues import template_place
 from ngbrain.mesh import Sizes
 from ngbrain.mesh.elements import centres
 from ngbrain.scene import Scene
@@ -43,6 +44,12 @@ def test_volumes_are_those_of_the_labels(model):
     assert volume_ml(model.mesh, "brain") == pytest.approx(told["label_brain_ml"] - slot, rel=1e-3)
     assert volume_ml(model.mesh, "ventricles") == pytest.approx(told["label_volumes_ml"]["ventricle"], rel=1e-2)
     assert told["min_dihedral_deg"] > 3
+
+
+def test_the_template_lies_in_itself(model):
+    place = template_place(model.head.scan)
+    corners = 0.08 * np.array(list(np.ndindex(2, 2, 2))) - [0.04, 0.06, 0.03]
+    assert np.abs(corners @ place[:3, :3].T + place[:3, 3] - corners).max() < 1e-3
 
 
 def test_coarser_elements_elsewhere_leave_the_ventricles_as_they_are(model):
