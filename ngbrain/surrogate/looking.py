@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -12,9 +11,12 @@ from ngbrain.surrogate.data import DENSITY, SIDES
 from ngbrain.surrogate.features import Modality
 from ngbrain.surrogate.raster import squares
 from ngbrain.surrogate.shipped import Operator
+from ngbrain.surrogate.window import flattened
 
 Array = np.ndarray
 Square = tuple[int, int, int]
+LARGEST = 50.0
+"""Of an answer: what an operator makes of noise has logarithms in the hundreds, which no number holds the exponential of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Look:
     """A square: what the operator saw, and what it said.
 
     displacement  (n, n, components), first axis y, in edges
+    measured      (n, n) axial displacement in edges of a window, of which `displacement` is what it would be under plates
     frequency     Hz, of what comes to the same in a square of the training's size and density
     features      (channels, n, n)
     mean, scale   (answers, n, n), of ln(G/ρω²L²) and G″/G′, or of ln E
@@ -44,6 +47,7 @@ class Look:
     features: Array
     mean: Array
     scale: Array
+    measured: Array | None = None
 
     @property
     def modulus(self) -> Array:
@@ -61,15 +65,16 @@ class Answered:
     looks: list[Look]
 
 
-def answered(operator: Operator, view: View, density: float, poisson: float) -> Answered:
-    """What an operator says of a field; density in kg/m³.
+def answered(operator: Operator, view: View, density: float, poisson: float, window: bool = False) -> Answered:
+    """What an operator says of a field; density in kg/m³. Squares of a `window` are looked at as if under plates.
 
     Squares of waves are no larger than trained ones at the highest trained frequency, where there are several. Means are weighted
     by the inverse variance. Levels of compression, which are of each square's own, are brought together where squares overlap.
     """
     kind = operator.kind
     places = squares(view.counts, _most(operator, view, density))
-    said = [_said(operator, view, places, size, poisson) for size in sorted({n for *_, n in places})]
+    seen = {(i, j, n): _seen(view.displacement[i : i + n, j : j + n], window) for i, j, n in places}
+    said = [_said(operator, seen, size, poisson) for size in sorted({n for *_, n in places})]
     told = {place: each for part in said for place, each in part.items()}
     if kind.name == "waves":
         level = {
@@ -94,8 +99,9 @@ def answered(operator: Operator, view: View, density: float, poisson: float) -> 
         blended = np.concatenate([mean[here][:1] - level[i, j, n], mean[here][1:]])
         side = (n - 1) * view.spacing
         frequency = view.frequency * side / SIDES[kind.name] * np.sqrt(density / DENSITY)
-        u = view.displacement[here[1:]] / side
-        looks.append(Look(kind, u, frequency, poisson, features, blended, scale))
+        u = seen[i, j, n] / side
+        measured = view.displacement[here[1:]][..., 0] / side if window else None
+        looks.append(Look(kind, u, frequency, poisson, features, blended, scale, measured))
     return Answered(mean, variance, looks)
 
 
@@ -107,14 +113,19 @@ def _most(operator: Operator, view: View, density: float) -> float:
     return 1 + SIDES["waves"] * highest / view.frequency * np.sqrt(DENSITY / density) / view.spacing
 
 
+def _seen(u: Array, window: bool) -> Array:
+    return flattened(u[..., 0])[..., None] if window else u
+
+
 def _said(
-    operator: Operator, view: View, places: Sequence[Square], size: int, poisson: float
+    operator: Operator, seen: dict[Square, Array], size: int, poisson: float
 ) -> dict[Square, tuple[Array, Array, Array]]:
     """Features, means and scales of the squares of one size."""
-    own = [place for place in places if place[2] == size]
-    u = np.array([view.displacement[i : i + n, j : j + n] for i, j, n in own])
+    own = [place for place in seen if place[2] == size]
+    u = np.array([seen[place] for place in own])
     features = operator.kind.features(u, np.full(len(own), poisson))
-    return dict(zip(own, zip(features, *operator(features), strict=True), strict=True))
+    mean, scale = operator(features)
+    return dict(zip(own, zip(features, mean.clip(-LARGEST, LARGEST), scale, strict=True), strict=True))
 
 
 def levels(logarithms: dict[Square, Array]) -> dict[Square, float]:

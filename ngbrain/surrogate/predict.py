@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,11 @@ from ngbrain.surrogate.trust import scores
 Array = np.ndarray
 TYPICAL = 6e3
 """Pa, a shear modulus to begin with where Poisson's ratio has to follow from the bulk modulus."""
+
+
+WINDOW = 4.0
+"""What deviations are multiplied by in a window: of 14 drawn ones, lesions of 0.4 to 4 times the background in blocks three times
+as large under an uneven plate, 95 % intervals then hold 79 to 100 %, in the mean 97 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +91,9 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
 
     operator  by default the shipped one for such data
 
-    Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of several loads,
-    logarithms are averaged by inverse variance.
+    A compression whose ends do not move as plates do is taken as a window cut out of a larger body, see `window`; deviations are
+    wider then. Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of
+    several loads, logarithms are averaged by inverse variance.
 
     Raises `InputError` for data of another kind, and where no square of `raster.LEAST` points across is measured, `MissingExtra`
     without onnxruntime.
@@ -115,15 +122,25 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
             "one shear modulus" if name == "waves" else f"a shear modulus of {TYPICAL / 1e3:g} kPa, which is assumed"
         )
         notes.append(f"Poisson's ratio is taken as {poisson:.5g} everywhere: that of the bulk modulus and {whose}")
+    trust, wide = operator.card.trust, 1.0
+    of_loads = [_scores(each, trust) for each in found]
+    if name == "compression" and max(each["boundary"] for each in of_loads) > trust["threshold"]:
+        found = [answered(operator, view, data.density, poisson, window=True) for view in views]
+        of_loads, wide = [_scores(each, trust) for each in found], WINDOW
+        notes.append(
+            "the ends of the data do not move as plates do: they are taken as a window cut out of a larger body, of which "
+            "the strain over its smooth trend is looked at; a trend of stiffness is not seen, and contrasts come out up to "
+            "a quarter too near to 1; `invert` takes the rim as measured"
+        )
     maps, deviations = _combined(data, raster, found)
+    deviations = {key: wide * values for key, values in deviations.items()}
     left = int(np.isnan(next(iter(maps.values()))).sum())
     if left:
         notes.append(f"{left} of {len(data.points)} points lie in no square of measured points and are left out")
     if name == "compression":
         notes.append("Young's modulus is known up to one factor: it is over its mean")
-    trust = operator.card.trust
-    of_loads = [_middle([scores(look, trust) for look in each.looks]) for each in found]
     count = sum(len(each.looks) for each in found)
+    checked = count if wide == 1 else 2 * count
     return Prediction(
         data,
         name,
@@ -133,7 +150,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         {key: max(each[key] for each in of_loads) for key in of_loads[0]},
         float(trust["threshold"]),
         count,
-        Solves(count, count) if name == "compression" else Solves(),
+        Solves(checked, checked) if name == "compression" else Solves(),
         notes,
     )
 
@@ -213,6 +230,10 @@ def _combined(data: WaveData, raster: Raster, found: Sequence[Answered]) -> tupl
     loss = size * mean[1]
     off = np.sqrt((relative * loss) ** 2 + variance[1] * size**2)
     return {"storage": size, "loss": loss}, {"storage": relative * size, "loss": off}
+
+
+def _scores(found: Answered, trust: Mapping[str, Any]) -> dict[str, float]:
+    return _middle([scores(look, trust) for look in found.looks])
 
 
 def _middle(told: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from functools import cache
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import SolverError
 from ngbrain.surrogate.data import SIDES, shaken
 from ngbrain.surrogate.features import FINEST, NOISE, noise_of, partial, without_affine
 
@@ -27,6 +28,8 @@ BUMPS = 13
 REACH = 2
 """Half a bump's width, in distances between neighbours: a sixth of the edge. Narrower ones see more of the noise, wider ones
 less of the detail."""
+UNSOLVED = 1e3
+"""The most that is left over: of a map, too, whose equations cannot be solved."""
 SLOPES = 3
 """Degree of the polynomials that strains are the slopes of."""
 
@@ -83,11 +86,15 @@ def of_compression(u: Array, youngs: Array, poisson: float) -> tuple[float, floa
     axial = ngs.VoxelCoefficient((0, 0), (side, side), (side * u[..., 0]).astype(complex), linear=True)
     shear = youngs / (2 * (1 + poisson))
     held = {"x": "bottom", "y": ".*"}
-    fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
+    try:
+        fitted = shaken(shear, 0.0, poisson, {".*": ngs.CF((0, axial))}, n, held, side)[..., 1].real / side
+    except SolverError:  # moduli of noise may be beyond what can be solved with
+        fitted = np.full((n, n), np.inf)
     size = np.sqrt((without_affine(u[None]) ** 2).mean())
     plates = np.sqrt(max(float(np.var(u[end])) for end in (0, -1)))
     noise = max(float(noise_of(u[None])[0]), NOISE[0])
-    return float(np.sqrt(((fitted - u[..., 0]) ** 2).mean()) / size), float(plates / size / noise)
+    left = np.sqrt(((fitted - u[..., 0]) ** 2).mean()) / size
+    return float(min(left, UNSOLVED)), float(plates / size / noise)
 
 
 @cache

@@ -12,7 +12,7 @@ features    how far means and standard deviations of the channels over nine part
             Mahalanobis' distance along their principal axes, with all that is across these as one more
 deviation   rms of the standard deviations that the operator states
 residual    how far its maps are from the equations of motion (`residual`)
-boundary    how far the displacements are from the way that trained squares are driven
+boundary    how far the displacements are from the way that trained squares are driven; 0 of a window, see `window`
 
 Bounds are quantiles over squares that were not trained on; the largest number decides.
 """
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.surrogate import residual
+from ngbrain.surrogate import residual, window
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet
 from ngbrain.surrogate.features import NOISE, Modality, noise_of
 from ngbrain.surrogate.looking import Look
@@ -138,7 +138,9 @@ def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict
 
 
 def _physics(look: Look) -> tuple[float, float]:
-    """Residual and boundary; see `residual`."""
+    """Residual and boundary; see `residual`. A window has no plates, and its residual is asked of what was measured."""
+    if look.measured is not None:
+        return window.misfit(look.measured, look.modulus, look.poisson), 0.0
     if look.kind.name == "waves":
         return residual.of_waves(look.displacement, look.modulus)
     return residual.of_compression(look.displacement, look.modulus, look.poisson)
