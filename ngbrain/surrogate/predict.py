@@ -124,9 +124,12 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         notes.append(f"Poisson's ratio is taken as {poisson:.5g} everywhere: that of the bulk modulus and {whose}")
     trust, wide = operator.card.trust, 1.0
     of_loads = [_scores(each, trust) for each in found]
+    checks = 1
     if name == "compression" and max(each["boundary"] for each in of_loads) > trust["threshold"]:
-        found = [answered(operator, view, data.density, poisson, window=True) for view in views]
-        of_loads, wide = [_scores(each, trust) for each in found], WINDOW
+        cut = [answered(operator, view, data.density, poisson, window=True) for view in views]
+        of_cut, checks = [_scores(each, trust) for each in cut], 2
+    if checks > 1 and _largest(of_cut) < _largest(of_loads):  # else plates, but for the noise
+        found, of_loads, wide = cut, of_cut, WINDOW
         notes.append(
             "the ends of the data do not move as plates do: they are taken as a window cut out of a larger body, of which "
             "the strain over its smooth trend is looked at; a trend of stiffness is not seen, and contrasts come out up to "
@@ -140,7 +143,6 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     if name == "compression":
         notes.append("Young's modulus is known up to one factor: it is over its mean")
     count = sum(len(each.looks) for each in found)
-    checked = count if wide == 1 else 2 * count
     return Prediction(
         data,
         name,
@@ -150,7 +152,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         {key: max(each[key] for each in of_loads) for key in of_loads[0]},
         float(trust["threshold"]),
         count,
-        Solves(checked, checked) if name == "compression" else Solves(),
+        Solves(checks * count, checks * count) if name == "compression" else Solves(),
         notes,
     )
 
@@ -234,6 +236,10 @@ def _combined(data: WaveData, raster: Raster, found: Sequence[Answered]) -> tupl
 
 def _scores(found: Answered, trust: Mapping[str, Any]) -> dict[str, float]:
     return _middle([scores(look, trust) for look in found.looks])
+
+
+def _largest(of_loads: Sequence[dict[str, float]]) -> float:
+    return max(max(each.values()) for each in of_loads)
 
 
 def _middle(told: Sequence[dict[str, float]]) -> dict[str, float]:
