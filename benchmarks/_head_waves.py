@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import netgen.csg as csg
 import ngsolve as ngs
 import numpy as np
 
@@ -33,6 +34,8 @@ FREQUENCY, DENSITY = 50.0, 1000.0
 HINGE = (0.0, -0.02, -0.07)
 NODDING, SIDEWAYS = 2e-4, 15e-6
 """rad about the left-right axis through HINGE, m along it."""
+EDGE = 60e-3
+"""m, of the cube around the ball that is simulated with a measured map."""
 STIFFER, DETAIL, VOXEL, SEED = 2.0, 0.15, 2e-3, 0
 """What a measured map is multiplied by: by this in the ball, and in every voxel of 2 mm by the exponential of a normal number of
 this standard deviation, as a mean of 134 people is smooth and a person is not."""
@@ -83,12 +86,16 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
 
     Two loads: the skull nods, and it moves sideways. Ventricles are filled with a fluid that is soft and lossy.
 
-    maps    files of stiffness and damping ratio in the space of MNI152, which the moduli are then taken from
+    maps    files of stiffness and damping ratio in the space of MNI152, which the moduli are then taken from, in a cube around the
+            ball, whose whole boundary is shaken as the skull is
     """
     subject = head(maps)
 
     def make() -> dict[str, Array]:
-        mesh, degree = meshed(subject.labels, "hull", Graded(size, size)).mesh(), int(form[1]) + 1
+        mesh, degree = (
+            _cube(size) if maps else meshed(subject.labels, "hull", Graded(size, size)).mesh(),
+            int(form[1]) + 1,
+        )
         space, at = quadrature_points(mesh, degree)
         modulus = subject.modulus_at(at)
         nod = (0, -NODDING * (ngs.z - HINGE[2]), NODDING * (ngs.y - HINGE[1]))
@@ -103,10 +110,16 @@ def waves_of_head(size: float, form: str, spacing: float, maps: tuple[str, str] 
     body_of = [list(map(str, MODULI)), BULK, DENSITY, CENTRE.tolist(), RADIUS]
     if subject.measured:
         volumes = (subject.measured.stiffness, subject.measured.damping_ratio)
-        body_of += [*(volume.digest() for volume in volumes), STIFFER, DETAIL, VOXEL, SEED]
+        body_of += [*(volume.digest() for volume in volumes), STIFFER, DETAIL, VOXEL, SEED, EDGE]
     made_from = [subject.labels.volume.digest(), size, form, spacing, body_of, FREQUENCY, HINGE, NODDING, SIDEWAYS]
     made = kept("head-waves", made_from, (harmonic, points, stiffness), make)
     return _on_grid(subject, made["points"], made["displacement"], spacing)
+
+
+def _cube(size: float) -> ngs.Mesh:
+    geometry = csg.CSGeometry()
+    geometry.Add(csg.OrthoBrick(csg.Pnt(*(CENTRE - EDGE / 2)), csg.Pnt(*(CENTRE + EDGE / 2))).bc("skull"))
+    return ngs.Mesh(geometry.GenerateMesh(maxh=size))
 
 
 def head(maps: tuple[str, str] | None = None) -> Head:

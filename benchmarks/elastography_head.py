@@ -10,10 +10,12 @@ a perfect method of that resolution would find.
 
 With --maps the rows of MRE134 are measured too: the truth is then the mean stiffness and damping ratio of 134 adults at 50 Hz
 (MRE134_Stiffness3D.nii.zip and MRE134_Damping3D.nii.zip of https://github.com/mechneurolab/MRE134; Hiscox et al. 2020,
-10.1002/hbm.25192), which fit the head of MNI152 as they are, with the ball and, as a mean is smooth, single voxels of 2 mm that
-are off it by 15 % (standard deviation of the logarithm, seeded). `rms_ln` is the rms of ln |G*| over its truth at all points,
-`rank` Spearman's rank correlation of G' with the truth's, `rank_smooth` with that of the map without ball and single voxels, both
-outside of the ball, and `detail` how much of the single voxels' deviation from the map the answer's deviation has, by regression.
+10.1002/hbm.25192), which lie in the space of MNI152, with the ball and, as a mean is smooth, single voxels of 2 mm that are off it
+by 15 % (standard deviation of the logarithm, seeded). Simulated and inverted is a cube of 6 cm around the ball, cut out of the
+head, whose boundary is shaken as the skull is: of the whole head the process was killed for want of memory, beside other work.
+`rms_ln` is the rms of ln |G*| over its truth at all of its points; away from the ball `rank` is Spearman's rank correlation of G'
+with the truth's, `rank_smooth` with that of the map without single voxels, and `detail` the share of the single voxels' deviation
+from the map that the answer has, by regression.
 
     python benchmarks/elastography_head.py [--quick] [--json] [--maps STIFFNESS DAMPING] [--only ROW ...]
                                                                    last line of --json: a list of records
