@@ -93,6 +93,11 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             ("plate.toml",),
             "scene",
         ),
+        "cohort": Dataset(
+            "a list of the samples mni152, waves_plane and plate, for `ngbrain cohort`",
+            ("cohort.csv",),
+            "scene",
+        ),
         "retraction": Dataset(
             "a short retraction of an idealised head, and what was seen of it, for `ngbrain retract` and `calibrate`",
             ("retraction.toml", "retraction_landmarks.csv", "retraction_force.csv"),
