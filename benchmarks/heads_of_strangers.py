@@ -4,7 +4,7 @@ Runs over a folder of T1s (NIfTI or MGH). A head NAME_t1.nii.gz may have a map o
 MUSE numbering on the same voxels; its tissues are then compared, and the ceiling is printed: the Dice overlaps that the
 best thresholds inside MUSE's own grey and white matter reach, cerebrum and cerebellum apart, deep grey matter given.
 
-    python benchmarks/heads_of_strangers.py FOLDER [--mesh] > records.json      a list of records, one a head
+    python benchmarks/heads_of_strangers.py FOLDER [--mesh] [--executor WHO] > records.json      a list of records, one a head
     python benchmarks/heads_of_strangers.py --table < records.json              the same as a table in Markdown
 """
 
@@ -23,7 +23,7 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from _command import run
+from _command import add_executor, executor_of, run, sweep
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import read_scan
@@ -40,6 +40,13 @@ WHITE_MATTER = (40, 41, *range(81, 96))
 DEEP_GREY = (23, 30, 31, 32, 36, 37, 47, 48, *range(55, 61), 75, 76)
 CEREBELLUM = (38, 39, 40, 41, 71, 72, 73)
 LEFT_OUT = (1, 35, 61, 62)  # fluid outside, the brain stem
+
+
+def anew(path: Path, mesh: bool) -> Record:
+    """The same with an empty cache, so that nothing is there from before."""
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ["NGBRAIN_CACHE"] = cache
+        return measure(path, mesh)
 
 
 def measure(path: Path, mesh: bool) -> Record:
@@ -200,6 +207,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path)
     parser.add_argument("--mesh", action="store_true")
     parser.add_argument("--table", action="store_true")
+    add_executor(parser)
     arguments = parser.parse_args()
     if arguments.table:
         print(table(json.load(sys.stdin)))
@@ -207,12 +215,9 @@ def main() -> None:
     if arguments.folder is None or not arguments.folder.is_dir():
         parser.error("FOLDER: a folder of T1s")
     paths = [p for p in sorted(arguments.folder.iterdir()) if p.name.endswith(ENDINGS) and "_labels" not in p.name]
-    records = []
-    for path in paths:
-        with tempfile.TemporaryDirectory() as cache:  # so that nothing is there from before
-            os.environ["NGBRAIN_CACHE"] = cache
-            records.append(measure(path, arguments.mesh))
-        print(records[-1], file=sys.stderr, flush=True)
+    heads = {path.name: (path, arguments.mesh) for path in paths}
+    with executor_of(parser, arguments.executor) as executor:
+        records = sweep(anew, heads, executor, lambda record: print(record, file=sys.stderr, flush=True))
     made = run()
     print(json.dumps([record | {"run": made} for record in records], indent=1))
 

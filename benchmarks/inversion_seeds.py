@@ -5,7 +5,7 @@ weights by the evidence. `waves` is the convex start alone, `uniform` descends f
 `invert` lets it), `both` descends from where `waves` ends. A descent that finds no way down counts as it began. `error` is that
 of the first field, all are in `errors`; CPU time of one thread, that of `both` without its start.
 
-    python benchmarks/inversion_seeds.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/inversion_seeds.py [--quick] [--json] [--executor WHO]      last line of --json: a list of records
     python benchmarks/inversion_seeds.py --chart FILE.png < records.json
     python benchmarks/inversion_seeds.py --table < records.json      median (worst) of the seeds, %
 """
@@ -19,9 +19,10 @@ from collections.abc import Callable
 from statistics import median
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.gauss_newton import GaussNewton
@@ -41,10 +42,15 @@ COLOURS = {"waves": "#0072B2", "uniform": "#E69F00", "both": "#009E73"}
 SYMBOLS = {"youngs": "E", "storage": "G′", "loss": "G″"}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """Three records for each case, noise and seed."""
     cases, seeds, nodes = (CASES[:1], 2, 17) if quick else (CASES, SEEDS, None)
-    return [r for name, noise in cases for seed in range(seeds) for r in rows(name, noise, seed, nodes)]
+    draws = {
+        f"{name}, noise {noise:g}, seed {seed}": (name, noise, seed, nodes)
+        for name, noise in cases
+        for seed in range(seeds)
+    }
+    return [record for found in sweep(rows, draws, executor) for record in found]
 
 
 def rows(name: str, noise: float, seed: int, nodes: int | None) -> list[Record]:

@@ -7,7 +7,7 @@ every axis of every rung on the way at 5 %: what was estimated to change, over w
 `error` and `true_error`: of the chosen model against the richest one, the largest over the questions; `estimated_error`: what the
 ladder says is missing; `effectivity`: estimated over true change, for axes whose true change exceeds the tolerance.
 
-    python benchmarks/ladder_scenes.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/ladder_scenes.py [--quick] [--json] [--executor WHO]      last line of --json: a list of records
     python benchmarks/ladder_scenes.py --chart FILE.png < records.json
 """
 
@@ -18,10 +18,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 from _ladder import Case, cases
 
+from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Keeper, climb
@@ -35,15 +36,11 @@ JUDGED = 0.05
 QUICK = ("bar pulled 0.1 mm", "bar pressed 20 %, alpha -19", "palpation 0.2 mm, 1 s")
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """A record for each scene and tolerance."""
-    records: list[Record] = []
-    for name, case in cases().items():
-        if not quick or name in QUICK:
-            made = of_scene(name, case)
-            records += made
-            print(*map(line, made), sep="\n", flush=True)
-    return records
+    scenes = {name: (name, case) for name, case in cases().items() if not quick or name in QUICK}
+    found = sweep(of_scene, scenes, executor, lambda made: print(*map(line, made), sep="\n", flush=True))
+    return [record for made in found for record in made]
 
 
 def of_scene(name: str, case: Case) -> list[Record]:

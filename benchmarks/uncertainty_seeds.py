@@ -7,22 +7,25 @@ Each is inverted with every choice left to `invert`; error bars follow with the 
 regulariser of the inversion as before. `error` is |coverage - .95| at 95 %, over all points of both maps and all draws; `l2` the
 relative error of storage and loss. CPU time of one thread for a draw: `cpu_s` the inversion, `bars_s` the error bars.
 
-    python benchmarks/uncertainty_seeds.py [--quick] [--json]      last line of --json: a list of records
+    python benchmarks/uncertainty_seeds.py [--quick] [--json] [--executor WHO]      last line of --json: a list of records
     python benchmarks/uncertainty_seeds.py --chart FILE.png < records.json
 """
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from functools import cache
 
 import ngsolve as ngs
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _coverage import chart as coverage_chart
 from _coverage import coverage, told
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from scipy.special import ndtri
 
+from ngbrain import parallel
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.points import evaluation
 from ngbrain.inverse.discretise import Discretisation, in_elements
@@ -98,46 +101,66 @@ def scores(bars: Uncertainty) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """Two records for each case, one for each prior."""
-    return [
-        record for case in CASES for record in measured(case, 2 if quick else SEEDS) if not quick or case == "plane"
-    ]
+    seeds = range(2 if quick else SEEDS)
+    cases = ["plane"] if quick else list(CASES)
+    draws = {f"{case}, seed {seed}": (case, seed) for case in cases for seed in seeds}
+    found = dict(zip(draws.values(), sweep(drawn, draws, executor), strict=True))
+    return [record for case in cases for record in measured(case, [found[case, seed] for seed in seeds])]
 
 
-def measured(case: str, seeds: int) -> list[Record]:
+@dataclass
+class Draw:
+    """What one draw of the noise led to: by prior, scores, errors of the maps and CPU time (s); and that of the inversion."""
+
+    off: dict[str, np.ndarray]
+    errors: dict[str, list[float]]
+    bars_s: dict[str, float]
+    spent: float
+    ndof: int
+
+
+@cache
+def made(case: str) -> tuple[WaveData, Discretisation]:
+    """Exact data and elements of a case, made once in each process."""
+    return CASES[case][0]()
+
+
+def drawn(case: str, seed: int) -> Draw:
+    """An inversion and its error bars."""
+    exact, elements = made(case)
+    begun = time.process_time()
+    found = invert(exact.with_noise(CASES[case][1], seed), elements, tell=lambda _: None)
+    inverted = time.process_time()
+    bars = uncertainty(found, prior="own")
+    between = time.process_time()
+    by = {"own": bars, "best": bars.with_best_prior()}
+    ended = time.process_time()
+    return Draw(
+        {prior: scores(each) for prior, each in by.items()},
+        {prior: [each.found.answers[name]["relative_l2_error"] for name in MAPS] for prior, each in by.items()},
+        {"own": between - inverted, "best": ended - inverted},
+        inverted - begun,
+        found.model["n_unknowns"],
+    )
+
+
+def measured(case: str, draws: list[Draw]) -> list[Record]:
     """One record for each prior."""
-    make, noise = CASES[case]
-    exact, elements = make()
-    off: dict[str, list[np.ndarray]] = {name: [] for name in PRIORS}
-    errors: dict[str, list[list[float]]] = {name: [] for name in PRIORS}
-    spent, bars_s = 0.0, dict.fromkeys(PRIORS, 0.0)
-    for seed in range(seeds):
-        begun = time.process_time()
-        found = invert(exact.with_noise(noise, seed), elements, tell=lambda _: None)
-        spent += time.process_time() - begun
-        begun = time.process_time()
-        bars = uncertainty(found, prior="own")
-        between = time.process_time()
-        best = bars.with_best_prior()
-        bars_s["own"] += between - begun
-        bars_s["best"] += time.process_time() - begun
-        for prior, each in (("own", bars), ("best", best)):
-            off[prior].append(scores(each))
-            errors[prior].append([each.found.answers[name]["relative_l2_error"] for name in MAPS])
     return [
         {
             "method": label,
             "case": case,
             "order": 3,
-            "ndof": found.model["n_unknowns"],
-            "noise": noise,
-            "seeds": seeds,
-            **coverage(np.concatenate(off[prior])),
-            "coverage_by_draw": [float(np.mean(np.abs(each) < ndtri(0.975))) for each in off[prior]],
-            "l2": np.mean(errors[prior], axis=0).tolist(),
-            "cpu_s": spent / seeds,
-            "bars_s": bars_s[prior] / seeds,
+            "ndof": draws[-1].ndof,
+            "noise": CASES[case][1],
+            "seeds": len(draws),
+            **coverage(np.concatenate([draw.off[prior] for draw in draws])),
+            "coverage_by_draw": [float(np.mean(np.abs(draw.off[prior]) < ndtri(0.975))) for draw in draws],
+            "l2": np.mean([draw.errors[prior] for draw in draws], axis=0).tolist(),
+            "cpu_s": float(np.mean([draw.spent for draw in draws])),
+            "bars_s": float(np.mean([draw.bars_s[prior] for draw in draws])),
             "converged": True,
         }
         for prior, label in PRIORS.items()
