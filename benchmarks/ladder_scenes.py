@@ -25,8 +25,9 @@ from _ladder import Case, cases
 from ngbrain import parallel
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Climb, Keeper, climb
+from ngbrain.ladder.climb import Climb, climb
 from ngbrain.ladder.estimates import SOLVED, relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import axes_of, richest
 from ngbrain.scene.loading import Loading
 

@@ -11,6 +11,7 @@ from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.fields import read_toml
+from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, terminal
 from ngbrain.report import ladder as page
 from ngbrain.scene import Scene
@@ -24,11 +25,12 @@ def run(arguments: argparse.Namespace) -> int:
         require(package, "report")
     folder: Path = arguments.output
     scene = _read(arguments.scene)
-    with Progress(terminal(arguments.quiet)) as line:
+    with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
+        how: dict[str, Any] = {"threads": arguments.threads, "tell": line.tell, "executor": executor}
         if isinstance(scene, Scene):
-            result = adequate.solve(scene, folder, threads=arguments.threads, tell=line.tell)
+            result = adequate.solve(scene, folder, **how)
         else:
-            result = ladder.solve(scene, folder, threads=arguments.threads, tell=line.tell)
+            result = ladder.solve(scene, folder, **how)
     for text in result["warnings"]:
         LOG.warning("warning: %s", text)
     report = page.build(folder / "report.html", result)

@@ -72,7 +72,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 metavar="N",
                 help="for assembly (1)" if verb in assembling else "processes side by side",
             )
-        if verb in (demo, retract, invert, many):
+        if verb in (demo, retract, invert, loaded, many):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")

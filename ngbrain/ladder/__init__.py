@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 from ngsolve import ngsglobals
 
+from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
@@ -63,6 +64,7 @@ def solve(
     richest: Model | None = None,
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
+    executor: parallel.AnyExecutor = None,
 ) -> dict[str, Any]:
     """The answers that a scene asks for, by the cheapest model that is good enough; returns what `result.json` holds.
 
@@ -71,6 +73,8 @@ def solve(
     model     axis → level, of those that are not to be chosen: others stay at their cheapest, and nothing is climbed
     richest   axis → level that the climb does not pass; None: all there are
     tell      called after every rung
+    executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
+              at rest without memory are solved here in any case: estimates go on from their states
 
     `answers` (SI units) and `error`, the relative change that all steps left would make together, by the question's name; `model`;
     `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
@@ -88,7 +92,7 @@ def solve(
         scene,
         folder,
         threads,
-        lambda: climb(scene, richest, tell) if model is None else stand(scene, model),
+        lambda: climb(scene, richest, tell, executor=executor) if model is None else stand(scene, model, executor),
         _assumed_density(scene),
     )
 

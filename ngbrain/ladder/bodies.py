@@ -86,6 +86,11 @@ class Bench:
         """See `solve`."""
         return solve(self, model, near)
 
+    def has_states(self, model: Model) -> bool:
+        """Whether its solution has states: it is of a body at rest without memory."""
+        through_time = model.get("time") in REMEMBERS or model.get("inertia") == "all"
+        return self.scene.course.frequency is None and not through_time
+
     @property
     def nested(self) -> bool:
         """Whether elements are unions of those of the next finer mesh."""
@@ -291,7 +296,7 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
                 form_of(model),
                 bench.thickness_of(model),
             )
-        elif model.get("time") in REMEMBERS or model.get("inertia") == "all":
+        elif not bench.has_states(model):
             answers, scales, ndof = _through_time(bench, model)
         else:
             states = _at_rest(bench, model, near or {})

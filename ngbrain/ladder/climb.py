@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.errors import SolverError
-from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, relative
-from ngbrain.ladder.quantities import State
+from ngbrain.ladder.bodies import Bench, Model
+from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.scene.loading import Loading
 
@@ -27,8 +28,6 @@ HALF = 0.5
 TELLING, TURNED = 0.25, "finer elements changed the answer the other way than foretold"
 """Part of the tolerance from which on that a change has another sign than was foretold says something; and what it says."""
 LOCKED = "elements lock without pressures of their own, in space more than in the section"
-PLACE = ("space", "extent")
-"""Axes along which bodies are in other places."""
 CHEAP = 8.0
 """How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
 CHANCE = 0.5
@@ -83,62 +82,28 @@ class Climb:
         return self.rungs[-1]
 
 
-class Solving(Protocol):
-    """What a keeper asks for models' solutions, such as a `Bench`."""
-
-    def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
-        """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
-
-
-class Keeper:
-    """Solves each model once, from where the model that has most in common with it came to rest."""
-
-    def __init__(self, bench: Solving) -> None:
-        self.bench, self.kept = bench, dict[tuple[tuple[str, str], ...], Solution]()
-
-    def __call__(self, model: Model) -> Solution:
-        """The model's solution."""
-        key = tuple(sorted(model.items()))
-        if key not in self.kept:
-            self.kept[key] = self.bench.solve(model, self._near(model))
-        return self.kept[key]
-
-    def _near(self, model: Model) -> Mapping[str, State] | None:
-        """States of finite strain in the same place; None where no such model was solved, or strains are small.
-
-        Of what slides in the same elements, too: from others it takes a quarter longer than from rest.
-        """
-        if model.get("strain") != "finite":
-            return None
-        like = ("strain", *PLACE, *(ELEMENTS if model.get("contact") == "all" else ()))
-        same = {axis: model[axis] for axis in like if axis in model}
-        others = [
-            (dict(key), found.states) for key, found in self.kept.items() if found.states and same.items() <= set(key)
-        ]
-        return max(others, key=lambda other: len(other[0].items() & model.items()), default=(None, None))[1]
-
-
 def climb(
     scene: Loading,
     richest: Model | None = None,
     tell: Callable[[Rung], None] = lambda _: None,
     keeper: Keeper | None = None,
+    executor: parallel.AnyExecutor = None,
 ) -> Climb:
     """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer."""
     tolerances = np.array([ask.tolerance for ask in scene.ask])
-    return ascend(axes_of(scene, richest), keeper or Keeper(Bench(scene)), tolerances, tell)
+    return ascend(axes_of(scene, richest), keeper or Keeper(Bench(scene), executor), tolerances, tell)
 
 
 def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Callable[[Rung], None]) -> Climb:
     """The same along any axes."""
-    model, rungs, begun = cheapest(axes), list[Rung](), time.process_time()
+    model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
     refused: dict[str, str] = {}
     while True:
         open_axes = {name: axis for name, axis in axes.items() if axis.above(model[name]) and name not in refused}
         rung = _learnt(_rung(keeper, model, open_axes), rungs, axes, tolerances)
         if np.all(rung.missing <= tolerances):
             rung = _confirmed(keeper, rung, axes)
-        rung.cost_s = time.process_time() - begun
+        rung.cost_s = keeper.clock() - begun
         rungs.append(rung)
         if np.all(rung.missing <= tolerances) or not open_axes:
             break
@@ -167,7 +132,7 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
 def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
-    estimates = {name: estimate(keeper, model, axis) for name, axis in above.items()}
+    estimates = keeper.at_once({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
     if set(ELEMENTS) <= set(estimates) and not model["mesh"].endswith(PART):
         estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
     for name in ELEMENTS if "pressure" in estimates else ():
@@ -177,18 +142,18 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     return _judge(rung, above)
 
 
-def stand(scene: Loading, model: Model) -> Climb:
+def stand(scene: Loading, model: Model, executor: parallel.AnyExecutor = None) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
-    return stay(axes_of(scene), Keeper(Bench(scene)), model)
+    return stay(axes_of(scene), Keeper(Bench(scene), executor), model)
 
 
 def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
     """The same along any axes; those that the model does not name are at their cheapest. `InputError` for what no scene has."""
     check("model", model, axes)
     model = {**cheapest(axes), **model}
-    begun = time.process_time()
+    begun = keeper.clock()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
-    rung.cost_s = time.process_time() - begun
+    rung.cost_s = keeper.clock() - begun
     return Climb([rung], dict(axes), _doubts(keeper, rung))
 
 
@@ -198,10 +163,12 @@ def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
     return [*of_estimates, *keeper(rung.model).doubts]
 
 
-def estimate(keeper: Keeper, model: Model, axis: Axis) -> Estimate:
-    """What the axis would change; a large change is doubted until it is solved for."""
+def estimate(keeper: Keeper, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
+    """What the axis would change, by solutions of `solved`, else the keeper's; a large change is doubted until it is solved for."""
     to = axis.judged(model[axis.name])
-    found = BY[axis.by[axis.levels.index(model[axis.name])]](keeper.bench, model, {**model, axis.name: to}, keeper)
+    found = BY[axis.by[axis.levels.index(model[axis.name])]](
+        keeper.bench, model, {**model, axis.name: to}, solved or keeper
+    )
     largest = float(np.max(np.abs(found.change)))
     large = "" if largest <= LARGE or found.how == SOLVED else f"a change of {largest:.0%} is not one of first order"
     return replace(found, to=to, doubt=found.doubt or large)

@@ -19,10 +19,12 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.ladder import answered
 from ngbrain.ladder.bodies import Solution
-from ngbrain.ladder.climb import Keeper, Rung, ascend, stay
+from ngbrain.ladder.climb import Rung, ascend, stay
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import Axis, Model, between, check
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
@@ -78,6 +80,7 @@ def solve(
     richest: Model | None = None,
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
+    executor: parallel.AnyExecutor = None,
 ) -> dict[str, Any]:
     """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; returns what `result.json` holds.
 
@@ -93,7 +96,7 @@ def solve(
         result["answers"], result["model"], result["left_out"]
     """
     operation = Operation(scene)
-    axes, keeper = axes_of(scene, richest), Keeper(operation)
+    axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
     check_moduli(operation.made({"mesh": "0"}))
     tolerances = np.array([ask.tolerance for ask in operation.asks])
     if model is None:
@@ -122,6 +125,10 @@ class Operation:
             found[program.name], ndof = answers.answer(run.outcome(), scene.patient), run.transient.body.fes.ndof
         values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
+
+    def has_states(self, model: Model) -> bool:
+        """None has."""
+        return False
 
     def made(self, model: Model) -> Made:
         """Mesh and laws of a model."""

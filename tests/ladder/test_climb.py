@@ -9,8 +9,9 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.climb import Keeper, Rung, _as_order, _confirmed, _learnt, _next, _rung, ascend, climb
+from ngbrain.ladder.climb import Rung, _as_order, _confirmed, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff

@@ -13,8 +13,9 @@ from scipy.optimize import brentq
 
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, climb
+from ngbrain.ladder.climb import climb
 from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import axes_of
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 

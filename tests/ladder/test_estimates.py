@@ -8,8 +8,9 @@ import pytest
 from ngbrain.errors import SolverError
 from ngbrain.forward.static import Static
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Keeper, estimate
+from ngbrain.ladder.climb import estimate
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 

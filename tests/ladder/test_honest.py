@@ -10,8 +10,9 @@ import ngbrain
 from ngbrain.cli import main
 from ngbrain.errors import InputError, SolverError
 from ngbrain.ladder.bodies import Bench, Solution
-from ngbrain.ladder.climb import Keeper, ascend
+from ngbrain.ladder.climb import ascend
 from ngbrain.ladder.estimates import NOTHING
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import AXES, axes_of, cheapest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ngbrain.ladder.bodies import SMALL, Bench, linear_state, solve
-from ngbrain.ladder.climb import Keeper, Rung, _towards, climb
+from ngbrain.ladder.climb import Rung, _towards, climb
 from ngbrain.ladder.estimates import Estimate, relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.local import chosen
 from ngbrain.ladder.quantities import State, answer, slope
 from ngbrain.ladder.rungs import axes_of, cheapest

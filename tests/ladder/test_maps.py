@@ -11,8 +11,9 @@ from ngbrain.errors import InputError  # noqa: E402
 from ngbrain.image.niftifile import write_nifti  # noqa: E402
 from ngbrain.image.volume import Volume  # noqa: E402
 from ngbrain.ladder.bodies import Bench, solve  # noqa: E402
-from ngbrain.ladder.climb import Keeper, climb, estimate  # noqa: E402
+from ngbrain.ladder.climb import climb, estimate  # noqa: E402
 from ngbrain.ladder.estimates import relative  # noqa: E402
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.maps import over, read  # noqa: E402
 from ngbrain.ladder.pieces import Meshes  # noqa: E402
 from ngbrain.ladder.rungs import axes_of, cheapest  # noqa: E402

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ngbrain.ladder.bodies import Bench, solve
-from ngbrain.ladder.climb import Keeper, climb
+from ngbrain.ladder.climb import climb
 from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.local import SHARE, chosen
 from ngbrain.ladder.pieces import Meshes
 from ngbrain.ladder.rungs import axes_of, cheapest, richest

@@ -7,8 +7,9 @@ import pytest
 
 import ngbrain
 from ngbrain.errors import InputError
-from ngbrain.ladder.climb import Keeper, ascend
+from ngbrain.ladder.climb import ascend
 from ngbrain.ladder.estimates import relative
+from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import richest
 from ngbrain.materials.families import is_neo_hooke
 from ngbrain.scene import Scene
