@@ -117,7 +117,7 @@ class Uncertainty:
         return Band.sampled(float(value[name][chosen].mean()), self.draws(number)[name][:, chosen].mean(axis=1), level)
 
     def with_best_prior(self) -> Uncertainty:
-        """Under Gaussian fields, where these fit better and waves of the moved maps fit the data; else these bars.
+        """Under Gaussian fields, where these fit better, are not all but uniform, and explain the data; else these bars.
 
         `found` then has the maps of that prior.
         """
@@ -137,7 +137,12 @@ class Uncertainty:
         if gaussian is None:
             return self
         moved = posterior.under(gaussian.regularisers, gaussian.weights)
-        data, determined = experiment.model.at(unknowns.theta(moved.x)).data, moved.determined
+        determined = moved.determined
+        if (
+            min(determined.values()) < FEW
+        ):  # fields that are uniform around a mean that counts as known: its error would be left out
+            return self
+        data = experiment.model.at(unknowns.theta(moved.x)).data
         before, misfit = found.chosen_row, problem.misfit.squares(data)
         if misfit > LOOSE * max(before.misfit, before.expected):
             return self
