@@ -43,7 +43,9 @@ def test_protocols_that_begin_alike_share_the_beginning():
 def staged_run(monkeypatch):
     """`solve` without computing: a run ends when its name is given to what this returns."""
     scene = Scene.shipped("idealised_fast")
-    model = Namespace(scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None)
+    model = Namespace(
+        scene=scene, head=Namespace(pictures=dict), program=lambda *_: None, run=lambda _: None, stiffness_map=dict
+    )
     monkeypatch.setattr(retraction.Model, "of", lambda scene: model)
     monkeypatch.setattr(retraction, "check_moduli", lambda model: ["stiff"])
     monkeypatch.setattr(retraction, "check_corridor", lambda model: [])
