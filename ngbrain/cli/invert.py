@@ -80,12 +80,11 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             with open_executor(arguments.executor or arguments.threads) as executor:
                 inversion = (_in_zones if arguments.subzones else _at_once)(data, arguments, tell, executor)
+            bars = None
             if arguments.bars:
                 about = f"error bars: about {expected_seconds(inversion):.0f} s, {products_of(inversion)} products"
                 line.tell(about)
                 LOG.info(about)
-            bars = None
-            if arguments.bars:
                 bars = uncertainty(inversion, prior="best" if arguments.regulariser == "auto" else "own")
                 inversion = bars.found
         except SolverError:

@@ -32,7 +32,7 @@ LENGTHS = (0.06, 0.12, 0.25, 0.5)
 ALIKE = 1.0
 """Standard deviation of ln s_b around their mean: standard deviations of fields differ by a factor of 1.6."""
 LARGEST = 20_000
-"""Unknowns of a field up to which other priors are tried: beyond, their factors take longer than the inversion."""
+"""Unknowns of a field up to which other priors are tried: their factors are direct ones."""
 
 
 @dataclass(frozen=True)

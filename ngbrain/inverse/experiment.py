@@ -81,7 +81,7 @@ class Experiment:
             kinematics=AntiPlane() if data.motion == "anti_plane" else None,
             quadrature=elements.quadrature,
             device=device,
-            translation=data.motion == "anti_plane",
+            translation=data.motion == "anti_plane" and bool(np.all(data.frequency > 0)),  # at rest it moves nothing
         )
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]

@@ -265,7 +265,8 @@ def concluded(
         *of_size(data),
     ]
     if data.motion == "anti_plane":
-        notes += of_one_slice(data, experiment.model.held(unknowns.theta(best.x))[:, -1])
+        moved = experiment.model.held(unknowns.theta(best.x))[:, -1] if experiment.body.translation else None
+        notes += of_one_slice(data, moved)
     if is_tracked(data):
         notes += map_notes(data, maps["youngs"])
     if EXPONENT in maps:

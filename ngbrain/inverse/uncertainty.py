@@ -125,11 +125,7 @@ class Uncertainty:
         assert found.end is not None
         experiment, problem = found.end.experiment, found.end.problem
         unknowns = problem.unknowns
-        if (
-            not isinstance(unknowns, Fields)
-            or unknowns.level is not None
-            or not isinstance(problem.misfit, LeastSquares)
-        ):
+        if not (isinstance(unknowns, Fields) and unknowns.level is None and isinstance(problem.misfit, LeastSquares)):
             return self
         at = evaluation(experiment.space, experiment.model.points)
         means = {name: float((at @ posterior.x[posterior.blocks[name]]).mean()) for name in posterior.held}
@@ -138,9 +134,7 @@ class Uncertainty:
             return self
         moved = posterior.under(gaussian.regularisers, gaussian.weights)
         determined = moved.determined
-        if (
-            min(determined.values()) < FEW
-        ):  # fields that are uniform around a mean that counts as known: its error would be left out
+        if min(determined.values()) < FEW:  # uniform around a mean that would count as known
             return self
         data = experiment.model.at(unknowns.theta(moved.x)).data
         before, misfit = found.chosen_row, problem.misfit.squares(data)

@@ -63,16 +63,20 @@ def of_scale(data: WaveData) -> list[str]:
     return notes
 
 
-def of_one_slice(data: WaveData, translations: np.ndarray) -> list[str]:
-    """What motion through a plane tells, and what it does not; `translations` (loads,) m, complex, that were found beside it."""
-    size = ", ".join(f"{1e6 * each:.3g}" for each in np.abs(translations))
-    return [
+def of_one_slice(data: WaveData, translations: np.ndarray | None) -> list[str]:
+    """What motion through a plane tells, and what it does not; `translations` (loads,) m, complex, where some were looked for."""
+    notes = [
         "anti-plane shear takes tissue and waves as the same through the slice: a wave at an angle t to it reads as G/cos²t "
         "(1.33 times at 30 degrees), so that these are apparent moduli; and they go with the square of the pixels' size, which is "
-        "taken as given",
-        "a uniform displacement of the slice is an unknown of each wave, as motion of the whole head that was subtracted and "
-        f"phases that are known up to 2π leave it out: {size} µm were found",
+        "taken as given"
     ]
+    if translations is not None:
+        size = ", ".join(f"{1e6 * each:.3g}" for each in np.abs(translations))
+        notes.append(
+            "a uniform displacement of the slice is an unknown of each wave, as motion of the whole head that was subtracted and "
+            f"phases that are known up to 2π leave it out: {size} µm were found"
+        )
+    return notes
 
 
 def of_exponent(data: WaveData, exponent: float) -> str:

@@ -255,10 +255,13 @@ def _through(executor: Executor, plan: _Plan, tell: Tell) -> None:
 
 
 def _next(inbox: queue.SimpleQueue[Any]) -> Any:
-    while True:
-        with suppress(queue.Empty):
-            return inbox.get(timeout=POLL)
-        _heed()
+    try:
+        while True:
+            with suppress(queue.Empty):
+                return inbox.get(timeout=POLL)
+            _heed()
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt from None  # without the queue's exception, which it may have come in the middle of
 
 
 def _heed() -> None:

@@ -11,6 +11,7 @@ from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.kinematics import AntiPlane
 from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.invert import invert
+from ngbrain.inverse.uncertainty import uncertainty
 from ngbrain.io.waves import WaveData, read_waves, write_waves
 from ngbrain.materials import Shearing
 from ngbrain.surrogate.predict import predict
@@ -54,6 +55,14 @@ def test_a_modulus_of_one_slice_and_what_is_said_of_it():
     said = " ".join(found.notes)
     assert "apparent moduli" in said and "uniform displacement" in said and "square of the pixels' size" in said
     assert np.isfinite(found.strain.oss).all()
+
+
+def test_error_bars_of_one_slice():
+    """Its translation is one of the unknowns that are eliminated."""
+    data = plane()
+    bars = uncertainty(invert(data, uniform=False, regulariser="smooth"))
+    mean = bars.mean("storage")
+    assert abs(mean.value - 2000) < 4 * mean.deviation and 1 < mean.deviation < 60
 
 
 def test_the_start_is_that_of_the_waves():

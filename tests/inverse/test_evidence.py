@@ -6,7 +6,7 @@ from planewaves import grid, shear_waves, waves
 from scipy.stats import multivariate_normal
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.evidence import evidence
+from ngbrain.inverse.evidence import best_prior, evidence
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.uncertainty import uncertainty
@@ -60,4 +60,7 @@ def test_the_level_of_uniform_tissue_is_not_taken_for_known():
 
 def test_total_variation_stays_where_the_truth_has_a_step():
     found = invert(Phantom.named("CV-B", 17).measured(0.01).data(), uniform=False, regulariser="edges")
-    assert uncertainty(found).found is found
+    bars = uncertainty(found)
+    assert bars.found is found
+    middles = {name: float(bars.posterior.x[bars.posterior.blocks[name]].mean()) for name in ("storage", "loss")}
+    assert best_prior(bars.posterior, bars.experiment.space, middles) is None

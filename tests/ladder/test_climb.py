@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 import ngbrain
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, Model, Solution
-from ngbrain.ladder.climb import Rung, _as_order, _confirmed, _learnt, _next, _rung, ascend, climb
+from ngbrain.ladder.climb import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.quantities import State
@@ -134,6 +135,26 @@ def test_memory_is_judged_by_its_richest_level() -> None:
     time = axes_of(scene)["time"]
     assert [time.judged(level) for level in time.levels[:-1]] == ["relaxed", "flowing", "flowing"]
     assert axes_of(scene, {"time": "prony"})["time"].judged("relaxed") == "prony"
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"strain": 0.03, "fibres": 0.01}, 0.04),  # of one sign
+        ({"strain": 0.03, "fibres": -0.01}, 0.02),  # of either
+        ({"strain": 0.03, "fibres": -0.029}, 0.5 * np.hypot(0.03, 0.029)),  # that cancel: half of what chance leaves
+        ({"order": -0.03, "mesh": 0.01}, 0.03),  # two of the same error
+        ({"strain": np.inf, "fibres": 0.01}, np.inf),
+    ],
+)
+def test_changes_add_up_with_their_signs(changes, expected):
+    axes = {name: SimpleNamespace(tail=1.0) for name in changes}
+    estimates = {name: Estimate(np.array([change]), "") for name, change in changes.items()}
+    rung = _judge(Rung({}, np.ones(1), 1, estimates, np.zeros(1)), axes)
+    assert rung.expected == pytest.approx(expected)
+    assert rung.missing == pytest.approx(
+        max(map(abs, changes.values())) if "mesh" in changes else sum(map(abs, changes.values()))
+    )
 
 
 def test_elements_come_after_what_cannot_be_left_out() -> None:
