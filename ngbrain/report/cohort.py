@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -64,7 +63,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
     }
     places = [list(_places(spread, answers)) for spread in spreads]
     tested = [(spread, rows) for spread, rows in zip(spreads, places, strict=True) if not spread["untested"]]
-    tested.sort(key=lambda each: -max(abs(_deviation(each[0], value)) / each[0]["limit"] for _, value, _ in each[1]))
+    tested.sort(key=lambda each: -max(map(abs, each[0]["deviations"].values())) / each[0]["limit"])
     untested = dict[str, list[str]]()
     for spread in spreads:
         if spread["untested"]:
@@ -133,25 +132,19 @@ def _places(spread: Mapping[str, Any], answers: Mapping[str, Any]) -> Iterator[t
         yield name, row["numbers"][spread["key"]], row["report"]
 
 
-def _deviation(spread: Mapping[str, Any], value: float) -> float:
-    """In units of the spread, as `ngbrain.workflows.gate.Spread.deviation`."""
-    away = math.log(value / spread["median"]) if spread["logarithmic"] else value - spread["median"]
-    return away / float(spread["unit_step"])
-
-
 def _gate(spread: Any, rows: list[tuple[str, float, str]], out: set[tuple[str, str]], answers: Any) -> Strip:
     def place(away: float) -> float:
         return 50 + 48 * min(max(away / spread["limit"], -BEYOND), BEYOND) / BEYOND
 
-    away = {name: _deviation(spread, value) for name, value, _ in rows}
+    away = spread["deviations"]
     dots = [
         Dot(place(away[name]), _height(i), name, f"{name}: {away[name]:+.1f}", link, (name, spread["key"]) in out)
         for i, (name, _, link) in enumerate(rows)
     ]
     about = f"{spread['n']} rows, limit ±{spread['limit']:.1f}"
     marks = place(-spread["limit"]), place(spread["limit"])
-    low, middle, high = (place(_deviation(spread, spread[key])) for key in ("low", "median", "high"))
-    return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), low, middle, high, "", "", marks)
+    low, high = map(place, spread["middle_half"])
+    return Strip(title(answers, spread["key"]), spread["group"], about, _shown(dots), low, 50.0, high, "", "", marks)
 
 
 def _strip(

@@ -146,6 +146,14 @@ def table(done: Cohort) -> str:
     return text.getvalue()
 
 
+def _described(spread: Spread, done: Cohort) -> dict[str, Any]:
+    """A spread as result.json has it, with how many units every row, and the middle half of the rows, is from the median."""
+    values = {row.name: row.numbers[spread.key].value for row in done.rows if row.name in spread.rows}
+    away = {name: spread.deviation(value) for name, value in values.items()}
+    half = [spread.deviation(spread.low), spread.deviation(spread.high)]
+    return asdict(spread) | {"n": spread.n, "bounds": list(spread.bounds), "deviations": away, "middle_half": half}
+
+
 def summarise(done: Cohort) -> dict[str, Any]:
     """The cohort as result.json has it, but for the run itself."""
     known = {key: number for row in done.rows for key, number in row.numbers.items()}
@@ -185,7 +193,7 @@ def summarise(done: Cohort) -> dict[str, Any]:
                 for row in done.rows
             },
             "numbers": numbers,
-            "spreads": [asdict(spread) | {"n": spread.n, "bounds": list(spread.bounds)} for spread in done.spreads],
+            "spreads": [_described(spread, done) for spread in done.spreads],
             "outliers": [
                 {"row": each.row, "key": each.key, "value": each.value, "group": each.spread.group}
                 | {"deviation": each.deviation, "limit": each.spread.limit}
