@@ -71,6 +71,10 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
                 filter(None, (title(answers, spread["key"]), f"({spread['group']})" if spread["group"] else ""))
             )
             untested.setdefault(spread["untested"], []).append(name)
+    reasons = dict[tuple[str, str], dict[str, Any]]()
+    for name, row in answers["rows"].items():
+        if row["verdict"] != "ok":
+            reasons.setdefault((row["verdict"], row["reason"]), {})[name] = row
     return write_page(
         Path(path),
         "cohort.html",
@@ -79,6 +83,7 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
         conclusion=conclusion(result["checks"]),
         words=WORDS,
         rows=answers["rows"],
+        reasons=reasons,
         own=list(dict.fromkeys(column for row in answers["rows"].values() for column in row["about"])),
         numbers={key: title(answers, key) for key in answers["numbers"]},
         show=show,
