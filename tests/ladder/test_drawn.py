@@ -23,6 +23,7 @@ TOLERANCE = 0.1
 FAST = (*range(0, 80, 10), 6, 8, 12, 16, 155)
 """Seeds of cheap ones, and of a column under shear."""
 SLOW = range(200)
+FIRST_GUESSES = (12, 16, 155)
 RICHEST = {"mesh": "1"}
 """So that the richest model takes a few seconds."""
 ROLLERS = (Given(boundary="left", along="x"), Given(boundary="front", along="y"), Given(boundary="bottom", along="z"))
@@ -132,6 +133,27 @@ def test_answers_hold_what_they_state():
     found = [each for seed in FAST if (each := outcome(seed))]
     assert len(found) == len(FAST)
     check(found)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="climbs begin below what an expert would: start and order are to be chosen anew with the scene",
+)
+def test_an_answer_takes_hardly_more_unknowns_than_an_experts_first_guess():
+    """Elements of third order on the coarsest mesh, nothing left out; it meets the tolerance in all of these."""
+    dearer = []
+    for seed in FIRST_GUESSES:
+        scene = drawn(seed)
+        best = {name: axis.levels[-1] for name, axis in axes_of(scene, RICHEST).items()}
+        guess, keeper = Keeper(Bench(scene)), Keeper(Bench(scene))
+        first, truth = guess({**best, "mesh": "0", "order": "2"}), guess(best)
+        if np.abs(relative(first.answers, truth.answers)).max() > TOLERANCE:
+            raise ValueError("the first guess does not meet the tolerance")
+        climb(scene, RICHEST, keeper=keeper)
+        dearer.append(sum(found.ndof for found in keeper.kept.values()) / first.ndof)
+    print(dearer)
+    assert np.median(dearer) < 1.2
 
 
 @pytest.mark.slow
