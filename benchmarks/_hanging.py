@@ -15,7 +15,7 @@ from ngbrain.forward.loads import Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements
 from ngbrain.forward.positions import Positions
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
@@ -69,7 +69,7 @@ class Hanging:
     def _model(self, mesh: ngs.Mesh, form: str) -> Positions:
         nodes = Nodes(mesh)
         tissue = {".*": Material(NeoHooke(600.0), 3e4)}
-        body = Static(mesh, tissue, {"top": 0}, [Weight((0, -9810.0))], form=form)
+        body = Problem(mesh, tissue, {"top": 0}, [Weight((0, -9810.0))], element=form)
         model = StaticModel([Case(body, [Displacements(self.square)])], {"nodes": nodes}, steps=4)
         return Positions(model, "nodes", self.square)
 

@@ -1,4 +1,4 @@
-"""Relaxing tissue pressed by a plate: our stepping, and what one would write in plain NGSolve."""
+"""Problem tissue pressed by a plate: our stepping, and what one would write in plain NGSolve."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import Control, StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -60,14 +61,20 @@ def ours(
     """Our stepping; `keep` 0 renews the factorisation every iteration."""
     order, maxh = grid
     drive = Drive(protocol)
-    body = Body(block(SIZE, maxh), {"tissue": Material(LAW, BULK)}, "bottom", [plate(drive.parameter)], order)
+    body = Problem(
+        block(SIZE, maxh),
+        {"tissue": Material(LAW, BULK)},
+        {"bottom": 0},
+        contacts=[plate(drive.parameter)],
+        element=f"P{order}/P{order - 1}",
+    )
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
     newton = Newton(keep=keep, worth=round(9 * keep), max_factorisations=60)
-    transient = Transient(body, drive, control, 1e-3, newton)
+    transient = TimeStepper(body, drive, control, 1e-3, newton)
     rows = [(0.0, 0.0)]
 
-    def watch(b: Body, at: object, record: object) -> None:
+    def watch(b: Problem, at: object, record: object) -> None:
         rows.append((transient.progress.t, float(up.vec.FV().NumPy() @ b.contact_forces())))
 
     transient.run(watch)

@@ -32,7 +32,7 @@ from ngbrain.forward import implicit_solve
 from ngbrain.forward.implicit import Case, Equilibria, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import LinearElastic, NeoHooke
 
 Record = dict
@@ -63,7 +63,7 @@ def model(case: str, form: str, n: int) -> StaticModel:
     mu = ngs.GridFunction(ngs.L2(mesh, order=0))
     mu.vec.FV().NumPy()[:] = MU * (1 + 0.2 * np.random.default_rng(0).random(mesh.ne))
     material, moved = CASES[case]
-    body = Static(mesh, {".*": material(mu)}, {"bottom": 0, "top": moved}, form=form)
+    body = Problem(mesh, {".*": material(mu)}, {"bottom": 0, "top": moved}, element=form)
     line = (np.arange(8) + 0.5) / 8 * SIDE
     points = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
     return StaticModel([Case(body, [Displacements(points)])], {"mu": mu})
@@ -108,7 +108,7 @@ def measured(case: str, form: str, n: int, times: int) -> Iterator[Record]:
             "method": method,
             "case": case,
             "form": form,
-            "order": each.body.form.order,
+            "order": each.body.element.order,
             "tetrahedra": each.body.mesh.ne,
             "ndof": each.body.fes.ndof,
             "forward_s": forward,

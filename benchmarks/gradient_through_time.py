@@ -22,8 +22,9 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.step_forms import Parameter
 from ngbrain.forward.through_time import Replayed, RunModel
@@ -86,7 +87,9 @@ def pressed(
     drive = Drive(PRESS)
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
     readings = [Force("top"), Displacements(POINTS)]
-    return RunModel(Body(mesh, materials, "bottom", [plate]), drive, times, p, readings, **how)
+    return RunModel(
+        Problem(mesh, materials, {"bottom": 0}, contacts=[plate], element="P2/P1"), drive, times, p, readings, **how
+    )
 
 
 def cost(

@@ -24,8 +24,9 @@ from _command import main
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.errors import CollapseWarning, SolverError, StabilityWarning
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Deformation, constants
 from ngbrain.surgery.injury import von_mises
 from ngbrain.tensors import deformation_gradient
@@ -75,17 +76,17 @@ def slab(cells: float, hexes: bool) -> ngs.Mesh:
     )
 
 
-def pushed(form: str, cells: float, nu: float, way: float) -> Static:
+def pushed(form: str, cells: float, nu: float, way: float) -> Problem:
     """The slab, not yet solved."""
     law = constants("griffiths2024:white_matter").law().equilibrium
     held = {"front|right|bottom": 0, "left": (None, 0, None), "back": (way * SHAPE, None, None)}
     material = {".*": Material(law, ratio(nu) * law.mu)}
-    return Static(slab(cells, form.startswith("Q")), material, held, form=form)
+    return Problem(slab(cells, form.startswith("Q")), material, held, element=form)
 
 
-def stress(body: Static) -> tuple[float, float]:
+def stress(body: Problem) -> tuple[float, float]:
     """Mean and 95th percentile (Pa) of the von Mises stress under the strip and `SITE` around."""
-    points = body.mesh.MapToAllElements(body.rules, ngs.VOL)
+    points = body.mesh.MapToAllElements(body.tissue.rules, ngs.VOL)
     F = deformation_gradient(body.u).MakeVariable()
     (material,) = body.materials.values()
     P = material.energy(Deformation.of(F), body.p).Diff(F)
@@ -93,7 +94,7 @@ def stress(body: Static) -> tuple[float, float]:
         np.asarray(f(points))
         for f in (ngs.CF((ngs.x, ngs.y, ngs.z)), ngs.Norm(ngs.Det(ngs.specialcf.JacobianMatrix(3))))
     )
-    (rule,) = body.rules.values()
+    (rule,) = body.tissue.rules.values()
     near = (x[:, 0] < SITE) & (x[:, 1] < HALF_WIDTH + SITE) & (x[:, 2] > SIZE[2] - DEEP - SITE)
     weights = (np.tile(np.array(rule.weights), body.mesh.ne) * volume.ravel())[near]
     values = von_mises(*(np.asarray(f(points)).reshape(-1, 3, 3)[near] for f in (F, P)))
@@ -108,12 +109,12 @@ def solved(form: str, cells: float, nu: float, way: float) -> dict:
     body = pushed(form, cells, nu, way)
     of = {
         "method": f"ngbrain:{form}" if "/" in form else f"{form} alone",
-        "order": body.form.order,
+        "order": body.element.order,
         "ndof": body.fes.ndof,
     }
     of |= {"cells_mm": cells, "nu": nu, "way_mm": 1e3 * way}
     try:
-        record = body.solve(steps=LOAD_STEPS[way])
+        record = LoadPath(body).solve(steps=LOAD_STEPS[way])
     except SolverError as error:
         return of | {
             "converged": False,

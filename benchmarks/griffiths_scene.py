@@ -99,7 +99,7 @@ def held(model: Model, protocol: Protocol, control: Control | None) -> dict:
     """One run: a record of how it went; `reached_mm` is where a run that fails ends."""
     start = time.process_time()
     run = ProtocolRun(model, protocol, None, control=control)
-    record: dict[str, Any] = {"ndof": run.transient.body.fes.ndof, "a_side_mm": 500 * max(protocol.advance)}
+    record: dict[str, Any] = {"ndof": run.transient.problem.fes.ndof, "a_side_mm": 500 * max(protocol.advance)}
     of: dict[str, dict] = {}
     try:
         for end, name in zip(protocol.times[1:], ("stress_opened_Pa", "stress_end_Pa"), strict=True):

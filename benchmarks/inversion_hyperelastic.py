@@ -28,7 +28,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Unknown
@@ -78,7 +78,7 @@ class Block:
     def model(self, mesh: ngs.Mesh, mu: ngs.CoefficientFunction, form: str, parameters: dict) -> StaticModel:
         """Of both loads."""
         made = {".*": Material(NeoHooke(mu), BULK)}
-        bodies = [Static(mesh, made, supports, form=form) for supports in self.loads]
+        bodies = [Problem(mesh, made, supports, element=form) for supports in self.loads]
         return StaticModel(
             [Case(body, [Displacements(self.grid), Force("top")]) for body in bodies], parameters, steps=2
         )

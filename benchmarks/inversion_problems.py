@@ -40,7 +40,7 @@ from ngbrain.errors import ConvergenceError
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
@@ -135,7 +135,7 @@ class Loaded:
     def model(self, mesh: ngs.Mesh, material: Material, names: Sequence[str], form: str, of: dict) -> StaticModel:
         """Under some of the loads."""
         seen = [Displacements(lattice(self.points, self.dim)), Force("top")]
-        bodies = [Static(mesh, {".*": material}, {"bottom": 0, "top": self.loads[n]}, form=form) for n in names]
+        bodies = [Problem(mesh, {".*": material}, {"bottom": 0, "top": self.loads[n]}, element=form) for n in names]
         return StaticModel([Case(body, seen) for body in bodies], of, steps=2)
 
     def measured(

@@ -30,8 +30,9 @@ from _front import figure
 from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 
 from ngbrain.errors import NgbrainError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.through_time import RunModel
 from ngbrain.inverse.found import Found
@@ -70,7 +71,7 @@ COARSE, FINE = Grid("2.5 mm", 2.5e-3, 2.5e-3), Grid(".15 mm", 1.25e-3, 0.15e-3)
 
 
 @dataclass(frozen=True)
-class Problem:
+class Case:
     """What is looked for: tissues of given parameters, truth, start; `heights` of layers, as parts of the cube's half."""
 
     tissues: Callable[[Mapping[str, ngs.Parameter]], dict[str, Law | Viscous]]
@@ -87,19 +88,19 @@ class Problem:
 
 
 PROBLEMS = {
-    "Prony terms": Problem(
+    "Prony terms": Case(
         lambda p: {"tissue": Prony(NeoHooke(p["mu"]), [p["fast"], p["slow"]], [p["tau_fast"], p["tau_slow"]])},
         {"mu": 900.0, "fast": 0.35, "tau_fast": 1.5, "slow": 0.3, "tau_slow": 20.0},
         {"mu": 1500.0, "fast": 0.15, "tau_fast": 4.0, "slow": 0.15, "tau_slow": 50.0},
         {"fast": Bounded(0.0, 0.5), "slow": Bounded(0.0, 0.5)},
     ),
-    "spring and dashpot": Problem(
+    "spring and dashpot": Case(
         lambda p: {"tissue": Viscous(NeoHooke(p["rest"]), (Maxwell(NeoHooke(p["spring"]), p["eta"]),))},
         {"rest": 300.0, "spring": 700.0, "eta": 4000.0},
         {"rest": 800.0, "spring": 300.0, "eta": 1500.0},
         {},
     ),
-    "two regions": Problem(
+    "two regions": Case(
         lambda p: {name: Prony(NeoHooke(mu), [0.5], [5.0]) for name, mu in p.items()},
         {"low": 1200.0, "high": 500.0},
         {"low": 500.0, "high": 1200.0},
@@ -127,7 +128,7 @@ def eighth(names: list[str], heights: tuple[float, ...], grid: Grid) -> ngs.Mesh
     return ngs.Mesh(OCCGeometry(shape).GenerateMesh(maxh=grid.maxh, grading=0.4))
 
 
-def model(problem: Problem, values: Numbers, grid: Grid) -> RunModel:
+def model(problem: Case, values: Numbers, grid: Grid) -> RunModel:
     """The run; the plane that presses is that of symmetry."""
     p = {name: ngs.Parameter(value) for name, value in values.items()}
     tissues, drive = problem.tissues(p), Drive(PRESS)
@@ -135,7 +136,7 @@ def model(problem: Problem, values: Numbers, grid: Grid) -> RunModel:
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], PENALTY, SOFT)
     films = [Sliding.on(mesh, wall, FILM) for wall in ("left", "front")]
     materials = {name: Material(law, BULK) for name, law in tissues.items()}
-    body = Body(mesh, materials, "bottom", [plate, *films], grid.order)
+    body = Problem(mesh, materials, {"bottom": 0}, contacts=[plate, *films], element=f"P{grid.order}/P{grid.order - 1}")
     readings = [Force("top")] if problem.whole else [Force("top"), Displacements(POINTS)]
     return RunModel(body, drive, np.concatenate([[0.0], grid.times]), p, readings, problem.seen)
 

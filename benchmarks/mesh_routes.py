@@ -22,8 +22,9 @@ import scipy.sparse.linalg as sparse
 from _command import main
 
 from ngbrain.errors import require
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
@@ -67,8 +68,8 @@ def press(mesh: ngs.Mesh, mu: ngs.CoefficientFunction, site: np.ndarray, inwards
     motion = ngs.exp(-away / RADIUS**2) * ngs.CF(tuple(inwards))
     outer = "skull|outer_.*"
     material = {".*": Material(NeoHooke(mu), BULK * mu)}
-    body = Static(mesh, material, {outer: DENT * motion}, form="P2")
-    body.solve()
+    body = Problem(mesh, material, {outer: DENT * motion}, element="P2")
+    LoadPath(body).solve()
     force = body.conjugate(motion, outer)
     area = ngs.Integrate(ngs.exp(-away / RADIUS**2), mesh, ngs.BND, definedon=mesh.Boundaries(outer))
     F = ngs.Id(3) + ngs.Grad(body.u)

@@ -25,10 +25,11 @@ from _command import main
 from scipy.optimize import brentq
 
 from ngbrain.errors import RangeWarning, SolverError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column, Course, dose_left
@@ -210,14 +211,20 @@ def blocks(tolerance: float, strain: float = 0.1) -> Values:
         protocol = protocol or Protocol("rests", whole.times, tuple(np.array(whole.advance) * strain * size / OPENING))
         drive = Drive(protocol)
         plate = Contact("top", lambda x, drive=drive: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
-        body = Body(block((size,) * 3, 0.01), {"tissue": Material(entry.law(), 1000 * mu)}, "bottom", [plate], 2)
+        body = Problem(
+            block((size,) * 3, 0.01),
+            {"tissue": Material(entry.law(), 1000 * mu)},
+            {"bottom": 0},
+            contacts=[plate],
+            element="P2/P1",
+        )
         t, pressure, total = [0.0], [0.0], plate.pressure(body.u) * plate.measure()
 
-        def watch(b: Body, at: Any, record: object, t: list = t, p: list = pressure, total: Any = total) -> None:
+        def watch(b: Problem, at: Any, record: object, t: list = t, p: list = pressure, total: Any = total) -> None:
             t.append(at.t)
             p.append(ngs.Integrate(total, b.mesh) / size**2)
 
-        Transient(body, drive, ErrorControl(tolerance, touch=0.05), 1e-3).run(watch)
+        TimeStepper(body, drive, ErrorControl(tolerance, touch=0.05), 1e-3).run(watch)
         found.append(Course(np.array(t), np.zeros(len(t)), np.array(pressure), protocol.times))
     one, many = found
     peaks = many.peaks() / one.pressure.max()

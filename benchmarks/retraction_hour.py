@@ -65,7 +65,7 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
         "method": "ngbrain:transient",
         "protocol": protocol.name,
         "order": on.scene.body.order,
-        "ndof": run.transient.body.fes.ndof,
+        "ndof": run.transient.problem.fes.ndof,
         "converged": True,
         "wall_s": time.perf_counter() - clock,
         "cpu_s": time.process_time() - processors,

@@ -77,7 +77,7 @@ def held(on: Model, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
         "near_mm": sizes[1],
         "far_mm": sizes[2],
         "order": body.order,
-        "ndof": run.transient.body.fes.ndof,
+        "ndof": run.transient.problem.fes.ndof,
         "converged": True,
         "cpu_s": time.process_time() - started,
         "threads": 1,

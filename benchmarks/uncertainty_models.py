@@ -26,13 +26,12 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Force as Pressed
-from ngbrain.forward.static import Static
 from ngbrain.forward.through_time import RunModel
 from ngbrain.inverse.curvature import Metric
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
@@ -66,7 +65,7 @@ def large_strain() -> tuple[StaticModel, dict[str, Unknown]]:
     points = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     cases = []
     for top in ((0.0, -0.15 * SIDE), (0.2 * SIDE, 0.0)):
-        body = Static(mesh, {".*": Material(Ogden(mu, alpha), 5e4)}, {"bottom": 0, "top": top}, form="P2/P1")
+        body = Problem(mesh, {".*": Material(Ogden(mu, alpha), 5e4)}, {"bottom": 0, "top": top}, element="P2/P1")
         cases.append(Case(body, [Displacements(points), Force("top")]))
     unknowns = {"mu": Unknown(mu.vec.FV().NumPy().copy(), Log()), "alpha": Unknown(ALPHA, Scaled(-ALPHA))}
     return StaticModel(cases, {"mu": mu, "alpha": alpha}), unknowns
@@ -78,7 +77,7 @@ def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
     p = {"mu": ngs.Parameter(MU), "g": ngs.Parameter(0.5), "tau": ngs.Parameter(3.0)}
     tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
     plate = Contact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)
-    body = Body(block((side,) * 3, side), {"tissue": tissue}, "bottom", [plate])
+    body = Problem(block((side,) * 3, side), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     times = np.concatenate([np.linspace(0, 4, 6), 4 + np.geomspace(0.5, 36, 9)])
     return RunModel(body, drive, times, p, [Pressed("top")]), {name: Unknown(q.Get(), Log()) for name, q in p.items()}
 

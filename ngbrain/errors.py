@@ -79,6 +79,8 @@ class Failure(StrEnum):
     INVERTED = "inverted element"
     SINGULAR = "singular matrix"
     NOT_FINITE = "not finite"
+    PENETRATION = "penetration"
+    INACCURATE = "error over the tolerance"
 
 
 class Breakdown(SolverError, FloatingPointError):
@@ -103,7 +105,8 @@ def gave_up(message: str, kind: Failure | None) -> SolverError:
     >>> gave_up("it folds", Failure.INVERTED)
     InvertedElementError('it folds')
     """
-    return (InvertedElementError if kind is Failure.INVERTED else ConvergenceError)(message)
+    kinds = {Failure.INVERTED: InvertedElementError, Failure.PENETRATION: ContactError}
+    return kinds.get(kind, ConvergenceError)(message)
 
 
 class ContactError(SolverError):

@@ -3,11 +3,12 @@
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.friction import Friction
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -46,7 +47,9 @@ def on_a_rail(drag, coefficient, share=0.0, maxh=SIDE):
     mesh, contact = block((SIDE,) * 3, maxh), drag.contact(share=share)
     rail = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "front")]
     spring, friction = Sliding.on(mesh, "left", SPRING), drag.friction(contact, coefficient)
-    return Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [contact, friction, *rail, spring], modulus=MU)
+    return Problem(
+        mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[contact, friction, *rail, spring], element="P2/P1"
+    )
 
 
 def even(dt):
@@ -56,7 +59,7 @@ def even(dt):
 
 def transient(body, drag, dt, **newton):
     """A run in even steps."""
-    return Transient(body, drag, even(dt), 1e-3, Newton(**{"rtol": 1e-7, **newton}))
+    return TimeStepper(body, drag, even(dt), 1e-3, Newton(**{"rtol": 1e-7, **newton}))
 
 
 def forces(body):

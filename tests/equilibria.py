@@ -9,9 +9,10 @@ from statics import square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.implicit import Case, StaticModel
+from ngbrain.forward.load_path import newton_for
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force, Functional
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import (
     Compressible,
     Demiray,
@@ -124,13 +125,13 @@ def model(law=NeoHooke, kind="field", form="P2", mesh=None):
 
     bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
     down = {"bottom": 0, "top": (0.006, *[0.002] * (mesh.dim - 2), -0.012)}
-    body = Static(mesh, {".*": Material(LAWS[law](parameter), bulk)}, down, form=form)
+    body = Problem(mesh, {".*": Material(LAWS[law](parameter), bulk)}, down, element=form)
     return StaticModel([Case(body, seen(mesh.dim))], parameters, tight(body))
 
 
 def tight(body):
     """Newton's method to round-off."""
-    return body.newton(rtol=1e-12, xtol=1e-12)
+    return newton_for(body, rtol=1e-12, xtol=1e-12)
 
 
 def directions(of, rng):

@@ -4,9 +4,10 @@ import ngsolve as ngs
 from statics import square
 
 from ngbrain.forward.elements import Form
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import Weight
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import LinearElastic
 from ngbrain.solvers.newton import Newton
 
@@ -28,8 +29,8 @@ def moved(n, form, nu):
     alone = isinstance(form, str) and Form.named(form).pressure is None
     material = Material(LinearElastic(1.0, lam), 0.0) if alone else Material(LinearElastic(1.0), lam)
     weight = Weight(((ALONE if alone else AMPLITUDE) * WEIGHT).Compile())
-    body = Static(square(n), {".*": material}, {".*": 0}, [weight], form=form)
-    body.solve(newton=Newton(rtol=1e-6, xtol=1e-7))
+    body = Problem(square(n), {".*": material}, {".*": 0}, [weight], element=form)
+    LoadPath(body).solve(newton=Newton(rtol=1e-6, xtol=1e-7))
     return body
 
 

@@ -5,7 +5,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 
 LENGTH, RADIUS = 0.02, 0.005
 
@@ -44,10 +44,10 @@ def turned(body):
 
 def stored(body):
     """Energy (J) of the tissue."""
-    weight = body._weight.Get()
-    body._weight.Set(0.0)
+    weight = body.inertia._weight.Get()
+    body.inertia._weight.Set(0.0)
     energy = body.form.Energy(body.gfu.vec)
-    body._weight.Set(weight)
+    body.inertia._weight.Set(weight)
     return energy
 
 
@@ -58,7 +58,7 @@ def even(dt):
 
 def swing(body, end, control, look):
     """The run, and time and what `look(body)` tells (a sequence) after each step."""
-    transient = Transient(body, Undriven(end), control, 1.0)
+    transient = TimeStepper(body, Undriven(end), control, 1.0)
     rows = []
     transient.run(lambda b, at, record: rows.append((at.t, *look(b))))
     return transient, np.array(rows)

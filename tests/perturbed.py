@@ -62,8 +62,8 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     from ngbrain.forward.harmonic import Harmonic
     from ngbrain.forward.history import History
     from ngbrain.forward.inertia import GeneralizedAlpha
-    from ngbrain.forward.static import Static
-    from ngbrain.forward.transient import Transient
+    from ngbrain.forward.problem import Problem
+    from ngbrain.forward.time_stepper import TimeStepper
     from ngbrain.materials.lab.relaxing import _March
     from ngbrain.parallel import processes
     from ngbrain.surgery.protocols import Protocol
@@ -80,7 +80,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
                 points[:] = moved(points, seed, together=True)
         original(self, *args)
 
-    def load(body: Static, original: Callable[..., Any], x: np.ndarray, t: float) -> np.ndarray:
+    def load(body: Problem, original: Callable[..., Any], x: np.ndarray, t: float) -> np.ndarray:
         x = original(body, x, t)
         body.factor.Set(one(t))
         given = np.flatnonzero(body.held)
@@ -96,9 +96,9 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
 
     for owner, names, by in (
         (ngs.Mesh, ["__init__"], make),
-        (Static, ["load"], load),
+        (Problem, ["load"], load),
         (Harmonic, ["_prescribed", "pushed"], answer),
-        (Transient, ["_propose"], answer),
+        (TimeStepper, ["_propose"], answer),
         (Protocol, ["at"], answer),
         (Press, ["at"], answer),
         (History, ["begin"], last),

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.transient import Transient
+from ngbrain.errors import Failure
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
 
 PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
@@ -20,7 +21,7 @@ def force(body):
 
 def run(body, drive, control, **kwargs):
     """The run, and time, force and gap after each step."""
-    transient = Transient(body, drive, control, 1e-3, **kwargs)
+    transient = TimeStepper(body, drive, control, 1e-3, **kwargs)
     rows = []
     transient.run(lambda b, at, record: rows.append((at.t, force(b), b.min_gap())))
     return transient, np.array(rows)
@@ -33,12 +34,13 @@ class Failing(Newton):
     at: tuple[int, ...] = ()
     attempts: int = 0
     why: str = "given up"
+    kind: Failure = Failure.STALLED
     begun: list = field(default_factory=list)
 
     def solve(self, system, x):
         self.begun.append(x.copy())
         x, record = super().solve(system, x)
         if self.attempts in self.at:
-            record.converged, record.reason, self.inverse = False, self.why, None
+            record.converged, record.reason, record.failure, self.inverse = False, self.why, self.kind, None
         self.attempts += 1
         return x, record

@@ -6,9 +6,10 @@ import ngsolve as ngs
 import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.loads import Spring, Traction, Weight
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.through_time import RunModel
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
@@ -140,7 +141,14 @@ def model(kind="relaxing", grid=GRID, **options):
     drive = Drive(protocol)
     acts = contacts(drive)
     on_walls = [each for each in acts if isinstance(each, (Contact, Sliding))]
-    body = Body(mesh, materials, "bottom", on_walls, loads=[each for each in acts if each not in on_walls])
+    body = Problem(
+        mesh,
+        materials,
+        {"bottom": 0},
+        [each for each in acts if each not in on_walls],
+        contacts=on_walls,
+        element="P2/P1",
+    )
     return RunModel(body, drive, grid, parameters, SEEN, **options)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.solvers.newton import Newton
 
@@ -37,7 +37,7 @@ def cube(n, hexes=False, steepness=0.0, size=SIDE):
 
 def bonded(mesh, form="P2/P1", press=0.2):
     """A cube between plates that do not slide, sides free."""
-    return Static(mesh, CUBE, {"bottom": 0, "top": (0, 0, -press * SIDE)}, form=form)
+    return Problem(mesh, CUBE, {"bottom": 0, "top": (0, 0, -press * SIDE)}, element=form)
 
 
 CORNERS = np.array([(0, 0), (48, 44), (48, 60), (0, 44)], float)

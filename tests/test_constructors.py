@@ -5,7 +5,7 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Demiray, MooneyRivlin, NeoHooke, Prony, Shearing
 from ngbrain.mesh import Sizes, block, cleft_to
 from ngbrain.mesh.grid import boxes, rectangles
@@ -72,4 +72,4 @@ def test_an_energy_is_a_function_of_stretch(energy):
     """A float has no derivative: `AttributeError` once."""
     law = type("Mine", (), {"energy": staticmethod(energy)})()
     with pytest.raises(InputError, match=r"Mine\.energy.*W in Pa|an initial|law"):
-        Static(block((0.1, 0.1, 0.1), 0.1), {".*": Material(law, 1e5)}, {"bottom": 0}, form="P1")
+        Problem(block((0.1, 0.1, 0.1), 0.1), {".*": Material(law, 1e5)}, {"bottom": 0}, element="P1")

@@ -10,7 +10,7 @@ from ngbrain.errors import InputError
 from ngbrain.expressions import LONGEST, MOST, ways
 from ngbrain.forward.loads import Traction
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.scene import Tissue
@@ -86,4 +86,4 @@ def test_bodies_refuse_what_would_take_minutes(part):
     supports = {"bottom": 0} | ({endless: 0} if part == "support" else {})
     loads = [Traction(endless if part == "load" else "top", (0, 0, 1.0))]
     with pytest.raises(InputError, match="at most four repeats"):
-        Static(mesh, materials, supports, loads)
+        Problem(mesh, materials, supports, loads)

@@ -14,7 +14,7 @@ from perturbed import DRAWN, moved
 from ngbrain import parallel
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.material import Material
-from ngbrain.forward.relaxing import Relaxing
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles
@@ -48,7 +48,7 @@ def of_a_mesh():
 
 def relaxing():
     tissue = {".*": Material(Prony(NeoHooke(1e3), [0.5], [1.0]), 1e5)}
-    return Relaxing(block((0.1, 0.1, 0.1), 0.1), tissue, {"bottom": 0, "top": (0, 0.1, -0.3)}, form="P2/P1")
+    return Problem(block((0.1, 0.1, 0.1), 0.1), tissue, {"bottom": 0, "top": (0, 0.1, -0.3)}, element="P2/P1")
 
 
 def of_loads():

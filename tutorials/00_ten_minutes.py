@@ -15,10 +15,11 @@ import numpy as np
 from ngsolve import TaskManager
 
 import ngbrain
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony, constants
 from ngbrain.mesh import block, load
 from ngbrain.surgery.protocols import Drive, continuous
@@ -66,8 +67,12 @@ def press(law, initial_modulus):
     """Force over time of a plate that goes 2 mm into a 20 mm block in 2 s and stays for a minute."""
     drive = Drive(continuous(2e-3, 2.0, 62.0))
     plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty=2e5 * initial_modulus, softness=2e-5)
-    body = Body(
-        block((0.02,) * 3, 0.02 if FAST else 0.01), {"tissue": Material(law, 1000 * initial_modulus)}, "bottom", [plate]
+    body = Problem(
+        block((0.02,) * 3, 0.02 if FAST else 0.01),
+        {"tissue": Material(law, 1000 * initial_modulus)},
+        {"bottom": 0},
+        contacts=[plate],
+        element="P2/P1",
     )
     t, force = [0.0], [0.0]
 
@@ -78,7 +83,7 @@ def press(law, initial_modulus):
         force.append(Integrate(plate.pressure(body.u) * plate.measure(), body.mesh))
 
     with TaskManager():
-        Transient(body, drive, StepControl(contact_dt=0.5), penetration_limit=1e-3).run(watch)
+        TimeStepper(body, drive, StepControl(contact_dt=0.5), penetration_limit=1e-3).run(watch)
     return np.array(t), np.array(force)
 
 

@@ -13,7 +13,8 @@ import ngsolve as ngs
 import numpy as np
 
 import ngbrain
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.bonded import Bonded
 from ngbrain.materials import (
     CATALOGUE,
@@ -113,7 +114,7 @@ print(
     "mine:", {key: round(value) for key, value in mine.parameters.items()}, {k: round(r, 3) for k, r in mine.r2.items()}
 )
 relaxing = Prony(mine.law, g=[0.45, 0.365], tau=[0.5, 50.0])
-body = Body(block((0.02,) * 3, 0.01), {"tissue": Material(relaxing, bulk=1e6)}, fixed="bottom")
+body = Problem(block((0.02,) * 3, 0.01), {"tissue": Material(relaxing, bulk=1e6)}, {"bottom": 0}, element="P2/P1")
 body.u.Set(ngs.CF((0, 0, -0.1 * ngs.z)))
 body.begin(1.0)
 print(f"largest nodal force, pressed by a tenth: {1e3 * np.abs(body.tissue_forces()).max():.1f} mN")

@@ -17,9 +17,10 @@ from ngsolve.meshes import MakeStructured2DMesh
 import ngbrain
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import block
 
@@ -35,10 +36,10 @@ tissue = {".*": Material(NeoHooke(1e3), bulk=1e5)}  # K/μ = 100
 cube = block((0.1, 0.1, 0.1), 0.05)
 wave = ngs.cos(ngs.pi * ngs.x / 0.1) * ngs.cos(ngs.pi * ngs.y / 0.1)
 rollers = {"left|right": (0, None, None), "front|back": (None, 0, None), "bottom": 0}
-body = Static(cube, tissue, rollers | {"top": (0, 0, -0.01 * wave)})
-record = body.solve()
+body = Problem(cube, tissue, rollers | {"top": (0, 0, -0.01 * wave)})
+record = LoadPath(body).solve()
 force = body.conjugate(ngs.CF((0, 0, wave)), "top")
-print(f"{record.form}\n{record.solver}\nforce {force:.5f} N (reference -2.25017), det F > {record.min_det_F:.3f}")
+print(f"{record.element}\n{record.solver}\nforce {force:.5f} N (reference -2.25017), det F > {record.min_det_F:.3f}")
 assert abs(force / -2.250171 - 1) < 1e-3
 
 # %% [markdown]
@@ -46,10 +47,10 @@ assert abs(force / -2.250171 - 1) < 1e-3
 # quadratic elements are chosen. The whole way is asked for in one step; were it too long, it would be cut.
 
 # %%
-clamped = Static(cube, tissue, {"bottom": 0, "top": (0, 0, -0.02)})
+clamped = Problem(cube, tissue, {"bottom": 0, "top": (0, 0, -0.02)})
 record = clamped.solve()
 print(
-    f"{record.form}; {record.tried} Newton iterations, {record.cuts} cuts, {record.work.factorisations} factorisations"
+    f"{record.element}; {record.tried} Newton iterations, {record.cuts} cuts, {record.work.factorisations} factorisations"
 )
 print("force", clamped.force("top").round(3), "N;", {phase: f"{s:.2f} s" for phase, s in record.seconds.items()})
 
@@ -60,7 +61,7 @@ print("force", clamped.force("top").round(3), "N;", {phase: f"{s:.2f} s" for pha
 # %%
 for form in ("P2/P2", "P2/L2(0)"):
     try:
-        Static(cube, tissue, {"bottom": 0}, form=form)
+        Problem(cube, tissue, {"bottom": 0}, element=form)
     except InputError as error:
         print(error)
 
@@ -69,9 +70,8 @@ for form in ("P2/P2", "P2/L2(0)"):
 # Dead tractions, weights, springs, pressures that follow the surface, cavities by their pressure or by their volume.
 
 # %%
-held = Static(cube, tissue, {"left|right": (0, None, None), "front|back": (None, 0, None)},
-              [Spring("bottom", 1e5), Traction("top", (0, 0, -50.0))], form="P2/P1")  # fmt: skip
-held.solve()
+held = Problem(cube, tissue, {"left|right": (0, None, None), "front|back": (None, 0, None)}, [Spring("bottom", 1e5), Traction("top", (0, 0, -50.0))], element="P2/P1")  # fmt: skip
+LoadPath(held).solve()
 sunk = 1e3 * held.u(cube(0.05, 0.05, 0.0))[2]
 print(f"on springs of 100 kPa/m under 50 Pa: {sunk:.4f} mm (-50/1e5 m)")
 
@@ -94,8 +94,8 @@ stretches = np.array([1.2, 1.5, 1.7, 1.8, 1.9, 2.0, 2.5])
 pressures = []
 for stretch in stretches:
     load = CavityVolume("cavity", half * (stretch**3 - 1))
-    sphere = Static(mesh, rubber, symmetry, [load], form="P4/P3", kinematics=Axisymmetric())
-    sphere.solve()
+    sphere = Problem(mesh, rubber, symmetry, [load], element="P4/P3", kinematics=Axisymmetric())
+    LoadPath(sphere).solve()
     pressures.append(sphere.cavity_pressures()[0])
 outer = (1 + (stretches**3 - 1) / 8) ** (1 / 3)
 exact = ((4 / outer + outer**-4) - (4 / stretches + stretches**-4)) / 2
@@ -112,9 +112,9 @@ axes.set(xlabel="stretch of the cavity", ylabel="pressure / μ", title="A hollow
 axes.legend(frameon=False)
 plt.show()
 
-blown = Static(mesh, rubber, symmetry, [CavityPressure("cavity", 0.85)], form="P4/P3", kinematics=Axisymmetric())
+blown = Problem(mesh, rubber, symmetry, [CavityPressure("cavity", 0.85)], element="P4/P3", kinematics=Axisymmetric())
 try:
-    blown.solve()
+    LoadPath(blown).solve()
 except ConvergenceError as error:
     print("as pressure:", error)
     assert error.record.factor * 0.85 < 0.8165
@@ -127,8 +127,8 @@ except ConvergenceError as error:
 column = MakeStructured2DMesh(quads=True, nx=2, ny=30, mapping=lambda x, y: (x, 30 * y))
 euler = 4 * np.pi**2 / 12 / 30**2
 for share in (0.9, 1.1):
-    pressed = Static(column, rubber, {"bottom": 0, "top": (0, -share * euler * 30)}, form="P3/P2")
-    pressed.solve()
+    pressed = Problem(column, rubber, {"bottom": 0, "top": (0, -share * euler * 30)}, element="P3/P2")
+    LoadPath(pressed).solve()
     print(f"{share:.1f} of Euler's load: smallest eigenvalue {pressed.softest()[0]:+.2e} Pa/m²")
 
 # %% [markdown]
@@ -154,8 +154,8 @@ for _ in range(5):
 cook = {".*": Material(UnsplitNeoHooke(80.194), bulk=400889.806, change=squared_log)}
 rises = {}
 for form in ("P1", "P2", "P2/P1", "P4/P3"):
-    body = Static(mesh, cook, {"left": 0}, [Traction("right", (0, 6.25))], form=form)
-    record = body.solve()
+    body = Problem(mesh, cook, {"left": 0}, [Traction("right", (0, 6.25))], element=form)
+    record = LoadPath(body).solve()
     rises[form] = body.u(mesh(48, 60))[1]
     print(f"{form:<6} {body.fes.ndof:6d} unknowns, {record.tried:3d} Newton iterations: {rises[form]:.4f} mm")
 

@@ -60,7 +60,7 @@ def opened(blade):
     seconds, way = scene.retraction.ramp, scene.retraction.opening
     run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic(seconds))
     run.run(lambda *_: None)
-    return Observer(run.body, model.blades, scene.support.fixed)(seconds, way, 1.0)
+    return Observer(run.problem, model.blades, scene.support.fixed)(seconds, way, 1.0)
 
 
 read = {name: opened(blade) for name, blade in blades.items()}

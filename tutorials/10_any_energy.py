@@ -21,13 +21,12 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Force as ForceOverTime
-from ngbrain.forward.static import Static
 from ngbrain.forward.through_time import RunModel
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import NeoHooke, Prony
@@ -63,7 +62,7 @@ def pressed(mesh, law, form="P2/P1"):
     """A block between plates: pressed by 15 %, and sheared by 20 %."""
     tissue = {".*": Material(law, bulk=5e4)}
     down, aside = (0.0,) * (mesh.dim - 1) + (-0.015,), (0.02,) + (0.0,) * (mesh.dim - 1)
-    return [Static(mesh, tissue, {"bottom": 0, "top": way}, form=form) for way in (down, aside)]
+    return [Problem(mesh, tissue, {"bottom": 0, "top": way}, element=form) for way in (down, aside)]
 
 
 def grid(n):
@@ -202,7 +201,13 @@ def relaxing(values):
     drive = Drive(Protocol("press", (0.0, 2.0, 24.0), (0.0, 1e-3, 1e-3)))
     plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = Prony(NeoHooke(parameters["mu"]), [parameters["g"]], [parameters["tau"]])
-    body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": Material(law, 1e6)}, "bottom", [plate])
+    body = Problem(
+        block((0.02, 0.02, 0.02), 0.02),
+        {"tissue": Material(law, 1e6)},
+        {"bottom": 0},
+        contacts=[plate],
+        element="P2/P1",
+    )
     return RunModel(body, drive, [0.0, *times], parameters, [ForceOverTime("top")])
 
 

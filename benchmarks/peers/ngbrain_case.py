@@ -8,9 +8,10 @@ from ngsolve_plain import domain, wave
 
 import ngbrain
 from ngbrain.errors import ConvergenceError, InvertedElementError
-from ngbrain.forward.body import Material
+from ngbrain.forward.load_path import LoadPath, newton_for
 from ngbrain.forward.loads import Traction
-from ngbrain.forward.static import Static
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke
 from ngbrain.materials.volumetric import squared_log
 from ngbrain.solvers.record import PathRecord
@@ -19,25 +20,25 @@ from ngbrain.threads import set_threads
 LABELS = {"residual": "assemble"}
 
 
-def body_of(task: c.Task) -> Static:
+def body_of(task: c.Task) -> Problem:
     """A case's body."""
     mesh, form = domain(task), task.element.key
     if task.case == "cook":
         tissue = Material(UnsplitNeoHooke(c.COOK_MU), c.COOK_K, change=squared_log)
-        return Static(mesh, {".*": tissue}, {"left": 0}, [Traction("right", (0, c.TRACTION))], form=form)
+        return Problem(mesh, {".*": tissue}, {"left": 0}, [Traction("right", (0, c.TRACTION))], element=form)
     supports = {}
     if task.case == "smooth":
         supports |= {"back|front": (0, None, None), "left|right": (None, 0, None)}
     push = c.WAVE if task.case == "smooth" else c.PRESS
     supports |= {"bottom": 0, "top": (0, 0, push * wave(task.case))}
-    return Static(mesh, {".*": Material(NeoHooke(c.MU), c.K)}, supports, form=form)
+    return Problem(mesh, {".*": Material(NeoHooke(c.MU), c.K)}, supports, element=form)
 
 
 def work(record: PathRecord) -> dict:
     """What a solve took."""
     found = {"ndof": record.ndof, "newton": record.tried, "factorisations": record.work.factorisations}
     found |= {"steps": len(record.steps), "cuts": record.cuts, "min_det_F": record.min_det_F}
-    return found | {"form": record.form, "solver": record.solver}
+    return found | {"form": record.element, "solver": record.solver}
 
 
 def solve(task: c.Task) -> dict:
@@ -46,10 +47,10 @@ def solve(task: c.Task) -> dict:
         body = body_of(task)
     record = None
     try:
-        record = body.solve(task.steps, newton=body.newton(rtol=c.TOLERANCE))
+        record = LoadPath(body).solve(task.steps, newton=newton_for(body, rtol=c.TOLERANCE))
     except (ConvergenceError, InvertedElementError) as error:
         record = error.record
-        raise c.Failed(record.reason, **work(record), order=body.form.order) from error
+        raise c.Failed(record.reason, **work(record), order=body.element.order) from error
     finally:
         for phase, spent in (record.seconds if record else {}).items():
             name = LABELS.get(phase, phase)
@@ -58,7 +59,7 @@ def solve(task: c.Task) -> dict:
         value = body.u(body.mesh(*c.CORNER))[1]
     else:
         value = body.conjugate(ngs.CF((0, 0, wave(task.case))), "top")
-    return {"value": value, "order": body.form.order} | work(record)
+    return {"value": value, "order": body.element.order} | work(record)
 
 
 if __name__ == "__main__":

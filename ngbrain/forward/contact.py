@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
+from ngbrain.forward.fields import Fields
+from ngbrain.forward.kinematics import Solid
+
 SURFACE_ORDER = 8
 """Order of the quadrature on walls, whatever the elements': the contact zone ends inside facets.
 
 Where it does, another rule is another contact: energy, force, area and pressure must all see the same points.
 """
 NO_OFFSET = ngs.CF(0.0)
+RULES = {shape: ngs.IntegrationRule(shape, SURFACE_ORDER) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)}
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class Contact:
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
         """φ(X + u) in m."""
-        return self.distance(ngs.CF((ngs.x, ngs.y, ngs.z)) + u)
+        return self.distance(ngs.CF((ngs.x, ngs.y, ngs.z)[: u.dim]) + u)
 
     def energy(self, u: CoefficientFunction, offset: CoefficientFunction = NO_OFFSET) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
@@ -69,14 +73,13 @@ class Contact:
         """∂(energy)/∂way (J/m²): what moving the body takes, whatever its shape; 0 without a way."""
         return ngs.CF(0.0) if self.way is None else -self.pressure(u, offset) * self.gap(u).Diff(self.way)
 
-    def join(self, form: ngs.BilinearForm) -> None:
-        """Add the energy to a form of a body's."""
-        u, _, a = form.space.TrialFunction()
-        form += ngs.Variation(self.energy(u, a).Compile() * self.measure())
+    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> None:
+        """Add the energy to a form of a problem's."""
+        form += ngs.Variation((kinematics.weight() * self.energy(at.u, at.offset)).Compile() * self.measure())
 
     def measure(self) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall."""
-        return ngs.ds(self.wall, intrules={ngs.TRIG: surface_rule()})
+        return ngs.ds(self.wall, intrules=RULES)
 
 
 @dataclass(frozen=True)
@@ -104,21 +107,21 @@ class Sliding:
     def on(cls, mesh: ngs.Mesh, wall: str, stiffness: float) -> Sliding:
         """With the normals of a mesh."""
         normal = ngs.GridFunction(ngs.VectorH1(mesh, order=2))
-        normal.Set(ngs.specialcf.normal(3), definedon=mesh.Boundaries(wall))
+        normal.Set(ngs.specialcf.normal(mesh.dim), definedon=mesh.Boundaries(wall))
         return cls(wall, stiffness, normal / ngs.Norm(normal))
 
     def energy(self, u: CoefficientFunction) -> CoefficientFunction:
         """Energy per reference area (J/m²)."""
         return self.stiffness / 2 * ngs.InnerProduct(u, self.normal) ** 2
 
-    def join(self, form: ngs.BilinearForm) -> None:
-        """Add the energy to a form of a body's."""
-        measure = self.measure(form.space.components[0].globalorder)
-        form += ngs.Variation(self.energy(form.space.TrialFunction()[0]) * measure)
+    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> None:
+        """Add the energy to a form of a problem's."""
+        measure = self.measure(displacements(form).globalorder)
+        form += ngs.Variation(kinematics.weight() * self.energy(at.u) * measure)
 
     def measure(self, order: int) -> ngs.comp.DifferentialSymbol:
         """The `ds` of every integral over the wall, for displacements of an order."""
-        return ngs.ds(self.wall, intrules={ngs.TRIG: ngs.IntegrationRule(ngs.TRIG, 2 * order)})
+        return ngs.ds(self.wall, intrules={shape: ngs.IntegrationRule(shape, 2 * order) for shape in RULES})
 
 
 @dataclass(frozen=True)
@@ -144,16 +147,15 @@ class Closing:
     softness: float
     reach: float
 
-    def join(self, form: ngs.BilinearForm) -> ngs.comp.ContactBoundary:
-        """Add the energy to a form of a body's; what comes back has to live as long as the form."""
-        mesh, u = form.space.mesh, form.space.TrialFunction()[0]
+    def join(self, form: ngs.BilinearForm, at: Fields, kinematics: Solid) -> ngs.comp.ContactBoundary:
+        """Add the energy to a form of a problem's; what comes back has to live as long as the form."""
+        mesh, space = form.space.mesh, displacements(form)
         pairs = ngs.comp.ContactBoundary(mesh.Boundaries(self.wall), mesh.Boundaries(self.other))
-        x = ngs.CF((ngs.x, ngs.y, ngs.z))
-        across = (x + u) - (x.Other() + u.Other())
-        pairs.AddEnergy(soft_penalty(ngs.InnerProduct(across, pairs.normal), self.penalty, self.softness).Compile())
-        pairs.Update(
-            ngs.GridFunction(form.space.components[0]), form, 2 * form.space.components[0].globalorder, self.reach
-        )
+        x = ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim])
+        across = (x + at.u) - (x.Other() + at.u.Other())
+        pressed = soft_penalty(ngs.InnerProduct(across, pairs.normal), self.penalty, self.softness)
+        pairs.AddEnergy((kinematics.weight() * pressed).Compile())
+        pairs.Update(ngs.GridFunction(space), form, 2 * space.globalorder, self.reach)
         return pairs
 
 
@@ -174,9 +176,14 @@ Touch = Contact | Sliding | Closing
 """What acts on walls."""
 
 
-def surface_rule() -> ngs.IntegrationRule:
-    """Quadrature on walls."""
-    return ngs.IntegrationRule(ngs.TRIG, SURFACE_ORDER)
+def surface_rules(mesh: ngs.Mesh) -> dict[ngs.ET, ngs.IntegrationRule]:
+    """Quadrature on the walls of a mesh."""
+    return {shape: rule for shape, rule in RULES.items() if (shape is ngs.SEGM) == (mesh.dim == 2)}
+
+
+def displacements(form: ngs.BilinearForm) -> ngs.FESpace:
+    """The displacements' part of a form's space."""
+    return form.space if form.space.type == "VectorH1" else form.space.components[0]
 
 
 def current_normal_area(u: ngs.GridFunction) -> CoefficientFunction:

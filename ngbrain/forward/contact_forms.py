@@ -11,10 +11,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.implicit_blocks import Block
 from ngbrain.forward.implicit_work import Motion, Term, Terms, by, terms
+from ngbrain.forward.problem import Problem
 
 Array = np.ndarray
 
@@ -25,7 +25,7 @@ class ContactForms:
     Walls that close on each other have no part in it; `InputError` where their penalty or softness is no number.
     """
 
-    def __init__(self, body: Body, parts: Mapping[str, Block]) -> None:
+    def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
         for contact in body.contacts:
             if isinstance(contact, Closing):
                 for name in ("penalty", "softness"):
@@ -38,14 +38,14 @@ class ContactForms:
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
         """C[virtual] and, for each motion more, its derivative along it."""
-        u, a, numbers = self._body.u, self._body.offset, list[ngs.Parameter]()
+        u, a, numbers, weight = self._body.u, self._body.offset, list[ngs.Parameter](), self._body.kinematics.weight()
         for motion in (virtual, *along):
             numbers.append(ngs.Parameter(0.0))
-            moves = motion.components if isinstance(motion, ngs.GridFunction) else motion
-            u, a = u + numbers[-1] * moves[0], a + numbers[-1] * moves[2]
-        contacts, order = self._body.contacts, self._body.order
-        rigid = [Term(c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
-        films = [Term(c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
+            moves = self._body.layout.fields(motion)
+            u, a = u + numbers[-1] * moves.u, a + numbers[-1] * moves.offset
+        contacts, order = self._body.contacts, self._body.element.order
+        rigid = [Term(weight * c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
+        films = [Term(weight * c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
         loads = [term for load in self._body.loads for term in terms(load.energy(self._body.place(u)))]
         return reduce(by, numbers, rigid + films + loads)
 

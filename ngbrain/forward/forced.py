@@ -20,16 +20,16 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import Breakdown, ContactError, InputError
-from ngbrain.forward.body import LENGTH_SCALE, Body
-from ngbrain.forward.contact import Contact, Touch
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.material import Material
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import Control
 from ngbrain.forward.tangent import Solve
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 
+LENGTH_SCALE = 1e-3
+"""A correction of the way is judged against (m)."""
 NOTHING = 1e-9
 """Share of the largest force below which a force counts as none."""
 CLOSE = 1e-6
@@ -76,36 +76,26 @@ class Press:
         return self.at(end) - self.at(start)
 
 
-class PressedBody(Body):
-    """A `Body` with the way of a rigid body as its last unknown, whose equation is that of the force that `press` asks for.
+class PressedBody(Problem):
+    """A `Problem` with the way of a rigid body as its last unknown, whose equation is that of the force that `press` asks for.
 
-    press   moves the contacts whose `way` is its own; the rest is what a `Body` takes
+    press   moves the contacts whose `way` is its own; the rest is what a `Problem` takes
 
     Several rigid bodies that share the way share the work, too: the force is the derivative of all their energies by it.
-    Raises `InputError` for friction, and what `Body` raises.
+    Raises `InputError` for friction, and what `Problem` raises.
     """
 
-    def __init__(
-        self,
-        mesh: ngs.Mesh,
-        materials: dict[str, Material],
-        fixed: str,
-        contacts: Sequence[Touch | Friction] = (),
-        order: int = 2,
-        modulus: float = 1e3,
-        *,
-        press: Press,
-    ) -> None:
+    def __init__(self, mesh: ngs.Mesh, *args: Any, press: Press, **options: Any) -> None:
         self.press = press
-        super().__init__(mesh, materials, fixed, contacts, order, modulus)
+        super().__init__(mesh, *args, **options)
         if self.friction.frictions:
             raise InputError("contacts", "with friction", "none: a given force is of contact alone")
         self.pace = np.zeros(2)
-        u, _, a = self.fes.TrialFunction()
+        at, weight = self.layout.fields(self.fes.TrialFunction()), self.kinematics.weight()
         self._felt, self._stiffness = (ngs.BilinearForm(self.fes, symmetric=True) for _ in range(2))
         for contact in self.contacts:
             if isinstance(contact, Contact) and contact.way is press.parameter:
-                driving = contact.driving(u, a)
+                driving = weight * contact.driving(at.u, at.offset)
                 self._felt += ngs.Variation(driving.Compile() * contact.measure())
                 self._stiffness += ngs.Variation(driving.Diff(press.parameter).Compile() * contact.measure())
 
@@ -129,12 +119,12 @@ class PressedBody(Body):
         return np.append(r, 0.0 if self.press.held is not None else self.felt() - self.press.force), reactions
 
     def factorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve:
-        """Solver with the bordered tangent at x; see `Body.factorise`."""
+        """Solver with the bordered tangent at x; see `Problem.factorise`."""
         solve = super().factorise(x, r)
         return solve if self.partial else self._bordered(solve)
 
     def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
-        """Solver with the bordered tangent, renewed in part; see `Body.refactorise`."""
+        """Solver with the bordered tangent, renewed in part; see `Problem.refactorise`."""
         solve = super().refactorise(x, None if r is None else r[:-1])
         return solve and self._bordered(solve)
 
@@ -159,7 +149,7 @@ class PressedBody(Body):
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds from the present state; it ends with `finish`."""
         super().begin(dt)
-        self._begun = np.array([self.press.parameter.Get(), dt])
+        self._started = np.array([self.press.parameter.Get(), dt])
 
     def path_error(self) -> float:
         """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
@@ -174,7 +164,7 @@ class PressedBody(Body):
 
     def _pace(self) -> np.ndarray:
         """Mean speed (m/s) of the step that now ends, and its length (s)."""
-        start, dt = self._begun
+        start, dt = self._started
         return np.array([(self.press.parameter.Get() - start) / dt, dt])
 
     def finish(self) -> None:
@@ -184,18 +174,17 @@ class PressedBody(Body):
         if self.press.held is not None:
             self.approach(CLOSE)
             self.press.held = self.press.parameter.Get()
-            if len(self._relaxed):
-                self._relaxed = self.state  # the tissue stays as it is
+            self.tissue.stays_at(self.state)
 
     @property
     def memory(self) -> dict[str, Any]:
         """All that decides the steps to come besides the state."""
-        return {**super().memory, "pace": self.pace}
+        return {**super().memory, "way_pace": self.pace}
 
     @memory.setter
     def memory(self, saved: dict[str, Any]) -> None:
         self.history.memory = saved
-        self.pace = np.array(saved["pace"])
+        self.pace = np.array(saved["way_pace"])
 
     def approach(self, gap: float) -> None:
         """Move the rigid body, which is clear of the tissue, towards it until a gap (m) is left."""
@@ -207,12 +196,12 @@ class PressedBody(Body):
             way.Set(way.Get() + left)  # a distance changes by no more than the way
 
 
-class Pressing(Transient):
-    """Time stepping of a `PressedBody`: a `Transient` whose follow and drift are per newton of its motion.
+class Pressing(TimeStepper):
+    """Time stepping of a `PressedBody`: a `TimeStepper` whose follow and drift are per newton of its motion.
 
     limit   way (m) beyond which the run ends
 
-    Raises `ContactError` where the force takes the rigid body beyond the limit; and what `Transient` raises.
+    Raises `ContactError` where the force takes the rigid body beyond the limit; and what `TimeStepper` raises.
 
     >>> from ngbrain.forward.steps import StepControl
     >>> from ngbrain.materials import NeoHooke, Prony
@@ -220,39 +209,38 @@ class Pressing(Transient):
     >>> press = Press((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
     >>> plate = Contact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
     >>> tissue = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}
-    >>> body = PressedBody(block((0.02, 0.02, 0.02), 0.02), tissue, "bottom", [plate], press=press)
+    >>> body = PressedBody(block((0.02, 0.02, 0.02), 0.02), tissue, {"bottom": 0}, contacts=[plate], element="P2/P1", press=press)
     >>> run, way = Pressing(body, StepControl(1.0), 1e-3), {}
     >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
     >>> way[60.0] > 1.5 * way[4.0], f"{body.felt():.6f} N"
     (True, '0.001000 N')
     """
 
-    body: PressedBody
+    problem: PressedBody
     motion: Press
 
     def __init__(
         self,
-        body: PressedBody,
+        problem: PressedBody,
         control: Control,
         penetration_limit: float,
         newton: Newton | None = None,
         limit: float = np.inf,
     ) -> None:
-        super().__init__(body, body.press, control, penetration_limit, newton)
-        self.limit, self.motion.held = limit, body.press.parameter.Get()
-        self.follow, self.drift = np.zeros_like(body.state), np.zeros_like(body.state)
+        super().__init__(problem, problem.press, control, penetration_limit, newton)
+        self.limit, self.motion.held = limit, problem.press.parameter.Get()
 
     @property
     def weights(self) -> np.ndarray:
         """The body's weights, and the way's."""
-        return np.append(self.body.weights, SHARE / LENGTH_SCALE**2)
+        return np.append(self.problem.weights, SHARE / LENGTH_SCALE**2)
 
     def _stand(self, x: np.ndarray) -> None:
         """Go to a state of the present time; a rigid body without force stays just clear."""
-        self.motion.set(self.progress.t)
+        self._set(self.progress.t)
         if self.motion.held is not None:
             self.motion.held = x[-1]
-        self.body.state = x
+        self.problem.state = x
 
     def _up_to_touch(self, dt: float) -> float:
         """A rigid body that is asked for a force is there at once."""
@@ -263,21 +251,21 @@ class Pressing(Transient):
         """The same as for a given way; a rigid body that does not touch is first led to where it does."""
         if self.progress.touching or not self.motion.force:
             return super()._guess(start, dt, tries)
-        self.body.state = start
-        self.motion.held = start[-1] + max(self.body.min_gap(), 0.0) + self.motion.nudge
+        self.problem.state = start
+        self.motion.held = start[-1] + max(self.problem.min_gap(), 0.0) + self.motion.nudge
         guess, record = self.newton.solve(self, np.append(start[:-1], self.motion.held))
         self.motion.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
         self.progress.work += record.work
         self.progress.newton += record.iterations
         return guess if record.converged else start
 
-    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, str]:
-        record, problem = super()._attempt(start, dt, tries)
-        if not problem and self.body.state[-1] > self.limit:
-            way, t, force = self.body.state[-1], self.progress.t + dt, self.motion.force
+    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, Breakdown | None]:
+        record, failed = super()._attempt(start, dt, tries)
+        if failed is None and self.problem.state[-1] > self.limit:
+            way, t, force = self.problem.state[-1], self.progress.t + dt, self.motion.force
             self._stand(start)
             raise ContactError(
                 f"a force of {force:.3g} N at t = {t:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
                 f"{1e3 * self.limit:.4g} mm; try a smaller force"
             )
-        return record, problem
+        return record, failed

@@ -9,34 +9,35 @@ import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
+from ngbrain.forward.fields import Layout
+from ngbrain.forward.kinematics import Solid
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.points import evaluated
-from ngbrain.tensors import deformation_gradient, isochoric, right_cauchy_green, volume_free
+from ngbrain.tensors import isochoric, right_cauchy_green, volume_free
 
-Density = Callable[[Deformation, CoefficientFunction], CoefficientFunction]
-"""Energy density (Pa) of a state and the pressure p."""
+Density = Callable[[Deformation, CoefficientFunction | None], CoefficientFunction]
+"""Energy density (Pa) of a state and the pressure p, if there is one."""
 
 
-def stresses(density: Density, u: CoefficientFunction, p: CoefficientFunction) -> CoefficientFunction:
-    """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p.
+def stresses(
+    density: Density, F: Callable[[], CoefficientFunction], p: CoefficientFunction | None
+) -> CoefficientFunction:
+    """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p; `F` gives the deformation gradient, a new one each time: a variable is one
+    wherever it is used.
 
     Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
     entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C leaves
     it unsymmetric). Of C̄ = s(C) C only s is derived: of s ∂W/∂C̄ : C, a derivative by C would carry 81 entries all through
     the law. C̄, C, J and F are each held while W is derived by another.
     """
-
-    def F() -> CoefficientFunction:  # a new one each time: a variable is one wherever it is used
-        return deformation_gradient(u)
-
     shape, C = isochoric(right_cauchy_green(F())).MakeVariable(), right_cauchy_green(F()).MakeVariable()
-    moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p.MakeVariable()
+    moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p if p is None else p.MakeVariable()
     whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
     energy = density(Deformation(shape, whole, J, gradient), pressure)
     S, scale = energy.Diff(shape), volume_free(C)
     by_C = scale * S + ngs.InnerProduct(S, C) * scale.Diff(C) + energy.Diff(whole)
     P = F() * (by_C + by_C.trans) + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
-    return ngs.CF((P.Reshape((9,)), energy.Diff(pressure))).Compile()
+    return (P.Reshape((9,)) if pressure is None else ngs.CF((P.Reshape((9,)), energy.Diff(pressure)))).Compile()
 
 
 class Forces:
@@ -44,26 +45,40 @@ class Forces:
 
     A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
 
-    gfu        compound of u, p and what the energy does not know
+    layout     what the unknowns of `gfu` are
+    gfu        the state
     densities  region pattern → `Density`
     space      quadrature points, with their rules
     """
 
-    def __init__(self, gfu: ngs.GridFunction, densities: dict[str, Density], space: IntegrationRuleSpace) -> None:
-        fes = gfu.space
-        self.mesh = fes.mesh
-        self._stress = ngs.GridFunction(ngs.VectorValued(space, 10))
-        self._values = np.zeros((10, space.ndof))
-        parts = {pattern: stresses(density, *gfu.components[:2]) for pattern, density in densities.items()}
-        self._derived = self.mesh.MaterialCF(parts)
+    def __init__(
+        self,
+        layout: Layout,
+        gfu: ngs.GridFunction,
+        densities: dict[str, Density],
+        space: IntegrationRuleSpace,
+        kinematics: Solid,
+    ) -> None:
+        self.mesh = gfu.space.mesh
+        now, test = layout.fields(gfu), layout.fields(gfu.space.TestFunction())
+        size = 9 if now.p is None else 10
+        self._stress = ngs.GridFunction(ngs.VectorValued(space, size))
+        self._values = np.zeros((size, space.ndof))
+
+        def F() -> CoefficientFunction:
+            return kinematics.gradient(now.u, ngs.Grad(now.u))
+
+        self._derived = self.mesh.MaterialCF(
+            {pattern: stresses(density, F, now.p) for pattern, density in densities.items()}
+        )
         self._points = self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL)
         self._moving = np.ones(space.ndof, bool)
-        v, q, _ = fes.TestFunction()
         P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
-        self._form = ngs.LinearForm(fes)
-        self._form += (ngs.InnerProduct(P, ngs.Grad(v)) + self._stress[9] * q) * ngs.dx(
-            intrules=space.GetIntegrationRules()
-        )
+        work = ngs.InnerProduct(P, kinematics.change(test.u, ngs.Grad(test.u)))
+        if now.p is not None:
+            work = work + self._stress[9] * test.p
+        self._form = ngs.LinearForm(gfu.space)
+        self._form += kinematics.weight() * work * ngs.dx(intrules=space.GetIntegrationRules())
 
     def leave_out(self, elements: np.ndarray) -> None:
         """Do not evaluate some elements (a mask) from now on; what they would add is 0."""

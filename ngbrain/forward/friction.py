@@ -12,6 +12,8 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
 from ngbrain.forward.contact import SURFACE_ORDER, Contact
+from ngbrain.forward.fields import Fields, Layout
+from ngbrain.forward.kinematics import Solid
 from ngbrain.materials.base import checked, positive
 
 TINY = 1e-14
@@ -77,28 +79,32 @@ class Friction:
 class Grip:
     """The frictions of a body in its present time step.
 
-    fes        the body's space: displacements, pressures, offsets
+    layout     what the unknowns are
+    fes        the problem's space
     frictions  what rubs, if anything
 
     `begin` a step, `hold` the state at which pressures and normals are taken, `finish` it. Attributes: `form`, the energies alone.
     """
 
-    def __init__(self, fes: ngs.FESpace, frictions: Sequence[Friction]) -> None:
-        self.frictions = frictions
+    def __init__(self, layout: Layout, fes: ngs.FESpace, frictions: Sequence[Friction], kinematics: Solid) -> None:
+        self.layout, self.frictions = layout, frictions
         self.form = ngs.BilinearForm(fes, symmetric=True)
         self._rubs: list[_Rub] = []
         if frictions:
             self._now, self._start = ngs.GridFunction(fes), ngs.GridFunction(fes)
             self._vec = self._now.vec.CreateVector()
-            self._rubs = [_Rub(friction, self._now, self._start) for friction in frictions]
+            self._rubs = [
+                _Rub(friction, layout.fields(self._now), layout.fields(self._start).u, kinematics)
+                for friction in frictions
+            ]
             self.join(self.form)
         self.finish()
 
     def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
         """Add the energies to a form of the body's, and give it back."""
-        u = form.space.TrialFunction()[0]
         for rub in self._rubs:
-            form += ngs.Variation(rub.energy(u).Compile() * rub.measure)
+            energy = rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)
+            form += ngs.Variation(energy.Compile() * rub.measure)
         return form
 
     def begin(self, x: np.ndarray) -> None:
@@ -168,20 +174,20 @@ class _Rub:
     slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
     """
 
-    def __init__(self, friction: Friction, now: ngs.GridFunction, start: ngs.GridFunction) -> None:
+    def __init__(self, friction: Friction, now: Fields, start: ngs.GridFunction, kinematics: Solid) -> None:
         self.friction, contact = friction, friction.contact
-        mesh = now.space.mesh
+        mesh, u = now.u.space.mesh, now.u
+        self.weight = kinematics.weight()
         self._on = mesh.Boundaries(friction.wall)
         # Its rule is the contact's: of the same order, at whose points fields on it can be read.
         points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self._on)
         self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
-        self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, 3)) for _ in range(4))
+        self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, mesh.dim)) for _ in range(4))
         self.start = ngs.Parameter(self.way)
-        u, _, offset = now.components
-        x = (ngs.CF((ngs.x, ngs.y, ngs.z)) + u).MakeVariable()
+        x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u).MakeVariable()
         self._normal = contact.distance(x).Diff(x)
-        self._pressure, self._before = contact.pressure(u, offset), start.components[0]
-        moves = friction.moves(x) if friction.moves else ngs.CF((0.0, 0.0, 0.0))
+        self._pressure, self._before = contact.pressure(u, now.offset), start
+        moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * mesh.dim)
         self._moved = (0.0 if contact.way is None else contact.way - self.start) * moves
         gone = self._along(self._gone(u))
         g = (gone + self._along(self.slip)).MakeVariable()
@@ -215,7 +221,7 @@ class _Rub:
 
     def integral(self, value: CoefficientFunction) -> float:
         """Over the wall."""
-        return float(ngs.Integrate(value * self.measure, self.slip.space.mesh))
+        return float(ngs.Integrate(self.weight * value * self.measure, self.slip.space.mesh))
 
 
 def _root(square: CoefficientFunction) -> CoefficientFunction:

@@ -25,8 +25,8 @@ from ngbrain.forward.implicit_blocks import Block, Held, Nodes, Parameter, block
 from ngbrain.forward.implicit_equilibrium import Case, Equilibrium
 from ngbrain.forward.implicit_solve import Inverses
 from ngbrain.forward.implicit_work import Term
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.solves import Solves
-from ngbrain.forward.static import Static
 from ngbrain.solvers.newton import Newton
 
 __all__ = ["Case", "Equilibria", "Held", "Nodes", "StaticModel"]
@@ -53,7 +53,7 @@ class StaticModel:
     >>> from ngbrain.mesh import block
     >>> cube = block((0.1, 0.1, 0.1), 0.1)
     >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
-    >>> body = Static(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, form="P2")
+    >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
     >>> model = StaticModel([Case(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
     >>> there = model.at(model.theta)
     >>> len(there.data), len(there.gradient(there.data)) == cube.ne
@@ -319,7 +319,7 @@ def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
     gfu.vec.FV().NumPy()[:] = values
 
 
-def _check_supports(name: str, part: Block, body: Static) -> None:
+def _check_supports(name: str, part: Block, body: Problem) -> None:
     """Supports are interpolated once: what they are made of is no parameter."""
     for pattern, components in body.supports.values.items():
         made = [Term(ngs.CF(value), ngs.ds) for value in components if value is not None]

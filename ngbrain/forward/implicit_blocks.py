@@ -15,7 +15,7 @@ from ngbrain.forward.differences import change
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_work import Terms, by, terms, vector
 from ngbrain.forward.patterns import boundaries
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 
 Array = np.ndarray
 
@@ -135,7 +135,7 @@ class Held:
     Raises `InputError` where nothing is held.
     """
 
-    def __init__(self, body: Static, boundary: str) -> None:
+    def __init__(self, body: Problem, boundary: str) -> None:
         boundaries(body.mesh, boundary)
         there = np.fromiter(body.u.space.GetDofs(body.mesh.Boundaries(boundary)), bool, len(body.held))
         self.body, self.places = body, np.flatnonzero(there & body.held)

@@ -18,8 +18,9 @@ import scipy.sparse as sp
 from ngbrain.errors import gave_up
 from ngbrain.forward.implicit_blocks import Block, Nodes, places
 from ngbrain.forward.implicit_work import Motion, Terms, Work, slope, vector
+from ngbrain.forward.load_path import newton_for
 from ngbrain.forward.observations import Observation
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.solvers import continuation
 from ngbrain.solvers.linear import Solve
 from ngbrain.solvers.newton import Newton
@@ -38,7 +39,7 @@ FACTORISATIONS = 5
 class Case:
     """A body under its loads, and what is seen of it."""
 
-    body: Static
+    body: Problem
     observations: Sequence[Observation]
 
 
@@ -52,7 +53,7 @@ class Equilibrium:
 
     def __init__(self, case: Case, blocks: Mapping[str, Block], newton: Newton | None, steps: int) -> None:
         self.body, self.blocks, self.steps = case.body, blocks, steps
-        self.newton = newton or self.body.newton(rtol=RTOL, xtol=XTOL)
+        self.newton = newton or newton_for(self.body, rtol=RTOL, xtol=XTOL)
         self.seen = [observation.on(self.body) for observation in case.observations]
         self.slices = places([seen.size for seen in self.seen])
         self.size = sum(seen.size for seen in self.seen)

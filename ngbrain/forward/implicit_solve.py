@@ -9,9 +9,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.loads import Pressure
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.solves import Solves
-from ngbrain.forward.static import Static
 from ngbrain.solvers import linear
 from ngbrain.solvers.condensed import free as free_of
 from ngbrain.solvers.linear import Direct, Iterative, Solve
@@ -33,11 +32,11 @@ class Inverses:
     They raise `SolverError` where the tangent is singular.
     """
 
-    def __init__(self, body: Static, solves: Solves, quadratic: bool) -> None:
-        self.body, self._form, self._solves = body, body._form, solves
-        self._symmetric = not any(isinstance(load, Pressure) for load in body.loads)
-        worth = self._symmetric and (quadratic or (body.mesh.dim == 3 and body.form.pressure is None))
-        self._old = body._kept if worth else None
+    def __init__(self, body: Problem, solves: Solves, quadratic: bool) -> None:
+        self.body, self._form, self._solves = body, body.form, solves
+        self._symmetric = body.symmetric
+        worth = self._symmetric and (quadratic or (body.mesh.dim == 3 and body.element.pressure is None))
+        self._old = body.kept if worth else None
         self._few = FEW
         self.factor = self._old if quadratic and body.factored else None
         """The factor, once there is one."""
@@ -79,7 +78,7 @@ class Inverses:
     def _made(self) -> Solve:
         self._solves.factorisations += 1
         try:
-            return self.body._factorise()
+            return self.body.new_factor()
         except FloatingPointError:
             return self._with_pivots()
 

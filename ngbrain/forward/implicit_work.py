@@ -18,7 +18,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
@@ -108,20 +108,20 @@ class Seen(Place):
 
 
 class Work:
-    """Virtual work of a `Static` with all its loads, or with some of them.
+    """Virtual work of a `Problem` with all its loads, or with some of them.
 
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.material import Material
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
-    >>> body = Static(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, form="P1")
+    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, element="P1")
     >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
     >>> work = Work(body)
     >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(body.gfu, v, v)), 6)  # (4/3 μ + K) V
     6.333333
     """
 
-    def __init__(self, body: Static, loads: Sequence[Load] | None = None) -> None:
+    def __init__(self, body: Problem, loads: Sequence[Load] | None = None) -> None:
         self.body = body
         self._acting = {id(load) for load in (body.loads if loads is None else loads)}
 
@@ -132,7 +132,7 @@ class Work:
         energies = [
             Term(
                 at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p),
-                ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.rules),
+                ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
             )
             for pattern, m in body.materials.items()
         ]
@@ -171,7 +171,7 @@ class Work:
             body.factor,
             u=moved(lambda f: f[0]),
             v=moves[0][0] if moves else None,
-            order=body.form.order,
+            order=body.element.order,
             grad=moved(lambda f: ngs.Grad(f[0])),
             along=moved(lambda f: ngs.Grad(f[0]).Trace()),
             rest=[moved(lambda f, i=i: f[i]) for i in range(1, len(states))],  # type: ignore[misc]
@@ -207,7 +207,7 @@ def vector(space: ngs.FESpace, parts: Terms) -> Callable[[], Array]:
     return assembled
 
 
-def slope(body: Static, parts: Terms) -> Callable[[], Array]:
+def slope(body: Problem, parts: Terms) -> Callable[[], Array]:
     """The same for the derivative, at a body's state, of terms with its trial functions by these: (ndof,)."""
     form = ngs.BilinearForm(body.fes)
     for part in parts:

@@ -1,15 +1,19 @@
-"""Inertia: how the generalised-α method steps, and what it adds to the energy of a step, as a load."""
+"""Inertia: how the generalised-α method steps, and what it adds to the energy of a step."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
+from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.loads import Place, Terms
-from ngbrain.materials.base import Value
+from ngbrain.forward.kinematics import Solid
+from ngbrain.forward.patterns import check_regions
+from ngbrain.materials.base import Value, positive
 
 Array = np.ndarray
 
@@ -126,48 +130,125 @@ class Step:
         return (u - self._drift()) / (self.scheme.beta * self.dt**2)
 
 
+@dataclass(frozen=True)
 class Inertia:
-    """The mass of a `Relaxing` body, at rest before its first step: c/2 ∫ ρ |u - û|² dV in each (`GeneralizedAlpha`).
+    """The mass of a body that a `TimeStepper` moves: c/2 ∫ ρ |u - û|² dV more energy in each step (`GeneralizedAlpha`).
 
-    density   kg/m³, a number or a CoefficientFunction
-    scheme    how a step goes; by default motions that are much faster than a step end at once, as a boundary that sets off at a
-              speed lets nodes ring with any other
+    density    ρ (kg/m³) at rest: a number, a CoefficientFunction, or region pattern → one of these
+    scheme     how a step goes; by default motions that are much faster than a step end at once, as a boundary that sets off at a
+               speed lets nodes ring with any other
+    amplitude  displacement (m) that a step's error from inertia is judged against, by `ErrorControl`
 
-    One for each body. Forces on a boundary that is moved include what it takes to speed up its nodes.
+    One for each body, which is at rest before its first step unless `Problem.start` sets it moving. Pressures hold the volume at
+    the end of a step. Swinging that steps resolve goes on as long as the tissue lets it, and keeps steps short: ρ_∞ = 0 lets them
+    grow soonest. Far from small strains no ρ_∞ bounds the energy; 1 gains it first. Forces on a boundary that is moved include what
+    it takes to speed up its nodes.
 
+    >>> import ngsolve as ngs
     >>> from ngbrain.forward.material import Material
-    >>> from ngbrain.forward.relaxing import Relaxing
+    >>> from ngbrain.forward.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
-    >>> cube, tissue = block((0.1, 0.1, 0.1), 0.1), {".*": Material(NeoHooke(1e3), 1e5)}
-    >>> body = Relaxing(cube, tissue, {"bottom": (1e-4, 0, 0)}, [Inertia(1000.0)], form="P2")
-    >>> pull = body.run([0, 0.01, 0.02], [0, 1, 1], lambda t: body.force("bottom")[0])
-    >>> bool(pull[0] > 0)  # which without mass takes no force
-    True
+    >>> cube, tissue = block((0.1, 0.1, 0.1), 0.1), {".*": Material(NeoHooke(1e3), 1e6)}
+    >>> body = Problem(cube, tissue, {"bottom": 0}, [Inertia(1000.0, GeneralizedAlpha(0.8))], element="P2/P1")
+    >>> body.start((0.01 * ngs.z, 0, 0))
+    >>> body.kinetic_energy()
+    1.6666...e-07
     """
 
-    def __init__(self, density: Value, scheme: GeneralizedAlpha | None = None) -> None:
-        self.density, self.scheme = density, scheme or GeneralizedAlpha(0.0)
-        self._weight = ngs.Parameter(0.0)
-        self._target: ngs.GridFunction | None = None
-        self._pace: Pace | None = None
+    density: Value | Mapping[str, Value]
+    scheme: GeneralizedAlpha = GeneralizedAlpha(0.0)
+    amplitude: float = 1e-3
 
-    def energy(self, at: Place) -> Terms:
-        """What a step adds (J)."""
-        if self._target is None:
-            self._target = ngs.GridFunction(ngs.VectorH1(at.mesh, order=at.order))
-        way = at.u - self._target
-        density = self._weight / 2 * self.density * ngs.InnerProduct(way, way)
-        return at.kinematics.weight() * density * at.inside(".*")
+    def __post_init__(self) -> None:
+        positive(self.amplitude, "amplitude")
 
-    def begin(self, u: Array, dt: float) -> None:
-        """A step of `dt` seconds from displacements u (m)."""
-        still = np.zeros_like(u)
-        self._step = self.scheme.begin(u, self._pace or Pace(still, still, still, 0.0), dt)
+
+class Momentum:
+    """The inertia of a problem in its present time step."""
+
+    instant = 1e-9
+    """Time (s) in which no tissue relaxes."""
+
+    def __init__(
+        self, masses: Sequence[Inertia], gfu: ngs.GridFunction, space: ngs.FESpace, kinematics: Solid, order: int
+    ) -> None:
+        if len(masses) > 1:
+            raise InputError("loads", f"with {len(masses)} Inertia", "one for each body")
+        mass, mesh = masses[0], space.mesh
+        density = mass.density
+        if isinstance(density, Mapping):
+            check_regions(mesh, density, "density")
+            density = mesh.MaterialCF({name: positive(rho, f"density of {name}") for name, rho in density.items()})
+        self.scheme, self.amplitude, self._gfu, self._n = mass.scheme, mass.amplitude, gfu, space.ndof
+        shapes = (ngs.TRIG, ngs.QUAD, ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
+        self._measure = ngs.dx(intrules={shape: ngs.IntegrationRule(shape, 2 * order) for shape in shapes})
+        self._density = kinematics.weight() * density
+        self._weight, self._target, self._moved = ngs.Parameter(0.0), ngs.GridFunction(space), ngs.GridFunction(space)
+        u, v = space.TnT()
+        form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
+        self._mass = form.Assemble().mat
+        still = np.zeros(self._n)
+        self.pace = Pace(still, still, still, 0.0)
+
+    def term(self, u: CoefficientFunction) -> Any:
+        """The energy of a step, for a form."""
+        way = u - self._target
+        return ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
+
+    def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
+        """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""
+        free, field, answer = free[: self._n], self._moved, self._moved.vec.CreateVector()
+        field.Set(velocity if isinstance(velocity, CoefficientFunction) else ngs.CF(tuple(velocity)))
+        v = field.vec.FV().NumPy() * free
+        field.vec.FV().NumPy()[:] = forces
+        answer.data = self._mass.Inverse(ngs.BitArray((free > 0).tolist()), inverse="sparsecholesky") * field.vec
+        a = answer.FV().NumPy().copy()
+        self.pace = Pace(v, a, a, 0.0)
+
+    def energy(self) -> float:
+        """∫ ρ/2 |v|² (J)."""
+        v = self.pace.velocity
+        return float(v @ self._times(v)) / 2
+
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds from the present state."""
+        self._step = self.scheme.begin(self._displacement(), self.pace, dt)
         self._weight.Set(self.scheme.weight(dt))
-        assert self._target is not None
         self._target.vec.FV().NumPy()[:] = self._step.target
 
-    def finish(self, u: Array) -> None:
-        """It ended at displacements u (m)."""
-        self._pace = self._step.end(u)
+    def forces(self, u: Array) -> Array:
+        """c M (u - û)."""
+        return self._weight.Get() * self._times(u - self._target.vec.FV().NumPy())
+
+    def finish(self) -> None:
+        """End the step begun at the state that now stands."""
+        self.pace = self._step.end(self._displacement())
+
+    def error(self, free: Array) -> float:
+        """Largest error of a free displacement in the step that now ends, over `amplitude`."""
+        error = self._step.error(self._displacement()) * free[: self._n]
+        return float(np.max(np.abs(error))) / self.amplitude
+
+    def freeze(self, dt: float) -> None:
+        """Weigh as in a step of `dt` seconds."""
+        self._weight.Set(self.scheme.weight(dt))
+
+    def _displacement(self) -> Array:
+        return np.array(self._gfu.vec.FV().NumPy()[: self._n])
+
+    def _times(self, velocity: Array) -> Array:
+        """M v."""
+        self._moved.vec.FV().NumPy()[:] = velocity
+        product = self._moved.vec.CreateVector()
+        product.data = self._mass * self._moved.vec
+        return np.array(product.FV().NumPy())
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come besides the state."""
+        return {"pace": dict(self.pace.__dict__)}
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        self.pace = Pace(**saved["pace"])

@@ -21,6 +21,10 @@ class Solid:
         """F, 3×3, of a displacement and its gradient (on a boundary, the tangential one)."""
         return ngs.Id(3) + grad
 
+    def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """How F changes with a displacement, 3×3."""
+        return grad
+
     def weight(self) -> CoefficientFunction | float:
         """Volume in space for a volume of the mesh, and area for an area."""
         return 1.0
@@ -40,6 +44,10 @@ class PlaneStrain(Solid):
         """F with F₃₃ = 1."""
         return _plane(grad, 0.0)
 
+    def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """How F changes with a displacement."""
+        return _in_plane(grad, 0.0)
+
 
 @dataclass(frozen=True)
 class Axisymmetric(Solid):
@@ -50,6 +58,10 @@ class Axisymmetric(Solid):
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """F with F₃₃ = 1 + u_r/r, the stretch of circles."""
         return _plane(grad, u[0] / ngs.x)
+
+    def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+        """How F changes with a displacement."""
+        return _in_plane(grad, v[0] / ngs.x)
 
     def weight(self) -> CoefficientFunction:
         """2πr."""
@@ -72,6 +84,10 @@ class AntiPlane(Solid):
     def position(self, u: CoefficientFunction) -> CoefficientFunction:
         """In the mesh's coordinates nothing moves."""
         return ngs.CF((ngs.x, ngs.y))
+
+
+def _in_plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:
+    return ngs.CF((grad[0, 0], grad[0, 1], 0, grad[1, 0], grad[1, 1], 0, 0, 0, third), dims=(3, 3))
 
 
 def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:

@@ -18,7 +18,7 @@ from ngbrain.forward.implicit_work import Integrand, Motion, Terms, Work
 from ngbrain.forward.loads import Vector
 from ngbrain.forward.patterns import boundaries
 from ngbrain.forward.points import evaluation
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ class Seeing(Protocol):
 class Observation(Protocol):
     """What can be seen of any body."""
 
-    def on(self, body: Static) -> Seeing:
+    def on(self, body: Problem) -> Seeing:
         """Of this one."""
 
 
@@ -56,12 +56,12 @@ class Displacements:
 
     points: Array
 
-    def on(self, body: Static) -> Seeing:
+    def on(self, body: Problem) -> Seeing:
         """A matrix."""
-        scalar = evaluation(ngs.H1(body.mesh, order=body.form.order), np.asarray(self.points, float))
+        scalar = evaluation(ngs.H1(body.mesh, order=body.element.order), np.asarray(self.points, float))
         n, dim = len(self.points), body.mesh.dim
         if scalar.shape[1] * dim != body.u.space.ndof:
-            raise InputError("form", str(body.form), "components of the displacement in spaces of their own")
+            raise InputError("element", str(body.element), "components of the displacement in spaces of their own")
         by_point = np.arange(n * dim).reshape(dim, n).T.ravel()
         matrix = sp.csr_array(sp.block_diag([scalar] * dim, format="csr")[by_point])
         matrix.resize((n * dim, body.fes.ndof))
@@ -72,7 +72,7 @@ class Displacements:
 class Unknowns:
     """All unknowns of the body (ndof,), for models that go on from its equilibrium."""
 
-    def on(self, body: Static) -> Seeing:
+    def on(self, body: Problem) -> Seeing:
         """The identity."""
         return _Linear(body, sp.eye_array(body.fes.ndof, format="csr"))
 
@@ -87,7 +87,7 @@ class Force:
     boundary: str
     motions: Sequence[Vector] = ()
 
-    def on(self, body: Static) -> Seeing:
+    def on(self, body: Problem) -> Seeing:
         """The virtual work of the motions."""
         return _Reaction(body, self)
 
@@ -101,13 +101,13 @@ class Functional:
     def __init__(self, *integrands: Integrand) -> None:
         self.integrands = integrands
 
-    def on(self, body: Static) -> Seeing:
+    def on(self, body: Problem) -> Seeing:
         """Numbers."""
         return _Integrals(body, self.integrands)
 
 
 class _Linear:
-    def __init__(self, body: Static, matrix: sp.csr_array) -> None:
+    def __init__(self, body: Problem, matrix: sp.csr_array) -> None:
         self._body, self.matrix, self.size = body, matrix, matrix.shape[0]
 
     def values(self) -> Array:
@@ -123,7 +123,7 @@ class _Linear:
 class _Reaction:
     matrix = None
 
-    def __init__(self, body: Static, asked: Force) -> None:
+    def __init__(self, body: Problem, asked: Force) -> None:
         mesh, mine = body.mesh, boundaries(body.mesh, asked.boundary)
         units = [tuple(row) for row in np.eye(mesh.dim)]
         self._body, self._boundary = body, asked.boundary
@@ -151,7 +151,7 @@ class _Reaction:
 class _Integrals:
     matrix = None
 
-    def __init__(self, body: Static, integrands: Sequence[Integrand]) -> None:
+    def __init__(self, body: Problem, integrands: Sequence[Integrand]) -> None:
         self._body, self._integrands, self._work = body, integrands, Work(body)
         self.size = len(integrands)
         self._weights = [ngs.Parameter(0.0) for _ in integrands]

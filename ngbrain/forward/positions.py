@@ -27,12 +27,12 @@ class Positions:
     >>> from ngbrain.forward.loads import Weight
     >>> from ngbrain.forward.material import Material
     >>> from ngbrain.forward.observations import Displacements
-    >>> from ngbrain.forward.static import Static
+    >>> from ngbrain.forward.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
     >>> nodes, seen = Nodes(mesh), [[0.05, 0.0]]
-    >>> body = Static(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], form="P2")
+    >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
     >>> model = Positions(StaticModel([Case(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
     >>> hanging = model.at(np.zeros(nodes.size)).data
     >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)

@@ -32,9 +32,9 @@ from ngbrain.forward.implicit_blocks import Parameter
 from ngbrain.forward.observations import Displacements, Unknowns
 from ngbrain.forward.prestressed_factor import Factor
 from ngbrain.forward.prestressed_work import WaveWork
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.slopes import complexified
 from ngbrain.forward.solves import Solves
-from ngbrain.forward.static import Static
 from ngbrain.forward.supports import Supports
 from ngbrain.materials.base import Value, checked, positive
 from ngbrain.solvers.newton import Newton
@@ -64,7 +64,7 @@ class PrestressedModel:
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
     >>> mu = ngs.Parameter(2e3)
-    >>> body = Static(mesh, {".*": Material(NeoHooke(mu), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, form="Q2/Q1")
+    >>> body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, form="Q2/Q1")
     >>> model = PrestressedModel(body, [Wave(30.0, {"top": (1e-3, 0)})], [[0.05, 0.05]], {"mu": mu}, loss=0.2)
     >>> there = model.at(model.theta)
     >>> there.data.shape, there.gradient(there.data).shape
@@ -73,7 +73,7 @@ class PrestressedModel:
 
     def __init__(
         self,
-        body: Static,
+        body: Problem,
         waves: Sequence[Wave],
         points: Array,
         parameters: Mapping[str, Parameter],
@@ -96,7 +96,7 @@ class PrestressedModel:
         """Which unknowns waves hold (ndof,)."""
         self.prescribed = [self._prescribed(wave) for wave in self.waves]
         """Where (m), one array (ndof,) for each wave; zero elsewhere."""
-        self.symmetric = body._symmetric
+        self.symmetric = body.symmetric
         self.work = WaveWork(body, self.static.parts.values(), self.loss, self.rho)
 
     @property
@@ -241,7 +241,7 @@ class Prestressed:
         return np.asarray(self.model.observation @ v).reshape(-1, self.model.body.mesh.dim)
 
 
-def _held(body: Static, asked: Held) -> Array:
+def _held(body: Problem, asked: Held) -> Array:
     """Which unknowns waves hold."""
     mask = body.held
     if asked is not None:

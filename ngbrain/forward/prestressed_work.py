@@ -13,8 +13,8 @@ import scipy.sparse as sp
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_blocks import Block, Nodes
 from ngbrain.forward.implicit_work import Motion, Seen, Terms, Work, slope, vector
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.slopes import complexified
-from ngbrain.forward.static import Static
 from ngbrain.materials.base import Deformation, Value, density
 
 Array = np.ndarray
@@ -31,7 +31,7 @@ class WaveWork:
     the ways of both that `aim` was last given.
     """
 
-    def __init__(self, body: Static, blocks: Iterable[Block], loss: Value, rho: Value) -> None:
+    def __init__(self, body: Problem, blocks: Iterable[Block], loss: Value, rho: Value) -> None:
         self._body, self._blocks, self._loss, self._rho = body, list(blocks), loss, rho
         fes = body.fes
         self._work, self._squared = Work(body), ngs.Parameter(0.0)
@@ -177,7 +177,7 @@ class WaveWork:
             at.kinematics.weight()
             * self._loss
             * density(m.elastic, deformation)
-            * ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.rules)
+            * ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules)
             for pattern, m in body.materials.items()
         )
         return sum(rest, first)
@@ -187,7 +187,7 @@ def _tested(virtual: Motion) -> Pair:
     return lambda part: (virtual, part)
 
 
-def _matrix(body: Static, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
+def _matrix(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
     """How terms with trial functions as the state, and test functions, change with the state: the matrix at the body's."""
     form = ngs.BilinearForm(body.fes)
     for part in parts:

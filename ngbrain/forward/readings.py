@@ -11,9 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body
 from ngbrain.forward.patterns import boundaries
 from ngbrain.forward.points import evaluation
+from ngbrain.forward.problem import Problem
 
 Matrices = tuple[sp.csr_array, sp.csr_array]
 
@@ -21,7 +21,7 @@ Matrices = tuple[sp.csr_array, sp.csr_array]
 class Reading(Protocol):
     """Some numbers of a state."""
 
-    def on(self, body: Body) -> Matrices:
+    def on(self, body: Problem) -> Matrices:
         """B and Z, a row for each number and a column for each unknown of the body."""
 
 
@@ -34,9 +34,9 @@ class Displacements:
 
     points: Sequence[Sequence[float]] | np.ndarray
 
-    def on(self, body: Body) -> Matrices:
+    def on(self, body: Problem) -> Matrices:
         """B and Z."""
-        scalar = evaluation(ngs.H1(body.mesh, order=body.order), np.asarray(self.points, float))
+        scalar = evaluation(ngs.H1(body.mesh, order=body.element.order), np.asarray(self.points, float))
         n = scalar.shape[0]
         B = sp.block_diag([scalar] * 3, format="csr")[np.arange(3 * n).reshape(3, n).T.ravel()]
         B.resize((3 * n, body.fes.ndof))
@@ -55,7 +55,7 @@ class Force:
     boundary: str
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
-    def on(self, body: Body) -> Matrices:
+    def on(self, body: Problem) -> Matrices:
         """B and Z."""
         if not np.any(self.direction):
             raise InputError("Force.direction", self.direction, "a vector that is not zero")

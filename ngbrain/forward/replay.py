@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import Failure, InputError, gave_up
-from ngbrain.forward.body import Body
-from ngbrain.forward.transient import Motion, Transient
+from ngbrain.forward.problem import Problem
+from ngbrain.forward.time_stepper import Motion, TimeStepper
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ SHORTEST = 1e-2
 
 @dataclass(frozen=True)
 class Step:
-    """The n-th step: from a history (`Body.memory`) at grid[n] to the state x at grid[n + 1]."""
+    """The n-th step: from a history (`Problem.memory`) at grid[n] to the state x at grid[n + 1]."""
 
     n: int
     memory: dict[str, Any]
@@ -47,7 +47,7 @@ class Kept:
     memory: dict[str, Any]
 
 
-def times_of(transient: Transient) -> Array:
+def times_of(transient: TimeStepper) -> Array:
     """Run it to its end; times (s) at which its accepted steps start and end, the grid for a `Replay`."""
     grid = [transient.progress.t]
     transient.run(lambda body, at, record: grid.append(at.t))
@@ -67,15 +67,15 @@ class Replay:
 
     def __init__(
         self,
-        body: Body,
+        body: Problem,
         motion: Motion,
         grid: Array,
         newton: Newton = TIGHT,
         every: int | None = None,
         states: bool = True,
     ) -> None:
-        if type(body) is not Body or body.friction.frictions:
-            raise InputError("body", type(body).__name__, "a `Body` without friction, inertia or given force")
+        if type(body) is not Problem or body.friction.frictions or body.inertia is not None:
+            raise InputError("body", type(body).__name__, "a `Problem` without friction, inertia or given force")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
@@ -84,6 +84,7 @@ class Replay:
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
         self.solved = 0
+        body.factor.Set(1.0)
         self.kept: list[Kept] = []
         self._last: list[Step] = []
         self._keeping, self._states, self._known = states, list[Array](), list[Array]()

@@ -12,7 +12,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.tensors import principal_values, right_cauchy_green
 
 if TYPE_CHECKING:
-    from ngbrain.forward.static import Static
+    from ngbrain.forward.problem import Problem
 
 CREASE = 0.65
 """Stretch at which the free surface of a Neo-Hookean half-space pressed in plane strain creases (strain .354: Hong, Zhao and
@@ -23,8 +23,8 @@ NEAREST, FEW = 6, 30
 """Eigenvalues nearest to zero among which the smallest is looked for; unknowns up to which all are."""
 
 
-def softest(body: Static) -> tuple[float, ngs.GridFunction]:
-    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Static.softest`).
+def softest(body: Problem) -> tuple[float, ngs.GridFunction]:
+    """Smallest eigenvalue λ (Pa/m²) of a body's tangent, among the nearest to zero, and its motion (see `Problem.softest`).
 
     A body that is held everywhere has none: inf, and no motion.
     """
@@ -50,14 +50,14 @@ def softest(body: Static) -> tuple[float, ngs.GridFunction]:
     return float(np.min(values)), motion
 
 
-def pressed(body: Static) -> float:
+def pressed(body: Problem) -> float:
     """Share of a body's volume whose smallest principal stretch is below `CREASE`."""
     F = body.kinematics.gradient(body.u, ngs.Grad(body.u))
     least = principal_values(right_cauchy_green(F))[2]
     return _share(least, body, order=4)
 
 
-def creased(body: Static) -> float:
+def creased(body: Problem) -> float:
     """Share of a body's free surface, by area, that is compressed along itself to a stretch below `CREASE`.
 
     The stretches of a surface with normal N have s₁² + s₂² = |F(1 - N⊗N)|² and s₁ s₂ = |cof F N|. (A ball blown up is
@@ -75,7 +75,7 @@ def creased(body: Static) -> float:
     return _share(half - ngs.sqrt(ngs.IfPos(apart, apart, 0)), body, definedon=free, order=4)
 
 
-def _share(squared: CoefficientFunction, body: Static, **where: Any) -> float:
+def _share(squared: CoefficientFunction, body: Problem, **where: Any) -> float:
     """Where a squared stretch is below `CREASE`."""
     weight = ngs.CF(body.kinematics.weight())
     both = ngs.CF((weight * ngs.IfPos(CREASE**2 - squared, 1, 0), weight))
@@ -83,7 +83,7 @@ def _share(squared: CoefficientFunction, body: Static, **where: Any) -> float:
     return float(beyond / whole)
 
 
-def _free(body: Static) -> ngs.Region:
+def _free(body: Problem) -> ngs.Region:
     """Boundaries around the body on which nothing is held."""
     mesh = body.mesh
     free = ~np.fromiter(mesh.Boundaries("|".join(body.supports.held) or "$^").Mask(), bool)

@@ -24,14 +24,14 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body
 from ngbrain.forward.flow_forms import Begun, Ended, Moved, step_factors
 from ngbrain.forward.forces import Density, Forces
 from ngbrain.forward.material import Material
 from ngbrain.forward.parts import Block, Expressions, Part, put, values, weighed
+from ngbrain.forward.problem import Problem
 from ngbrain.materials.base import Deformation, density
 from ngbrain.materials.viscous import overstress
-from ngbrain.tensors import deformation_gradient, of_six, six
+from ngbrain.tensors import of_six, six
 
 Array = np.ndarray
 Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
@@ -49,7 +49,7 @@ class StepForms:
     `InputError` for a parameter of another kind.
     """
 
-    def __init__(self, body: Body, parameters: Mapping[str, Parameter]) -> None:
+    def __init__(self, body: Problem, parameters: Mapping[str, Parameter]) -> None:
         self.body, self.parameters = body, dict(parameters)
         history, space = body.history, body.history.space
         self.points, self.dt = history.points, ngs.Parameter(1.0)
@@ -68,8 +68,8 @@ class StepForms:
         self.measure()
         self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         materials, of = body.materials, body.mesh.MaterialCF
-        self._changed = Forces(body.gfu, {p: self._changing(m) for p, m in materials.items()}, space)
-        self._remembered = Forces(body.gfu, {p: self._weighted(m) for p, m in materials.items()}, space)
+        self._changed = self.forces({p: self._changing(m) for p, m in materials.items()})
+        self._remembered = self.forces({p: self._weighted(m) for p, m in materials.items()})
         self._back = of({p: self._backward(m) for p, m in materials.items()})
         self._forth = of({p: self._forward(m) for p, m in materials.items()})
         self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
@@ -79,7 +79,33 @@ class StepForms:
     def measure(self) -> None:
         """Take the points' quadrature weights from the mesh as it is."""
         test, rules = self.body.history.space.TestFunction(), self.body.history.rules
-        self.quadrature = values(ngs.LinearForm(test * ngs.dx(intrules=rules)).Assemble()).copy()
+        self.quadrature = values(
+            ngs.LinearForm(self.body.kinematics.weight() * test * ngs.dx(intrules=rules)).Assemble()
+        ).copy()
+
+    def forces(self, densities: dict[str, Density]) -> Forces:
+        """Nodal forces of energy densities (region → `Density`) at the body's state."""
+        body = self.body
+        return Forces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
+
+    def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
+        """F of a displacement."""
+        return self.body.kinematics.gradient(u, ngs.Grad(u))
+
+    @property
+    def p(self) -> CoefficientFunction | None:
+        """The pressure as an expression, if there is one."""
+        return None if self.body.p is None else 1.0 * self.body.p
+
+    def moved_state(
+        self, F: CoefficientFunction, p: CoefficientFunction | None, *ways: tuple[ngs.Parameter, Any]
+    ) -> tuple[Deformation, CoefficientFunction | None]:
+        """A state moved by numbers along motions."""
+        for number, motion in ways:
+            way = self.body.layout.fields(motion)
+            F = F + number * self.body.kinematics.change(way.u, ngs.Grad(way.u))
+            p = None if p is None else p + number * way.p
+        return Deformation.of(F), p
 
     # What is asked of a step.
 
@@ -142,11 +168,11 @@ class StepForms:
 
     def _check(self, material: Material) -> None:
         """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
-        at = Deformation.of(deformation_gradient(self.body.u))
+        at = Deformation.of(self.gradient(self.body.u))
         flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, STILL)]
         for name, parameter in self.parameters.items():
             if isinstance(parameter, ngs.GridFunction):
-                for made in (self.energies(material, at, self.body.p, STILL)[0].value, *flows):
+                for made in (self.energies(material, at, self.p, STILL)[0].value, *flows):
                     if re.search(
                         r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
                     ):
@@ -176,7 +202,7 @@ class StepForms:
         return made + self._s * self.along(law)
 
     def energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
-        """W, as `Body` has it."""
+        """W, as `Tissue` has it."""
         law = material.viscous
         factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
         energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
@@ -238,7 +264,9 @@ class StepForms:
 
     def _weighted(self, material: Material) -> Density:
         return lambda at, p: reduce(
-            add, (w.value for w in weighed(self.blocks, self.updates(material, at.shape, STILL))), 0 * p
+            add,
+            (w.value for w in weighed(self.blocks, self.updates(material, at.shape, STILL))),
+            0 * (at.J if p is None else p),
         )
 
     def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
@@ -248,16 +276,17 @@ class StepForms:
 
     def _backward(self, material: Material) -> CoefficientFunction:
         """∂ℓ by h, m and θ."""
-        F = deformation_gradient(self.body.u).MakeVariable()
-        moving, held = Deformation.of(F), Deformation.of(deformation_gradient(self.body.u))
-        u, q, _ = self._motion.components
+        F = self.gradient(self.body.u).MakeVariable()
+        moving, held = Deformation.of(F), Deformation.of(self.gradient(self.body.u))
+        motion = self.body.layout.fields(self._motion)
         t = ngs.Parameter(0.0)
         names = ("shape", "C", "J", "F")
         # Variables of their own: what is derived by a block does not go into them again.
         still = [getattr(held, name).MakeVariable() for name in names]
-        changes = [getattr(moving, name).Diff(F, ngs.Grad(u)) for name in names]
+        change = self.body.kinematics.change(motion.u, ngs.Grad(motion.u))
+        changes = [getattr(moving, name).Diff(F, change) for name in names]
         at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
-        p = (1.0 * self.body.p).MakeVariable() + t * q
+        p = None if self.p is None else self.p.MakeVariable() + t * motion.p
         works = [W.then(lambda part: part.Diff(t)) for W in self.energies(material, at, p, STILL)]
         return self._derived(
             works + weighed(self.blocks, self.updates(material, still[0], STILL)), [*self.blocks, *self._half]
@@ -265,7 +294,8 @@ class StepForms:
 
     def _forward(self, material: Material) -> CoefficientFunction:
         """δh⁺."""
-        F = deformation_gradient(self.body.u) + self._s * ngs.Grad(self._moving.components[0])
+        moving = self.body.layout.fields(self._moving).u
+        F = self.gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
         updates = self.updates(material, Deformation.of(F).shape, MOVED)
         return ngs.CF((0.0, *map(self._along, updates))).Compile()
 
@@ -279,7 +309,8 @@ class StepForms:
 
     def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
         at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
-        form += at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
+        weight = self.body.kinematics.weight()
+        form += weight * at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
         return at_points, form
 
     def aim(self, history: Array, theta: Mapping[str, Array]) -> None:

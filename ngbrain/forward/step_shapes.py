@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_blocks import Nodes
 from ngbrain.forward.implicit_work import Motion, Term, Terms, vector
@@ -34,6 +35,9 @@ class StepShapes:
 
     def __init__(self, forms: StepForms, nodes: Nodes) -> None:
         self._forms, self._n, self._r, body = forms, ngs.Parameter(0.0), ngs.Parameter(0.0), forms.body
+        if body.mesh.dim != 3 or body.p is None:
+            wanted = "a body in space with pressures, for derivatives of a run by node positions"
+            raise InputError("body", f"{body.element} in {body.mesh.dim} dimensions", wanted)
         space = nodes.shift.space
         self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(space)
         self._matrix = ngs.BilinearForm(trialspace=space, testspace=body.fes)

@@ -21,14 +21,13 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.forward.differences import change
-from ngbrain.forward.forces import Density, Forces
+from ngbrain.forward.forces import Density
 from ngbrain.forward.implicit_blocks import Block
 from ngbrain.forward.material import Material
 from ngbrain.forward.parts import Block as Variables
 from ngbrain.forward.parts import entries, put, values, weighed
 from ngbrain.forward.step_forms import STILL, StepForms
 from ngbrain.materials.base import Deformation
-from ngbrain.tensors import deformation_gradient
 
 Array = np.ndarray
 Slopes: TypeAlias = tuple[Array, Array, Array]
@@ -43,7 +42,7 @@ class Symbols:
         self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
         self._r, self._s = ngs.Parameter(0.0), ngs.Parameter(0.0)
         densities = {p: self._density(m) for p, m in body.materials.items()}
-        self._by_state = Forces(body.gfu, densities, body.history.space)
+        self._by_state = forms.forces(densities)
         self._back = body.mesh.MaterialCF({p: self._derived(m) for p, m in body.materials.items()})
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
@@ -63,7 +62,7 @@ class Symbols:
 
     def _derived(self, material: Material) -> CoefficientFunction:
         """ℓ' by history and parameters."""
-        work = self._work(material, deformation_gradient(self._forms.body.u), 1.0 * self._forms.body.p)
+        work = self._work(material, self._forms.gradient(self._forms.body.u), self._forms.p)
         turned, slopes = self._turned(work), zip(*map(self._forms.slopes, work), strict=True)
         by_history = [turned.Diff(block.variable) for block in self._forms.blocks]
         return ngs.CF((0.0, *by_history, *(self._turned(slope) for slope in slopes))).Compile()
@@ -80,12 +79,12 @@ class Symbols:
         return whole(*work).Diff(self._s) + whole(*map(self._forms.along, work))
 
     def _work(
-        self, material: Material, F: CoefficientFunction, p: CoefficientFunction
+        self, material: Material, F: CoefficientFunction, p: CoefficientFunction | None
     ) -> tuple[CoefficientFunction, CoefficientFunction]:
         """W as a function of r, by which μ goes, and s, and Λ · U as one of s, at a state."""
         forms, way = self._forms, (self._s, self._way)
-        energies = forms.energies(material, *_moved(F, p, (self._r, self._motion), way), self._seen)
-        updates = forms.updates(material, _moved(F, p, way)[0].shape, self._seen)
+        energies = forms.energies(material, *forms.moved_state(F, p, (self._r, self._motion), way), self._seen)
+        updates = forms.updates(material, forms.moved_state(F, p, way)[0].shape, self._seen)
         kept = (part.value for part in weighed(forms.blocks, updates))
         return reduce(add, (part.value for part in energies)), reduce(add, kept, ngs.CF(0.0))
 
@@ -100,9 +99,10 @@ class Shifted:
         self._forms, self._parts, body = forms, parts, forms.body
         self._motion, self._way, self._r = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes), ngs.Parameter(0.0)
         densities = {p: self._density(m) for p, m in body.materials.items()}
-        self._stretched = Forces(body.gfu, densities, body.history.space)
+        self._stretched = forms.forces(densities)
         self._begun = body.mesh.MaterialCF({p: self._beginning(m) for p, m in body.materials.items()})
-        self._gradient = ngs.Grad(self._way.components[0]).Reshape((9,)).Compile()
+        way = body.layout.fields(self._way).u
+        self._gradient = body.kinematics.change(way, ngs.Grad(way)).Reshape((9,)).Compile()
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
@@ -155,18 +155,8 @@ class Shifted:
     def _density(self, material: Material) -> Density:
         """W' along μ."""
 
-        def work(at: Deformation, p: CoefficientFunction) -> CoefficientFunction:
-            moved = _moved(at.F, p, (self._r, self._motion))
+        def work(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+            moved = self._forms.moved_state(at.F, p, (self._r, self._motion))
             return reduce(add, (part.value for part in self._forms.energies(material, *moved, STILL))).Diff(self._r)
 
         return work
-
-
-def _moved(
-    F: CoefficientFunction, p: CoefficientFunction, *ways: tuple[ngs.Parameter, ngs.GridFunction]
-) -> tuple[Deformation, CoefficientFunction]:
-    """A state moved by numbers."""
-    for number, motion in ways:
-        u, q, _ = motion.components
-        F, p = F + number * ngs.Grad(u), p + number * q
-    return Deformation.of(F), p

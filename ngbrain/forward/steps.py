@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body
+from ngbrain.forward.problem import Problem
 from ngbrain.solvers.record import Work
 
 ORDER = 2
@@ -45,7 +45,7 @@ class Progress:
 
 
 class Control(Protocol):
-    """What chooses the steps of a `Transient`."""
+    """What chooses the steps of a `TimeStepper`."""
 
     @property
     def touch(self) -> float:
@@ -58,7 +58,7 @@ class Control(Protocol):
     def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
         """The next step (s); `travel` says how far (m) bodies come nearer in a time from now."""
 
-    def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
         """What is wrong with the step from a state to the body's; a note of its error is left in `at`."""
 
     def halved(self) -> Control:
@@ -108,7 +108,7 @@ class StepControl:
             start, growth, longest = self.contact_dt, self.growth, self.dt_max
         return start if at.rested else min(at.dt * (1.0 if at.cut else growth), longest)
 
-    def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
         """Nothing: these steps do not look at their error."""
         return ""
 
@@ -122,8 +122,8 @@ class ErrorControl:
     """Time steps as long as their error allows, from milliseconds to as long as a hold.
 
     tolerance   of a step's error: rms over quadrature points of the difference of its overstress from that of two half steps along
-                the same straight path, over the largest rms of the overstress so far; of a `DynamicBody` also of its largest
-                displacement's error, over the body's `amplitude`
+                the same straight path, over the largest rms of the overstress so far; with `Inertia` also of the largest
+                displacement's error, over its `amplitude`
     touch       first step (s) after touch, and after each event
     longest     step (s)
     shortest    step (s) below which the run gives up
@@ -165,11 +165,11 @@ class ErrorControl:
             longest = min(self.pushing, longest, self.touch * self.way / abs(moved)) / (LEAVING if moved < 0 else 1)
         return min(self.touch if at.rested else at.dt * (1.0 if at.cut else at.factor), longest)
 
-    def judged(self, body: Body, before: np.ndarray, at: Progress) -> str:
+    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
         """Whether the error is over `OVER` times the tolerance."""
-        change, overstress = body.halving(before)
+        change, overstress = problem.halving(before)
         largest = max(at.largest, overstress)
-        error = max(change / largest if largest else 0.0, body.path_error())
+        error = max(change / largest if largest else 0.0, problem.path_error())
         if error > OVER * self.tolerance:
             return f"an error of {error:.1e} in a step, tolerance {self.tolerance:.1e}"
         at.largest = largest
@@ -188,3 +188,33 @@ class ErrorControl:
             pushing=self.pushing / 2,
             way=self.way / 2,
         )
+
+
+@dataclass(frozen=True)
+class GivenSteps:
+    """From each of some increasing times (s) to the next."""
+
+    times: np.ndarray
+
+    @property
+    def touch(self) -> float:
+        """The shortest of them (s)."""
+        return float(np.min(np.diff(self.times)))
+
+    @property
+    def shortest(self) -> float:
+        """Step (s) below which the run gives up."""
+        return self.touch / 64
+
+    def proposed(self, at: Progress, travel: Callable[[float], float]) -> float:
+        """To the next time, which is an event of the load history's."""
+        return np.inf
+
+    def judged(self, problem: Problem, before: np.ndarray, at: Progress) -> str:
+        """Nothing: these steps do not look at their error."""
+        return ""
+
+    def halved(self) -> GivenSteps:
+        """Two for each."""
+        middles = (self.times[1:] + self.times[:-1]) / 2
+        return GivenSteps(np.sort(np.concatenate([self.times, middles])))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.body import Body
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.tangent import Solve, factor
 from ngbrain.solvers.krylov import gmres
 
@@ -24,7 +24,7 @@ class Tangents:
     `factorisations` and `solves` count.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: Problem) -> None:
         self.body, self.factorisations, self.solves = body, 0, 0
         free = body.weights > 0
         self._free, self._scale = free.astype(float), np.sqrt(np.where(free, body.weights, 1.0))

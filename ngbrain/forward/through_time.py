@@ -20,9 +20,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact_forms import ContactForms
 from ngbrain.forward.implicit_blocks import Nodes, block, places
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
 from ngbrain.forward.step_curvature import StepCurvature
@@ -30,7 +30,7 @@ from ngbrain.forward.step_forms import Parameter, StepForms
 from ngbrain.forward.step_shapes import StepShapes
 from ngbrain.forward.tangent import Solve
 from ngbrain.forward.tangents import EXACT, FINER, Tangents
-from ngbrain.forward.transient import Motion
+from ngbrain.forward.time_stepper import Motion
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -53,6 +53,7 @@ class RunModel:
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.body import Material
     >>> from ngbrain.forward.contact import Contact
+    >>> from ngbrain.forward.problem import Problem
     >>> from ngbrain.forward.readings import Force
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
@@ -61,7 +62,8 @@ class RunModel:
     >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
     >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
-    >>> body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": tissue}, "bottom", [plate])
+    >>> cube = block((0.02, 0.02, 0.02), 0.02)
+    >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top")])
     >>> there = model.at(model.theta)
     >>> there.data.shape, there.gradient(there.data).shape
@@ -70,7 +72,7 @@ class RunModel:
 
     def __init__(
         self,
-        body: Body,
+        body: Problem,
         motion: Motion,
         grid: Sequence[float] | Array,
         parameters: Mapping[str, Parameter | Nodes],

@@ -18,12 +18,13 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.implicit import Case, Equilibria, StaticModel
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve, checked_curves
-from ngbrain.materials.lab.fit import Bounds, Fit, Problem
+from ngbrain.materials.lab.fit import Bounds, CurveFit, Fit
 from ngbrain.materials.lab.modes import mode_named
 from ngbrain.materials.points import initial_modulus
 from ngbrain.materials.viscous import Viscous
@@ -43,7 +44,7 @@ class Bonded:
     size    edges along x, y, z (m); the plates are at the ends of z, and one moves along z ("uniaxial") or x ("shear")
     bulk    K (Pa); by default 10 000 times the initial shear modulus
     maxh    of its elements (m); by default a third of the shortest edge
-    form    as `Static` takes it
+    form    as `Problem` takes it
     levels  deformations computed for each curve on each side of rest; between them goes a polynomial through rest
 
     Raises `InputError` for an edge or a number of levels that is not positive.
@@ -71,7 +72,7 @@ class Bonded:
         where = mode_named(mode).checked(stretches)
         bodies, matrix = self._tests(mode, where, Material(law, self._bulk(law)))
         for body in bodies:
-            body.solve()
+            LoadPath(body).solve()
         return matrix @ np.array([body.force("top") @ MOTIONS[mode] for body in bodies])
 
     def fit(
@@ -94,14 +95,14 @@ class Bonded:
     def _bulk(self, law: Law) -> float:
         return STIFF * float(initial_modulus(law)) if self.bulk is None else self.bulk
 
-    def _tests(self, mode: str, stretches: Array, material: Material) -> tuple[list[Static], Array]:
+    def _tests(self, mode: str, stretches: Array, material: Material) -> tuple[list[Problem], Array]:
         """Bodies of one test, and the matrix from their forces (N) to nominal stresses (Pa) at all stretches."""
         if mode not in MOTIONS:
             raise InputError("mode", repr(mode), f"a test between plates: {' or '.join(MOTIONS)}")
         mesh = block(self.size, self.maxh or min(self.size) / 3)
         levels, parts = _levels(stretches - mode_named(mode).rest, self.levels)
         ways = (tuple(float(e) * self.size[2] * along for along in MOTIONS[mode]) for e in levels)
-        bodies = [Static(mesh, {".*": material}, {"bottom": 0, "top": way}, form=self.form) for way in ways]
+        bodies = [Problem(mesh, {".*": material}, {"bottom": 0, "top": way}, element=self.form) for way in ways]
         return bodies, parts / (self.size[0] * self.size[1])
 
 
@@ -127,7 +128,7 @@ def _powers(x: Array, most: int) -> Array:
     return x[:, None] ** np.arange(1, most + 1)
 
 
-class Blocks(Problem):
+class Blocks(CurveFit):
     """A fit's misfits with blocks in place of homogeneous specimens; `model` is all of them."""
 
     ends: Mapping[str, float] = {"xtol": 1e-6, "ftol": 1e-9, "gtol": 1e-9}

@@ -76,11 +76,11 @@ def recover(
     >>> from ngbrain.forward.implicit import Case
     >>> from ngbrain.forward.material import Material
     >>> from ngbrain.forward.observations import Force
-    >>> from ngbrain.forward.static import Static
+    >>> from ngbrain.forward.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
     >>> mu = ngs.Parameter(1e3)
-    >>> body = Static(block(), {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": (0, 0, -4e-3)}, form="P2")
+    >>> body = Problem(block(), {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
     >>> model = StaticModel([Case(body, [Force("top")])], {"mu": mu})
     >>> force = model.at(model.theta).data
     >>> mu.Set(500.0)

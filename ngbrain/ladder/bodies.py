@@ -17,11 +17,12 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.held import check_held
 from ngbrain.forward.inertia import Inertia
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import Load, RigidFace, Traction, Weight
 from ngbrain.forward.material import Material
-from ngbrain.forward.relaxing import Relaxing
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.supports import Support
+from ngbrain.forward.time_stepper import run_load_history
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.edges import torn
 from ngbrain.ladder.local import SHARE, chosen, shares
@@ -161,13 +162,13 @@ class Bench:
         modulus = self.factor(self.largest, {}) * most.initial_modulus
         return float(self.longest * math.sqrt(most.rho / modulus))
 
-    def static(self, model: Model, t: float) -> Static:
+    def static(self, model: Model, t: float) -> Problem:
         """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
-        return Static(*self._parts(model, self._law(model, t)), form=form_of(model))
+        return Problem(*self._parts(model, self._law(model, t)), element=form_of(model))
 
-    def relaxing(self, model: Model, t: float) -> Relaxing:
+    def relaxing(self, model: Model, t: float) -> Problem:
         """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
-        return Relaxing(*self._parts(model, self._law(model, t)), form=form_of(model))
+        return Problem(*self._parts(model, self._law(model, t)), element=form_of(model))
 
     def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
         """From a tissue's law and what its moduli are multiplied by to that of the model."""
@@ -180,7 +181,7 @@ class Bench:
         }
         return laws[level]
 
-    def state(self, model: Model, body: Static, x: Array) -> State:
+    def state(self, model: Model, body: Problem, x: Array) -> State:
         """What is asked of a body that stands for the model."""
         linear = model["strain"] == "linear"
         return State(body, x, SMALL if linear else 1.0, linear, self.thickness_of(model))
@@ -214,7 +215,7 @@ class Bench:
 
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous]
-    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load]]:
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
@@ -227,7 +228,9 @@ class Bench:
             materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.rho
         self._check_given(names)
         supports: dict[str, Support] = {}
-        loads: list[Load] = [Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()]
+        loads: list[Load | Inertia] = [
+            Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()
+        ]
         for given in scene.given:
             if not any(re.fullmatch(given.boundary, name) for name in names):
                 if plane:  # the faces in front and behind
@@ -324,13 +327,13 @@ def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str,
             x = linear_state(body)
         else:
             close = near.get(when) or next(iter(found.values()), None)
-            body.solve(start=None if close is None else embedded(close, body, 1.0))
+            LoadPath(body).solve(start=None if close is None else embedded(close, body, 1.0))
             x = body.state
         found[when] = bench.state(model, body, x)
     return found
 
 
-def linear_state(body: Static) -> Array:
+def linear_state(body: Problem) -> Array:
     """The first Newton step from rest under a small load, which is the solution of the linear problem."""
     check_held(body.supports, body.loads, body.kinematics, "xyz" if body.mesh.dim == 3 else "xz")
     rest = np.zeros(body.fes.ndof)
@@ -348,14 +351,14 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
     for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
         body = bench.relaxing(model, last)
 
-        def seen(t: float, body: Relaxing = body) -> None:
+        def seen(t: float, body: Problem = body) -> None:
             for i, ask in enumerate(scene.ask):
                 if abs(t - bench.time(ask.when)) < 1e-9 * t:
                     state = bench.state(model, body, body.state)
                     answers[i], scales[i] = answer(ask, state), scale_of(ask, state)
 
         times = _times(bench, model, last)
-        body.run(times, size * np.minimum(times / scene.course.ramp, 1.0), seen)
+        run_load_history(body, times, size * np.minimum(times / scene.course.ramp, 1.0), seen)
         ndof = body.fes.ndof
     return answers, scales, ndof
 

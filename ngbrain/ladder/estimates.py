@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
 from ngbrain.ladder.quantities import State, embedded
 from ngbrain.solvers.linear import Solve
@@ -111,7 +111,7 @@ def strained(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estim
     return replace(other, how=f"{other.how}, in elements of second order")
 
 
-def _steps(body: Static, x: Array, state: State) -> tuple[Array, Array, float]:
+def _steps(body: Problem, x: Array, state: State) -> tuple[Array, Array, float]:
     """Two Newton steps from x, and the size of the second over the first.
 
     With the factor that the state was found with, that of small strains in the same elements, where it can be `TRUSTED`.
@@ -124,7 +124,7 @@ def _steps(body: Static, x: Array, state: State) -> tuple[Array, Array, float]:
     return _both(body, x, r, body.factorise(x, r))
 
 
-def _both(body: Static, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
+def _both(body: Problem, x: Array, r: Array, inverse: Solve) -> tuple[Array, Array, float]:
     first = -inverse(r)
     if not body.min_det(x + first) > 0:
         raise Breakdown("the step folds the body")

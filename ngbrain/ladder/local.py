@@ -15,7 +15,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.material import stiffness
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.ladder.quantities import State, answer, embedded, slope
 from ngbrain.scene.loading import Ask
 
@@ -25,7 +25,7 @@ SHARE = {2: 0.8, 3: 0.5}
 TINY = 1e-300
 
 
-def shares(cheap: State, rich: Static, asks: Sequence[Ask]) -> Array:
+def shares(cheap: State, rich: Problem, asks: Sequence[Ask]) -> Array:
     """What each element leaves out, relative to the answers, the largest over the questions (ne,).
 
     cheap   a linear body at rest
@@ -59,19 +59,21 @@ def chosen(left_out: Array, share: float) -> Array:
     return marked
 
 
-def _strain(body: Static, x: Array) -> Array:
+def _strain(body: Problem, x: Array) -> Array:
     body.state = x
     return _norm(body, ngs.Sym(ngs.Grad(body.u)))
 
 
-def _norm(body: Static, strain: ngs.CoefficientFunction) -> Array:
+def _norm(body: Problem, strain: ngs.CoefficientFunction) -> Array:
     """Of its deviator over each element."""
     mesh = body.mesh
     square = ngs.InnerProduct(strain, strain) - ngs.Trace(strain) ** 2 / 3
-    return np.sqrt(np.maximum(ngs.Integrate(square, mesh, order=2 * body.form.order - 2, element_wise=True).NumPy(), 0))
+    return np.sqrt(
+        np.maximum(ngs.Integrate(square, mesh, order=2 * body.element.order - 2, element_wise=True).NumPy(), 0)
+    )
 
 
-def _moduli(body: Static) -> Array:
+def _moduli(body: Problem) -> Array:
     """Mean initial modulus (Pa) of each element."""
     modulus = stiffness(body.mesh, body.materials)[0]
     sums, sizes = (ngs.Integrate(f, body.mesh, element_wise=True).NumPy() for f in (modulus, ngs.CF(1)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.points import evaluation
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.scene.loading import Ask
 
 Array = np.ndarray
@@ -23,14 +23,14 @@ PLANE = (0, 2)
 class State:
     """A body in a state.
 
-    body       `Static` or `Relaxing`
+    body       what was solved
     x          its unknowns
     factor     the load factor that they belong to; small and linear strains are 1/factor times as large
     linear     whether strains count as small
     thickness  of a section (m), else 1
     """
 
-    body: Static
+    body: Problem
     x: Array
     factor: float
     linear: bool
@@ -51,7 +51,7 @@ class State:
         return self.body.u / self.factor
 
 
-def embedded(state: State, body: Static, factor: float) -> Array:
+def embedded(state: State, body: Problem, factor: float) -> Array:
     """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
     state.stand()
     u = state.displacement() * factor
@@ -96,7 +96,7 @@ def _of_force(ask: Ask, state: State) -> Array:
 def _of_displacement(ask: Ask, state: State) -> Array:
     body, found = state.body, np.zeros(state.body.fes.ndof)
     point = np.array([along(ask.point or (0.0, 0.0, 0.0), state.plane)])
-    row = evaluation(ngs.H1(body.mesh, order=body.form.order), point).toarray()[0]
+    row = evaluation(ngs.H1(body.mesh, order=body.element.order), point).toarray()[0]
     found[body.is_u] = np.concatenate([way * row for way in along(ask.unit, state.plane)])
     return found
 
@@ -149,7 +149,7 @@ def scale_of(ask: Ask, state: State) -> float:
         nodes = ngs.GridFunction(ngs.VectorH1(body.mesh, order=1))
         nodes.Set(state.displacement())
         return float(np.abs(nodes.vec.FV().NumPy()).max())
-    forces = body.body_forces()
+    forces = body.tissue_forces()
     spaces = (body.u.space.Range(i) for i in range(body.mesh.dim))
     largest = max(float(np.abs(forces[span.start : span.stop]).sum()) for span in spaces) / 2  # there and back
     return largest * state.thickness / state.factor

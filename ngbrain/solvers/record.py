@@ -53,7 +53,7 @@ class PathRecord:
     cuts     steps that failed and were halved, with their `reasons`
     tried    Newton iterations of all steps, failed ones too
     seconds  CPU time by phase: assemble, factor, solve, residual, check
-    form, solver   what was chosen, and why
+    element, solver   what was chosen, and why
     pressed, creased  shares of the body's volume, and of its free surface along itself, compressed by more than 35 %
     softest  the tangent's smallest eigenvalue (Pa/m²), asked for when a share is large; else NaN
     guard    what was added to the body to get there; empty if nothing was
@@ -70,7 +70,7 @@ class PathRecord:
     work: Work = field(default_factory=Work)
     seconds: dict[str, float] = field(default_factory=dict)
     ndof: int = 0
-    form: str = ""
+    element: str = ""
     solver: str = ""
     pressed: float = 0.0
     creased: float = 0.0

@@ -13,9 +13,9 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.body import Body
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import Control, Progress, StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.io import write_json
 from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.elements import centres
@@ -136,19 +136,19 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
     low, high = (run.transient for run in runs)
     for transient in (low, high):  # digits enough for a comparison in percent
         transient.newton = Newton(rtol=1e-4, xtol=1e-5, max_factorisations=20)
-    high.body.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
-    high.body.begin(ramp)
-    embedded, walls = ngs.GridFunction(high.body.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
-    reached = (0.0, high.body.state)
+    high.problem.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
+    high.problem.begin(ramp)
+    embedded, walls = ngs.GridFunction(high.problem.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
+    reached = (0.0, high.problem.state)
     scene = model.scene.to_dict()
     kept = load_state(path) if resume and path is not None and path.exists() else {}
     if kept.get("scene") == scene:
         low.restore(kept["low"])
         high.restore(kept["high"])
-        high.body.begin(ramp)
+        high.problem.begin(ramp)
         reached = kept["reached"]
 
-    def follow(body: Body, at: Progress, record: NewtonRecord) -> None:
+    def follow(body: Problem, at: Progress, record: NewtonRecord) -> None:
         nonlocal reached
         for target, source in zip(embedded.components, body.gfu.components, strict=True):
             target.Interpolate(source)
@@ -158,7 +158,7 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
         reached = wanted
         if at.t == protocol.times[-1]:
             for run in runs:
-                run.look(run.transient.body, at, record)
+                run.look(run.transient.problem, at, record)
         elif path is not None:
             state = {"scene": scene, "low": low.checkpoint(), "high": high.checkpoint(), "reached": reached}
             save_state(path, state)
@@ -168,16 +168,16 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
     return first, second
 
 
-def _go(run: Transient, start: Point, end: Point, halvings: int) -> None:
+def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
     """Take the solution along as another, of the same motion, goes from one point (t, all unknowns) to the next."""
-    state = run.body.state
+    state = run.problem.state
     run.motion.set(end[0])
-    run.body.state, record = run.newton.solve(run, state + end[1] - start[1])
+    run.problem.state, record = run.newton.solve(run, state + end[1] - start[1])
     if record.converged:
         return
     if not halvings:
-        raise SolverError(f"order {run.body.order} at t = {end[0]:.2f} s: {record.reason}")
-    run.body.state = state
+        raise SolverError(f"{run.problem.element} at t = {end[0]:.2f} s: {record.reason}")
+    run.problem.state = state
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     _go(run, start, middle, halvings - 1)
     _go(run, middle, end, halvings - 1)

@@ -10,13 +10,13 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing, Contact, Sliding, Touch
 from ngbrain.forward.forced import Press, PressedBody, Pressing
 from ngbrain.forward.friction import Friction, Moves
 from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import Control, ErrorControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen
@@ -191,7 +191,7 @@ class Model:
         control: Control | None = None,
         materials: dict[str, Material] | None = None,
         order: int | None = None,
-    ) -> Transient:
+    ) -> TimeStepper:
         """A transient run of a protocol, at rest; other steps, materials or order than the scene's on request.
 
         A blade of given force may go as far as the scene's opening.
@@ -215,16 +215,16 @@ class Model:
         order = order or scene.body.order
         materials = materials or self.materials(order)
         touches: list[Touch | Friction] = [*contacts, *rubs, *films, meeting]
-        parts = (self.mesh, materials, self.held, touches, order, stiffest)
+        parts = (self.mesh, materials, {self.held: 0} if self.held else {}, (), touches, f"P{order}/P{order - 1}")
         steps = (control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
         if isinstance(drive, Press):
             pressed = PressedBody(*parts, press=drive)
             pressed.focus(near)
             return Pressing(pressed, *steps, limit=opening)
-        body = Body(*parts)
+        body = Problem(*parts)
         body.focus(near)
-        return Transient(body, drive, *steps)
+        return TimeStepper(body, drive, *steps)
 
     @property
     def held(self) -> str:

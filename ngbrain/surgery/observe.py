@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import SURFACE_ORDER, Contact, current_normal_area
+from ngbrain.forward.problem import Problem
 from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Blade, patch
 
@@ -59,7 +59,7 @@ class Observer:
     relative to it is not flattered.
     """
 
-    def __init__(self, body: Body, blades: Mapping[str, Blade], fixed: str) -> None:
+    def __init__(self, body: Problem, blades: Mapping[str, Blade], fixed: str) -> None:
         self.body = body
         self._faces = [Face(body, blade, wall) for wall, blade in blades.items()]
         displacement = body.fes.components[0]
@@ -130,7 +130,7 @@ class Face:
     push     unit vector of the blade's way at every displacement unknown; nodes: those of the wall
     """
 
-    def __init__(self, body: Body, blade: Blade, wall: str) -> None:
+    def __init__(self, body: Problem, blade: Blade, wall: str) -> None:
         self.mesh, self._wall = body.mesh, body.mesh.Boundaries(wall)
         (contact,) = [c for c in body.contacts if isinstance(c, Contact) and c.wall == wall]
         u = body.u
@@ -168,7 +168,7 @@ def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
     return np.fromiter(space.GetDofs(space.mesh.Boundaries(boundary)), bool, space.ndof)
 
 
-def swept_volume(body: Body, boundary: str) -> float:
+def swept_volume(body: Problem, boundary: str) -> float:
     """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
     grad, normal = ngs.Grad(body.u), ngs.specialcf.normal(3)
     stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
@@ -176,7 +176,7 @@ def swept_volume(body: Body, boundary: str) -> float:
     return float(ngs.Integrate(rate * ngs.ds(boundary, bonus_intorder=6), body.mesh))
 
 
-def volume_change(body: Body, region: str) -> float:
+def volume_change(body: Problem, region: str) -> float:
     """∫ (J - 1) dV over a region (m³)."""
     change = ngs.Det(ngs.Id(3) + ngs.Grad(body.u)) - 1
     return float(ngs.Integrate(change * ngs.dx(definedon=body.mesh.Materials(region), bonus_intorder=6), body.mesh))

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.stability import CREASE
 from ngbrain.forward.steps import Control, Progress
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.parallel import Tell
 from ngbrain.solvers.record import NewtonRecord
@@ -129,8 +129,8 @@ class ProtocolRun:
     ) -> None:
         self.model, self.protocol = model, protocol
         self.path = None if folder is None else folder / f"{protocol.name}.vtkhdf"
-        self.transient: Transient = model.run(protocol, control, materials, order)
-        body = self.transient.body
+        self.transient: TimeStepper = model.run(protocol, control, materials, order)
+        body = self.transient.problem
         self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
@@ -144,13 +144,13 @@ class ProtocolRun:
         elif start is not None:
             self._take(*start)
         else:
-            self.look(self.transient.body, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
+            self.look(self.transient.problem, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
 
     def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
-        """Run to the end (or to `until`, s); raises what `Transient.run` raises, with the last good step saved."""
+        """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""
         end = self.protocol.times[-1]
 
-        def watch(body: Body, at: Progress, record: NewtonRecord) -> None:
+        def watch(body: Problem, at: Progress, record: NewtonRecord) -> None:
             self.look(body, at, record)
             if tell is not None:
                 tell(self.protocol.name, at.t, at.t / end)
@@ -169,7 +169,7 @@ class ProtocolRun:
         work = (at.steps, at.rejected, at.newton, at.work.factorisations)
         return Outcome(table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s, *work)
 
-    def look(self, body: Body, at: Progress, record: NewtonRecord) -> None:
+    def look(self, body: Problem, at: Progress, record: NewtonRecord) -> None:
         """Put the body as it stands on record."""
         self.rows.append(self.observer(at.t, self._way.Get(), record.min_det_F))
         sample = self.sampler(at.t)
@@ -183,7 +183,7 @@ class ProtocolRun:
         if self.path is not None:
             self._save(body, at)
 
-    def _volumes(self, body: Body) -> dict[str, float]:
+    def _volumes(self, body: Problem) -> dict[str, float]:
         """Volumes (ml) that leave through the window and into the cleft, and what ventricles and tissue lose."""
         boundaries = {"window": "craniotomy", "cleft": "wall_.*|end_.*|floor"}
         parts = {name: to_ml(swept_volume(body, pattern)) for name, pattern in boundaries.items()}
@@ -193,7 +193,7 @@ class ProtocolRun:
 
     # The file.
 
-    def _save(self, body: Body, at: Progress) -> None:
+    def _save(self, body: Problem, at: Progress) -> None:
         assert self.grid is not None and self.path is not None and self.peak is not None
         frame = Frame(at.t, self._fields(body))
         keep = not self.frames or at.rested or self.peak.t == at.t or due(self.protocol, self.frames[-1].time, at.t)
@@ -213,7 +213,7 @@ class ProtocolRun:
             "largest": {name: asdict(spread) for name, spread in self.largest.items()},
         }
 
-    def _fields(self, body: Body) -> dict[str, np.ndarray]:
+    def _fields(self, body: Problem) -> dict[str, np.ndarray]:
         """Displacement (m) and maximum principal strain at the nodes."""
         assert self.grid is not None
         C = self.grid.values(right_cauchy_green(deformation_gradient(body.u)), TISSUE).reshape(-1, 3, 3)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.body import Body
+from ngbrain.forward.problem import Problem
 from ngbrain.materials.points import evaluated
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.surgery.injury import Strain, stretching_rate, von_mises
@@ -112,7 +112,7 @@ class Sampler:
     parts    name → `Part`; what none of them is of is not sampled
     """
 
-    def __init__(self, body: Body, cleft: Cleft, parts: dict[str, Part]) -> None:
+    def __init__(self, body: Problem, cleft: Cleft, parts: dict[str, Part]) -> None:
         self.body = body
         rule = body.history.rules[ngs.TET]
         points = body.mesh.MapToAllElements({ngs.TET: rule}, ngs.VOL)
@@ -133,7 +133,7 @@ class Sampler:
         self._before = t, self._deformation()[self.sites.near]
 
     def __call__(self, t: float) -> Sample:
-        """The body as it stands at time t (s), after `Body.tissue_forces`."""
+        """The body as it stands at time t (s), after `Problem.tissue_forces`."""
         F, near = self._deformation(), self.sites.near
         before, self._before = self._before, (t, F[near])
         rate = stretching_rate(before[1], F[near], t - before[0]) if t > before[0] else np.zeros(len(near))

@@ -3,8 +3,9 @@
 import ngsolve as ngs
 import pytest
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 
@@ -45,6 +46,12 @@ def plate():
 def make_body():
     def make(law=RELAXING, contacts=(), bulk=1.5e6, maxh=0.02, order=2, size=(0.02, 0.02, 0.02), **helpers):
         mesh = block(size, maxh)
-        return Body(mesh, {"tissue": Material(law, bulk, **helpers)}, "bottom", contacts, order)
+        return Problem(
+            mesh,
+            {"tissue": Material(law, bulk, **helpers)},
+            {"bottom": 0},
+            contacts=contacts,
+            element=f"P{order}/P{order - 1}",
+        )
 
     return make

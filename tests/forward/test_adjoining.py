@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 
@@ -13,8 +14,8 @@ def pressed():
     """A block that stands on its foot, rolls on its left side and is pressed by a plate that holds z alone."""
     mesh = block((0.02, 0.02, 0.02), 0.01)
     supports = {"bottom": 0, "left": (0.0, None, None), "top": (None, None, -1e-3)}
-    body = Static(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, supports, form="P2")
-    body.solve()
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, supports, element="P2")
+    LoadPath(body).solve()
     return body
 
 

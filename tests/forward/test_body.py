@@ -5,7 +5,8 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 
@@ -78,20 +79,26 @@ def test_smallest_determinant_sees_an_inverted_quadrature_point(make_body):
 )
 def test_names_that_match_nothing_are_refused(materials, fixed, message):
     with pytest.raises(InputError, match=message):
-        Body(block(maxh=0.04), materials, fixed)
+        Problem(block(maxh=0.04), materials, {fixed: 0}, element="P2/P1")
 
 
 def test_patterns_that_share_a_region_are_refused():
     # Both energies would count there.
     tissue = Material(NeoHooke(1.0), 10.0)
     with pytest.raises(InputError, match=r"tissue region is '\.\*'; wanted: a pattern without tissue"):
-        Body(block(maxh=0.04), {"tissue": tissue, ".*": tissue}, "bottom")
+        Problem(block(maxh=0.04), {"tissue": tissue, ".*": tissue}, {"bottom": 0}, element="P2/P1")
 
 
 def test_a_boundary_that_is_held_and_touched_is_refused(plate):
     contacts = [plate((0, 1), (0, 1e-3)).contact()]
     with pytest.raises(InputError, match=r"boundary is 'bottom\|t\.\*'; wanted: a pattern without top"):
-        Body(block(maxh=0.04), {"tissue": Material(NeoHooke(1.0), 10.0)}, "bottom|t.*", contacts)
+        Problem(
+            block(maxh=0.04),
+            {"tissue": Material(NeoHooke(1.0), 10.0)},
+            {"bottom|t.*": 0},
+            contacts=contacts,
+            element="P2/P1",
+        )
 
 
 def test_held_elements_do_not_move(make_body, plate):

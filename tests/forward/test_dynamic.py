@@ -8,11 +8,11 @@ from pressing import PRESS, Failing, run
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody
-from ngbrain.forward.inertia import GeneralizedAlpha, Pace
+from ngbrain.forward.inertia import GeneralizedAlpha, Inertia, Pace
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import ErrorControl, StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.io import QuadraticGrid, load, save
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
@@ -99,8 +99,9 @@ def test_bad_radius(radius):
 
 def made(law=HEREDITARY, bulk=1.5e6, radius=0.8, contacts=(), density=1000.0, fixed="bottom", **more):
     mesh = block((0.02, 0.02, 0.02), 0.02)
-    more = {"density": {"tissue": density}, "scheme": GeneralizedAlpha(radius), "contacts": contacts} | more
-    return DynamicBody(mesh, {"tissue": Material(law, bulk)}, fixed, **more)
+    mass = Inertia({"tissue": density}, GeneralizedAlpha(radius), **more)
+    supports = {fixed: 0} if fixed else {}
+    return Problem(mesh, {"tissue": Material(law, bulk)}, supports, [mass], contacts, element="P2/P1")
 
 
 @pytest.fixture
@@ -163,11 +164,11 @@ def test_a_step_balances_mean_forces_with_the_mean_acceleration():
 
     def look(b):
         forces.append(b.tissue_forces())
-        means.append(b.pace.average)
+        means.append(b.inertia.pace.average)
         return []
 
     swing(body, 0.02, even(0.004), look)
-    s, free = body.scheme, body.weights[body.is_u] > 0
+    s, free = body.inertia.scheme, body.weights[body.is_u] > 0
     u, v = density.space.TnT()
     mass = ngs.BilinearForm(1000 * u * v * ngs.dx).Assemble().mat
     for n in range(1, len(forces)):
@@ -181,14 +182,14 @@ def test_an_accelerated_start_balances_the_forces():
     body = made(NeoHooke(1e3), bulk=1e4)
     body.u.Set(ngs.CF((0.1 * ngs.z, 0, 0)))
     body.start((0, 0, 0))
-    moved = body.pace.acceleration
+    moved = body.inertia.pace.acceleration
     energy = body.form.Energy(body.gfu.vec)
     dt = 1e-5
     body.begin(dt)
     body.u.vec.FV().NumPy()[:] += 0.5 * dt**2 * moved
-    body._weight.Set(0.0)
+    body.inertia._weight.Set(0.0)
     change = (body.form.Energy(body.gfu.vec) - energy) / dt**2
-    body.pace = Pace(dt * moved, moved, moved, dt)  # its speed by then
+    body.inertia.pace = Pace(dt * moved, moved, moved, dt)  # its speed by then
     assert change * dt**2 == pytest.approx(-body.kinetic_energy(), rel=1e-3)
 
 
@@ -242,19 +243,22 @@ def test_restart_goes_on_with_the_same_bits(law, control, plate, tmp_path):
     def begun():
         drive = plate((0, 0.05, 0.1), (0, 2e-3, 2e-3))
         body = made(law, contacts=[drive.contact(1e6)], radius=0.5)
-        return Transient(body, drive, CONTROLS[control], 1e-3)
+        return TimeStepper(body, drive, CONTROLS[control], 1e-3)
 
     whole, half, other = begun(), begun(), begun()
     whole.run(lambda *_: None)
     half.run(lambda *_: None, until=0.06)
-    assert np.abs(half.body.pace.velocity).max() > 1e-3 and half.checkpoint()["factors"]
-    save(tmp_path / "run.vtkhdf", QuadraticGrid(half.body.mesh), [], half.checkpoint())
+    assert np.abs(half.problem.inertia.pace.velocity).max() > 1e-3 and half.checkpoint()["factors"]
+    save(tmp_path / "run.vtkhdf", QuadraticGrid(half.problem.mesh), [], half.checkpoint())
     saved = load(tmp_path / "run.vtkhdf").state
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state) and other.progress.steps == whole.progress.steps
-    assert all(np.array_equal(value, getattr(whole.body.pace, name)) for name, value in vars(other.body.pace).items())
+    assert np.array_equal(other.problem.state, whole.problem.state) and other.progress.steps == whole.progress.steps
+    assert all(
+        np.array_equal(value, getattr(whole.problem.inertia.pace, name))
+        for name, value in vars(other.problem.inertia.pace).items()
+    )
 
 
 def test_a_rejected_step_leaves_the_pace_as_it_was():
@@ -262,10 +266,10 @@ def test_a_rejected_step_leaves_the_pace_as_it_was():
     for refused, dt in (((0,), 0.006), ((), 0.002)):
         body = made(NeoHooke(1e3), bulk=1e5)
         body.start((0.5 * ngs.z, 0, 0))
-        transient = Transient(body, Undriven(1.0), even(dt), 1.0, Failing(at=refused))
+        transient = TimeStepper(body, Undriven(1.0), even(dt), 1.0, Failing(at=refused))
         transient.step()
         assert transient.progress.dt == pytest.approx(0.002) and transient.progress.rejected == len(refused)
-        ends.append(np.concatenate([body.state[body.is_u] / 1e-3, body.pace.velocity / 0.01]))
+        ends.append(np.concatenate([body.state[body.is_u] / 1e-3, body.inertia.pace.velocity / 0.01]))
     assert ends[0] == pytest.approx(ends[1], rel=1e-6, abs=1e-6 * np.abs(ends[1]).max())
 
 
@@ -277,7 +281,9 @@ def test_steps_by_the_error_of_inertia():
     constant = scheme.beta + (scheme.alpha_m - scheme.alpha_f) / 2 - 1 / 6
     errors, numbers = [], []
     for tolerance in (1e-2, 1e-2 / 8):
-        body = DynamicBody(bar(), SOFT, "bottom", density={".*": 1e3}, scheme=scheme, amplitude=angle * RADIUS)
+        body = Problem(
+            bar(), SOFT, {"bottom": 0}, [Inertia({".*": 1e3}, scheme, amplitude=angle * RADIUS)], element="P2/P1"
+        )
         body.start(twist(angle * omega))
         control = ErrorControl(tolerance, touch=0.05 / omega, shortest=1e-5)
         _, rows = swing(body, 2 * np.pi / omega, control, lambda b: [turned(b)])
@@ -300,4 +306,4 @@ def test_steps_by_the_error_of_inertia():
 )
 def test_bad_density(density, name):
     with pytest.raises(InputError, match=name):
-        DynamicBody(block(maxh=0.04), SOFT, "bottom", density=density, scheme=GeneralizedAlpha(0.8))
+        Problem(block(maxh=0.04), SOFT, {"bottom": 0}, [Inertia(density, GeneralizedAlpha(0.8))], element="P2/P1")

@@ -7,9 +7,10 @@ from netgen.occ import Box, Glue, OCCGeometry, Z
 from pressing import PRESS, run
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
 FLOWING = Viscous(Ogden(300.0, -12.0), (Maxwell(Ogden(700.0, -15.0), 2100.0), Maxwell(NeoHooke(500.0), 1e5)))
@@ -78,7 +79,9 @@ def test_a_region_without_branches_is_not_touched_by_one_with(rng):
     low.faces.Min(Z).name = "bottom"
     mesh = ngs.Mesh(OCCGeometry(Glue([low, high])).GenerateMesh(maxh=0.008))
     stiff, soft = Material(NeoHooke(400.0), 1e5), Material(FLOWING, 1e5)
-    one, both = (Body(mesh, {"low": stiff, "high": upper}, "bottom") for upper in (soft, stiff))
+    one, both = (
+        Problem(mesh, {"low": stiff, "high": upper}, {"bottom": 0}, element="P2/P1") for upper in (soft, stiff)
+    )
     x = np.where(one.is_u, 2e-4, 20.0) * rng.standard_normal(one.fes.ndof) * (one.weights > 0)
     forces = []
     for body in (one, both):
@@ -123,12 +126,12 @@ def test_a_step_is_second_order_in_time(make_body, plate):
 def test_restart_goes_on_to_the_same_bits(make_body, plate):
     def made():
         drive = plate(*PRESS)
-        return Transient(make_body(FLOWING, [drive.contact()]), drive, StepControl(1.0, dt_max=10), 1e-3)
+        return TimeStepper(make_body(FLOWING, [drive.contact()]), drive, StepControl(1.0, dt_max=10), 1e-3)
 
     whole, half, other = made(), made(), made()
     whole.run(lambda *_: None)
     half.run(lambda *_: None, until=20.0)
     other.restore(half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state)
-    assert np.array_equal(other.body.history.flows.flows[0].G, whole.body.history.flows.flows[0].G)
+    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.history.flows.flows[0].G, whole.problem.history.flows.flows[0].G)

@@ -5,12 +5,13 @@ import pytest
 from pressing import Failing, force
 
 from ngbrain.errors import ContactError, ConvergenceError, InputError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, Sliding
 from ngbrain.forward.forced import CLOSE, Press, PressedBody, Pressing
 from ngbrain.forward.friction import Friction
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import ErrorControl, StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Prony, Viscous, lab
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -29,7 +30,12 @@ def pressing(law, program=PRESS, control=STEPS, share=0.98, films=(), penalty=1e
     mesh = block((SIZE,) * 3, SIZE)
     slides = [Sliding.on(mesh, wall, 1e9) for wall in films]
     body = PressedBody(
-        mesh, {"tissue": Material(law, 1e3 * MU)}, "" if films else "bottom", [plate, *slides], press=press
+        mesh,
+        {"tissue": Material(law, 1e3 * MU)},
+        {} if films else {"bottom": 0},
+        contacts=[plate, *slides],
+        element="P2/P1",
+        press=press,
     )
     return Pressing(body, control, 1e-3, **more)
 
@@ -98,7 +104,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
     until = 30.0
     forced = pressing(relaxing)
     states = []
-    run = forced.body
+    run = forced.problem
     rows = [(0.0, 0.0)]
 
     def keep(body, at, _):
@@ -109,9 +115,15 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
     times, ways = zip(*rows, strict=True)
     drive = Drive(Protocol("found", times, ways))
     plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 1e8, 2e-5, 0.98)
-    body = Body(block((SIZE,) * 3, SIZE), {"tissue": Material(relaxing, 1e3 * MU)}, "bottom", [plate])
+    body = Problem(
+        block((SIZE,) * 3, SIZE),
+        {"tissue": Material(relaxing, 1e3 * MU)},
+        {"bottom": 0},
+        contacts=[plate],
+        element="P2/P1",
+    )
     steps = StepControl(100.0, first=1.0, restart=1.0, dt_max=100.0)
-    driven, found = Transient(body, drive, steps, 1e-3), []
+    driven, found = TimeStepper(body, drive, steps, 1e-3), []
     driven.run(lambda b, at, _: found.append((b.state, force(b))))
     assert len(found) == len(states) > 10
     for (state, felt), wanted, t in zip(found, states, times[1:], strict=True):
@@ -130,7 +142,7 @@ def test_restart_goes_on_with_the_same_bits(relaxing, until):
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state)
+    assert np.array_equal(other.problem.state, whole.problem.state)
     assert other.progress.steps == whole.progress.steps
 
 
@@ -138,7 +150,7 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(relaxing):
     transient = pressing(relaxing)
     followed(transient, until=2.0)
     assert transient.progress.touching
-    transient.newton, stood = Failing(at=(0, 1, 2)), transient.body.state.copy()
+    transient.newton, stood = Failing(at=(0, 1, 2)), transient.problem.state.copy()
     transient.step()
     ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
     assert ahead[0] > ahead[1] > 1e-6 and ahead[2:] == [0, 0]
@@ -148,18 +160,18 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(relaxing):
 def test_a_step_that_fails_leaves_the_last_state(relaxing, until):
     transient = pressing(relaxing)
     transient.run(lambda *_: None, until)
-    before = transient.body.state
+    before = transient.problem.state
     transient.newton = Failing(at=tuple(range(99)))
     with pytest.raises(ConvergenceError, match="given up"):
         transient.step()
-    assert np.array_equal(transient.body.state, before)
+    assert np.array_equal(transient.problem.state, before)
 
 
 def test_a_force_that_goes_too_far_is_one_error(relaxing):
     transient = pressing(relaxing, limit=1.2e-3)
     with pytest.raises(ContactError, match=r"0\.\d+ N .*1\.\d+ mm far, beyond the limit of 1\.2 mm"):
         transient.run(lambda *_: None)
-    assert 0.5e-3 < transient.body.state[-1] <= 1.2e-3
+    assert 0.5e-3 < transient.problem.state[-1] <= 1.2e-3
 
 
 def test_a_given_force_takes_no_friction():
@@ -167,4 +179,6 @@ def test_a_given_force_takes_no_friction():
     plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
     mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
     with pytest.raises(InputError, match="with friction"):
-        PressedBody(mesh, tissue, "bottom", [plate, Friction(plate, 0.1, 1e-5)], press=press)
+        PressedBody(
+            mesh, tissue, {"bottom": 0}, contacts=[plate, Friction(plate, 0.1, 1e-5)], element="P2/P1", press=press
+        )

@@ -6,11 +6,11 @@ import pytest
 from dragging import Drag, transient
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
-from ngbrain.forward.dynamic import DynamicBody
 from ngbrain.forward.friction import Friction
-from ngbrain.forward.inertia import GeneralizedAlpha
+from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 
@@ -18,12 +18,13 @@ PATH = ((0, 1, 2), (0, 1e-3, 1e-3), (0, 0, 1e-3))
 SOFT = {"tissue": Material(NeoHooke(1e3), 1e4)}
 
 
-def rubbed(coefficient, kind=Body, **mass):
+def rubbed(coefficient, loads=()):
     """A block held at its bottom, and a plate that presses it and then goes along."""
     drag = Drag(*PATH)
     contact = drag.contact(1e7, 0.5)
     frictions = [] if coefficient is None else [drag.friction(contact, coefficient, 2e-5)]
-    return drag, kind(block((0.02,) * 3, 0.02), SOFT, "bottom", [contact, *frictions], **mass)
+    cube = block((0.02,) * 3, 0.02)
+    return drag, Problem(cube, SOFT, {"bottom": 0}, loads, [contact, *frictions], element="P2/P1")
 
 
 def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(rng):
@@ -34,7 +35,9 @@ def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(
         return ngs.Norm(x - ngs.CF((0.01, 0.01, 0.05 - way))) - 0.03
 
     contact = Contact("top", ball, 1e6, 1e-4, 0.5, way)
-    body = Body(block((0.02,) * 3, 0.01), SOFT, "bottom", [contact, Friction(contact, 0.4, 1e-4)])
+    body = Problem(
+        block((0.02,) * 3, 0.01), SOFT, {"bottom": 0}, contacts=[contact, Friction(contact, 0.4, 1e-4)], element="P2/P1"
+    )
     x = body.state
     x[body.is_u] = 1e-4 * rng.standard_normal(body.is_u.sum())
     body.state = x
@@ -64,14 +67,14 @@ def test_no_friction_is_what_there_was():
     assert np.array_equal(*ends)
 
 
-MASS = {"density": {".*": 1000.0}, "scheme": GeneralizedAlpha(0.0)}
+MASS = (Inertia(1000.0, GeneralizedAlpha(0.0)),)
 
 
 @pytest.mark.one_thread
-@pytest.mark.parametrize("kind, mass, stop", [(Body, {}, 1.0), (Body, {}, 1.4), (DynamicBody, MASS, 1.4)])
-def test_restart_goes_on_with_the_same_bits(kind, mass, stop):
+@pytest.mark.parametrize("loads, stop", [((), 1.0), ((), 1.4), (MASS, 1.4)])
+def test_restart_goes_on_with_the_same_bits(loads, stop):
     def made():
-        drag, body = rubbed(0.2, kind, **mass)
+        drag, body = rubbed(0.2, loads)
         body.focus(np.arange(body.mesh.ne) % 2 == 0)
         return transient(body, drag, 0.2)
 
@@ -83,8 +86,8 @@ def test_restart_goes_on_with_the_same_bits(kind, mass, stop):
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state)
-    assert abs(whole.body.friction_driving()) > 0.01
+    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert abs(whole.problem.friction_driving()) > 0.01
 
 
 @pytest.mark.parametrize("numbers", [(-0.1, 1e-5), (0.1, 0.0)])

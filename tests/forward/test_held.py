@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import Breakdown, ConvergenceError, Failure, InputError, InvertedElementError, SolverError, gave_up
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import Spring, Traction
 from ngbrain.forward.material import Material
-from ngbrain.forward.relaxing import Relaxing
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
+from ngbrain.forward.time_stepper import run_load_history
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles
@@ -24,7 +25,7 @@ def cube():
 
 def refused(body):
     with pytest.raises(InputError) as caught:
-        body.solve()
+        LoadPath(body).solve()
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -45,31 +46,31 @@ ALONG = {"x": (0.0, None, None), "y": (None, 0.0, None), "z": (None, None, 0.0)}
     ],
 )
 def test_motions_that_nothing_prevents_are_named(supports, motions):
-    said = refused(Static(cube(), TISSUE, supports, form="P1"))
+    said = refused(Problem(cube(), TISSUE, supports, element="P1"))
     assert said.split("hold against ")[1].split(";")[0].split(", ") == motions
 
 
 def test_a_body_without_supports_has_all_six():
-    said = refused(Static(cube(), TISSUE, {}, [Traction("top", (0, 0, 1.0))], form="P1"))
+    said = refused(Problem(cube(), TISSUE, {}, [Traction("top", (0, 0, 1.0))], element="P1"))
     assert all(f"translation along {axis}" in said and f"rotation about {axis}" in said for axis in "xyz")
 
 
 def test_what_is_held_enough_is_solved():
     supports = {"bottom": ALONG["z"], "left": ALONG["x"], "front": ALONG["y"], "top": (None, None, -1e-3)}
-    assert Static(cube(), TISSUE, supports, form="P1").solve().converged
+    assert Problem(cube(), TISSUE, supports, element="P1").solve().converged
     # A spring may hold.
-    Static(cube(), TISSUE, {"bottom": ALONG["z"]}, [Spring("bottom", 1e5)], form="P1").solve()
+    Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, [Spring("bottom", 1e5)], element="P1").solve()
 
 
 def test_in_the_plane_and_through_time():
     mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
     name = sorted(set(mesh.GetBoundaries()))[0]
-    assert "rotation" in refused(Static(mesh, TISSUE, {}, form="P1")) and "along y" in refused(
-        Static(mesh, TISSUE, {}, form="P1")
+    assert "rotation" in refused(Problem(mesh, TISSUE, {}, element="P1")) and "along y" in refused(
+        Problem(mesh, TISSUE, {}, element="P1")
     )
-    assert Static(mesh, TISSUE, {name: 0}, form="P1").solve().converged
+    assert LoadPath(Problem(mesh, TISSUE, {name: 0}, element="P1")).solve().converged
     with pytest.raises(InputError, match="translation along x"):
-        Relaxing(cube(), TISSUE, {"bottom": ALONG["z"]}, form="P1").run([0.0, 1.0], [0.0, 1.0], lambda t: t)
+        Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, element="P1").run([0.0, 1.0], [0.0, 1.0], lambda t: t)
 
 
 def test_a_region_that_hangs_loose_is_named():
@@ -77,7 +78,7 @@ def test_a_region_that_hangs_loose_is_named():
     near.mat("brain"), far.mat("tumour")
     near.faces.Min(occ.Z).name = "foot"
     mesh = ngs.Mesh(occ.OCCGeometry(occ.Compound([near, far])).GenerateMesh(maxh=0.1))
-    said = refused(Static(mesh, TISSUE, {"foot": 0}, form="P1"))
+    said = refused(Problem(mesh, TISSUE, {"foot": 0}, element="P1"))
     assert "region tumour hangs loose" in said and "rotation about z" in said
 
 
@@ -94,7 +95,7 @@ def test_an_oblique_axis_is_given_by_its_direction():
         and abs(ngs.Integrate(ngs.specialcf.normal(3)[1] * ngs.ds(name), mesh)) > 1e-6
     )  # fmt: skip
     normal = (None, None, 0.0)
-    said = refused(Static(mesh, TISSUE, {slope: normal}, form="P1"))
+    said = refused(Problem(mesh, TISSUE, {slope: normal}, element="P1"))
     assert "rotation about z" in said and "rotation about (" in said  # the side's own direction in the plane
 
 
@@ -124,8 +125,8 @@ def test_kinds_of_failure():
 def test_settings_that_are_given_stay_as_they_are():
     kept = object()
     newton = Newton(inverse=kept, largest=7.0)
-    body = Relaxing(cube(), TISSUE, {"bottom": 0, "top": (0, 0, -1e-3)}, form="P1")
-    body.run([0.0, 1.0], [0.0, 1.0], lambda t: t, newton)
-    body = Static(cube(), TISSUE, {"bottom": 0, "top": (0, 0, -1e-3)}, form="P1")
-    body.solve(newton=newton)
+    body = Problem(cube(), TISSUE, {"bottom": 0, "top": (0, 0, -1e-3)}, element="P1")
+    run_load_history(body, [0.0, 1.0], [0.0, 1.0], lambda t: t, newton)
+    body = Problem(cube(), TISSUE, {"bottom": 0, "top": (0, 0, -1e-3)}, element="P1")
+    LoadPath(body).solve(newton=newton)
     assert newton.inverse is kept and newton.largest == 7.0

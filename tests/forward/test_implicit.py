@@ -10,8 +10,9 @@ from ngbrain import materials
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.elements import Form
 from ngbrain.forward.implicit import Case, Equilibria, StaticModel
+from ngbrain.forward.load_path import newton_for
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 
@@ -61,7 +62,7 @@ def test_fields_of_any_space(space, rng):
     mu.vec[:] = 1e3
     if mu.space.ndof > 1:
         mu.Set(1e3 * (1 + 4 * ngs.x))
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e4)}, {"bottom": 0, "top": (0.006, -0.012)}, form="P2/P1")
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, {"bottom": 0, "top": (0.006, -0.012)}, element="P2/P1")
     verify(StaticModel([Case(body, seen())], {"mu": mu}, tight(body)), rng)
 
 
@@ -71,7 +72,7 @@ def test_a_field_of_fibres_and_one_in_a_gradient(rng):
     fibre.Set((1.0, 0.3 + 3 * ngs.x))
     both = [ngs.CF((fibre[0], fibre[1], 0.1)), ngs.CF((ngs.Grad(height)[1], 10.0, 3.0))]
     law = HolzapfelGasserOgden(700.0, 900.0, 4.0, 0.05, both)
-    body = Static(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, 0.012)}, form="P2")
+    body = Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, 0.012)}, element="P2")
     verify(StaticModel([Case(body, seen())], {"fibre": fibre, "height": height}, tight(body)), rng)
 
 
@@ -79,8 +80,8 @@ def test_condensed_pressures_of_a_stiff_bulk_leave_their_digits(rng):
     """K/μ = 10⁶, condensed: what a factor leaves, 1e-9 of a load, goes in one refinement."""
     mesh = square(3, size=SIDE)
     mu = field(mesh, 1e3)
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 9e8)}, {"bottom": 0, "top": (0.006, -0.004)}, form="P4/L2(2)")
-    of = StaticModel([Case(body, seen())], {"mu": mu}, body.newton(rtol=1e-11, xtol=1e-9))
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 9e8)}, {"bottom": 0, "top": (0.006, -0.004)}, element="P4/L2(2)")
+    of = StaticModel([Case(body, seen())], {"mu": mu}, newton_for(body, rtol=1e-11, xtol=1e-9))
     there, each = of.at(of.theta), of.equilibria[0]
     b = rng.normal(size=body.fes.ndof) * body.is_u * (body.weights > 0)
     each.change.vec.FV().NumPy()[:] = there._inverse(0).solve(b)
@@ -94,8 +95,8 @@ def test_other_solvers_give_the_same_gradient(solver, rng):
     for chosen in ("sparsecholesky", solver):
         mesh = cube(2, size=SIDE)
         mu = field(mesh, 1e3)
-        body = Static(
-            mesh, {".*": Material(NeoHooke(mu), 4e3)}, {"bottom": 0, "top": (0, 0, -0.012)}, form="P2", solver=chosen
+        body = Problem(
+            mesh, {".*": Material(NeoHooke(mu), 4e3)}, {"bottom": 0, "top": (0, 0, -0.012)}, element="P2", solver=chosen
         )
         of = StaticModel([Case(body, seen(3))], {"mu": mu})
         gradients.append(of.at(of.theta).gradient(np.ones(10)))

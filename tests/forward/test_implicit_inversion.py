@@ -10,7 +10,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
@@ -28,7 +28,7 @@ POINTS = np.stack(np.meshgrid(LINE, LINE), axis=-1).reshape(-1, 2)
 
 def model(mesh, form, law, parameters):
     """Both loads; displacements at 64 points and the force on the plate."""
-    bodies = [Static(mesh, {".*": Material(law, 5e4)}, supports, form=form) for supports in LOADS]
+    bodies = [Problem(mesh, {".*": Material(law, 5e4)}, supports, element=form) for supports in LOADS]
     return StaticModel([Case(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters, steps=2)
 
 

@@ -16,7 +16,7 @@ from ngbrain.forward.kinematics import Axisymmetric
 from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden
 
 MESH, SOFT = square(2, size=SIDE), NeoHooke(1e3)
@@ -25,7 +25,7 @@ CORNER = {"left": (0, None), "bottom": (None, 0)}
 
 
 def scene(loads, parameters, supports=None, form="P2/P1", of=SOFT, observations=None, **options):
-    body = Static(MESH, {".*": Material(of, 5e4)}, supports or {"bottom": 0}, loads, form=form, **options)
+    body = Problem(MESH, {".*": Material(of, 5e4)}, supports or {"bottom": 0}, loads, element=form, **options)
     held = {name: Held(body, name) for name in parameters if name in PRESSED}
     return StaticModel([Case(body, observations or seen())], parameters | held, tight(body))
 
@@ -145,8 +145,8 @@ def two():
     """Two loads of one tissue."""
     mu, pull = field(MESH, 1e3), number(70.0)
     tissue = {".*": Material(NeoHooke(mu), 5e4)}
-    pressed = Static(MESH, tissue, PRESSED, form="P2/P1")
-    pulled = Static(MESH, tissue, {"left": 0}, [Traction("right", ngs.CF((pull, 0)))], form="P2/P1")
+    pressed = Problem(MESH, tissue, PRESSED, element="P2/P1")
+    pulled = Problem(MESH, tissue, {"left": 0}, [Traction("right", ngs.CF((pull, 0)))], element="P2/P1")
     cases = [Case(pressed, seen()), Case(pulled, [Force("left"), Displacements([[0.09, 0.04]])])]
     return StaticModel(cases, {"mu": mu, "pull": pull, "top": Held(pressed, "top")}, tight(pressed))
 
@@ -184,7 +184,7 @@ def shaped(dim, form):
     nodes.put(2e-3 * np.random.default_rng(4).uniform(-1, 1, nodes.size))
     still = (0.0,) * (dim - 2)
     loads = [Pressure("right", 40.0), Traction("top", (20.0, *still, 5.0)), Weight((0.0, *still, -3e3 * ngs.x))]
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, form=form)
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0}, loads, element=form)
     return StaticModel([Case(body, seen(dim))], {"nodes": nodes, "mu": mu}, tight(body))
 
 
@@ -215,14 +215,14 @@ def test_nodes_that_turn_an_element_are_refused():
 def test_bad_input():
     mesh = square(2, size=SIDE)
     mu = field(mesh, 1e3)
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, PRESSED, form="P2")
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, PRESSED, element="P2")
     case = Case(body, [Force("top")])
     with pytest.raises(InputError, match=r"parameters\.mu is complex; wanted: a real field"):
         StaticModel([case], {"mu": ngs.GridFunction(ngs.H1(mesh, complex=True))})
     with pytest.raises(InputError, match=r"parameters\.mu is float; wanted: a GridFunction, a Parameter, Held"):
         StaticModel([case], {"mu": 3.0})
     with pytest.raises(InputError, match="boundary is 'top'; wanted: one with a component that is held"):
-        Held(Static(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, form="P2"), "top")
+        Held(Problem(MESH, {".*": Material(SOFT, 5e3)}, {"bottom": 0}, element="P2"), "top")
     with pytest.raises(InputError, match="boundary"):
         Held(body, "nowhere")
     with pytest.raises(InputError, match=r"theta is of shape \(3,\); wanted: 9 numbers"):
@@ -230,7 +230,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="1 of 1 outside"):
         StaticModel([Case(body, [Displacements([[1.0, 1.0]])])], {"mu": mu})
     depth = number(0.01)
-    moved = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, -depth)}, form="P2")
+    moved = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, -depth)}, element="P2")
     with pytest.raises(
         InputError, match=r"parameters.depth is part of the support of 'top'; wanted: Held\(body, 'top'\)"
     ):
@@ -284,9 +284,9 @@ def coarser_gradient(patch):
     by_theta = Equilibrium.by_theta.func
 
     def wrong(self):
-        right, self.body.rules = self.body.rules, coarser(self.body.rules)
+        right, self.body.tissue.rules = self.body.tissue.rules, coarser(self.body.tissue.rules)
         found = by_theta(self)
-        self.body.rules = right
+        self.body.tissue.rules = right
         return found
 
     patch.setattr(Equilibrium, "by_theta", property(wrong))
@@ -343,7 +343,7 @@ def test_laws_and_cases_without_sense_are_refused():
     mesh = square(1, size=SIDE)
 
     def made(law):
-        return Static(mesh, {".*": Material(law, 4e3)}, {"bottom": 0}, form="P2")
+        return Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0}, element="P2")
 
     with pytest.raises(InputError, match=r"law is .*object.*wanted: an object with `energy\(C\)`"):
         made(object())
@@ -378,7 +378,7 @@ def test_laws_keep_their_parameters_where_they_like(kind):
 
     slopes = []
     for law in (Closed(), NeoHooke(whole)):
-        body = Static(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, -0.012)}, form="P2")
+        body = Problem(mesh, {".*": Material(law, 4e3)}, {"bottom": 0, "top": (0.006, -0.012)}, element="P2")
         of = StaticModel([Case(body, [Force("top")])], {"mu": mu}, tight(body))
         slopes.append((body.ratio, of.at(of.theta).gradient(np.ones(2))))
     assert slopes[0][0] == pytest.approx(slopes[1][0], rel=1e-12) and slopes[0][0] < 5

@@ -12,7 +12,7 @@ from ngbrain.forward.loads import Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
 from ngbrain.forward.positions import Positions
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 
 SEEN = np.array([[0.02, 0.05], [0.05, 0.0], [0.08, 0.07]])
@@ -22,7 +22,8 @@ def hung(*seen):
     mesh = square(2, size=SIDE)
     nodes = Nodes(mesh)
     bodies = [
-        Static(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], form="P2") for w in (-3e3, 2e3)
+        Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"top": 0}, [Weight((0, w))], element="P2")
+        for w in (-3e3, 2e3)
     ]
     return StaticModel(
         [Case(body, seen or [Displacements(SEEN)]) for body in bodies], {"nodes": nodes}, tight(bodies[0])

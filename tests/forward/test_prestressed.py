@@ -18,7 +18,7 @@ from ngbrain.forward.loads import CavityVolume, Pressure, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.prestressed import Prestressed, PrestressedModel
 from ngbrain.forward.prestressed_factor import Factor
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.materials import NeoHooke, Ogden, Shearing
@@ -57,7 +57,7 @@ def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=Fa
     bulk = parameter("bulk", 4e3 if "/" not in str(form) else 5e4)
     pushed, down = parameter("load", 150.0), (0.006, *[0.002] * (mesh.dim - 2), -0.012)
     acting = load("right", pushed if load is Pressure else (pushed, *[0.5 * pushed] * (mesh.dim - 1)))
-    body = Static(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], form=form)
+    body = Problem(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], element=form)
     parameters["top"] = Held(body, "top")
     loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
     settings = {"loss": loss, "rho": rho, "held": held, "newton": tight(body), **more}
@@ -138,7 +138,7 @@ def test_around_an_axis(rng):
     mesh, mu = square(2, size=SIDE), ngs.Parameter(1e3)
     rollers = {"bottom": (None, 0), "left": (0, None), "top": (None, 0)}
     sinking, around = [Weight((0.0, -2e3))], Axisymmetric()
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, "P2/P1", around)
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, element="P2/P1", kinematics=around)
     verify(PrestressedModel(body, [Wave(20.0, {"top": (0, 1e-6)})], POINTS[:, :2], {"mu": mu}, loss=0.1), rng)
 
 
@@ -151,12 +151,12 @@ def test_a_cavity_keeps_its_volume(rng):
         mapping=lambda r, a: ((1 + r) * SIDE / 4 * np.cos(a * np.pi / 2), (1 + r) * SIDE / 4 * np.sin(a * np.pi / 2)),
     )
     mu = ngs.Parameter(1e3)
-    body = Static(
+    body = Problem(
         ring,
         {".*": Material(NeoHooke(mu), 5e4)},
         {"bottom": (None, 0), "top": (0, None)},
         [CavityVolume("left", 1e-4)],
-        form="P2/P1",
+        element="P2/P1",
     )
     swinging = [Wave(20.0, {"right": (1e-6, 5e-7j)})]
     held = {"x": "top|right", "y": "bottom|right"}
@@ -169,7 +169,7 @@ def test_a_cavity_keeps_its_volume(rng):
 def test_at_rest_they_are_harmonic_waves(form):
     mesh = square(3, size=SIDE)
     mu = field(mesh, 2e3)
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": 0}, form=form)
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": 0}, element=form)
     of = PrestressedModel(body, waves(), POINTS[:, :2], {"mu": mu}, loss=0.3, rho=1100.0)
     rest = Prestressed(of, Equilibria(of.static, of.theta, [np.zeros(body.fes.ndof)]))
     settings = {"bulk": 1e4, "density": 1100.0, "form": form, "held": "bottom|top"}
@@ -265,7 +265,7 @@ def test_solves_are_counted(rng):
 )
 def test_what_makes_no_sense(changes, named):
     mesh = square(1, size=SIDE)
-    body = Static(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, form="P2/P1")
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, element="P2/P1")
     given = {"waves": waves(), "points": POINTS[:, :2], "parameters": {}} | changes
     with pytest.raises(InputError, match=f"^{named} is"):
         PrestressedModel(body, **given)

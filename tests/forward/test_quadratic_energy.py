@@ -8,7 +8,7 @@ from statics import cube, square
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.loads import Pressure, RigidFace, Traction, Weight
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import LinearElastic
 
 MESHES = {"plane": lambda: square(2, size=SIDE), "space": lambda: cube(2, size=SIDE)}
@@ -19,13 +19,13 @@ def linear(where, loads=(), bulk=0.0):
     mesh = MESHES[where]()
     fields = {"mu": field(mesh, 1e3), "lam": field(mesh, 4e3)}
     down = {"bottom": 0, "top": (0.006, *[0.002] * (mesh.dim - 2), -0.012)}
-    body = Static(mesh, {".*": Material(LinearElastic(fields["mu"], fields["lam"]), bulk)}, down, loads, form="P2")
+    body = Problem(mesh, {".*": Material(LinearElastic(fields["mu"], fields["lam"]), bulk)}, down, loads, element="P2")
     return StaticModel([Case(body, seen(mesh.dim))], fields, tight(body))
 
 
 def assemblies(of, monkeypatch):
     """How often the tangent is assembled from now on, in a list of one."""
-    form, count = of.equilibria[0].body._form, [0]
+    form, count = of.equilibria[0].body.form, [0]
     real = form.AssembleLinearization
 
     class Counting:

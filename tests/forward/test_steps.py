@@ -8,7 +8,7 @@ from pressing import PRESS, run
 
 from ngbrain.errors import InputError
 from ngbrain.forward.steps import ErrorControl, Progress, StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
 LAWS = {
@@ -34,7 +34,7 @@ def test_looking_at_the_error_changes_no_bit(law, make_body, plate):
     for control in (StepControl, Looking):
         drive = plate(*PRESS)
         transient, rows = run(make_body(LAWS[law], [drive.contact()]), drive, control(1.0, dt_max=10))
-        ends.append((rows, transient.body.state))
+        ends.append((rows, transient.problem.state))
     assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
 
 
@@ -81,7 +81,7 @@ def test_half_an_hour_takes_few_steps(make_body, plate):
 def test_a_step_that_is_too_inexact_is_taken_again(make_body, plate):
     drive = plate(*HALF_AN_HOUR)
     control = ErrorControl(1e-4, touch=2.0)
-    transient = Transient(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control, 1e-3)
+    transient = TimeStepper(make_body(LAWS["Maxwell"], [drive.contact()]), drive, control, 1e-3)
     transient.run(lambda *_: None, until=4.0)
     at = transient.progress
     assert at.rejected > 0 and at.t == 4.0 and at.steps > 6
@@ -120,14 +120,14 @@ def test_the_first_step_goes_no_further_either():
 def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
     def made():
         drive = plate(*HALF_AN_HOUR)
-        return Transient(make_body(LAWS["Maxwell"], [drive.contact()]), drive, ErrorControl(1e-3, touch=0.1), 1e-3)
+        return TimeStepper(make_body(LAWS["Maxwell"], [drive.contact()]), drive, ErrorControl(1e-3, touch=0.1), 1e-3)
 
     whole, half, other = made(), made(), made()
     whole.run(lambda *_: None)
     half.run(lambda *_: None, until=20.0)
     other.restore(half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state) and other.progress.steps == whole.progress.steps
+    assert np.array_equal(other.problem.state, whole.problem.state) and other.progress.steps == whole.progress.steps
 
 
 @pytest.mark.parametrize(

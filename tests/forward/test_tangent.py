@@ -6,10 +6,11 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Maxwell, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -60,7 +61,7 @@ def test_a_part_renewed_where_nothing_changed_is_the_whole(pressed, rng):
 @pytest.mark.parametrize("law", [Ogden(1e3, -15.0), Viscous(Ogden(1e2, -15.0), (Maxwell(Ogden(9e2, -15.0), 1e6),))])
 def test_a_part_renewed_follows_a_change_inside_it(law):
     # A dent in the top of a block that is held all around, as a brain is.
-    body = Body(block((0.06,) * 3, 0.012), {"tissue": Material(law, 1.5e6)}, "^(?!top).*")
+    body = Problem(block((0.06,) * 3, 0.012), {"tissue": Material(law, 1.5e6)}, {"^(?!top).*": 0}, element="P2/P1")
     body.begin(0.5)
     body.focus(near(body))
     kept = body.factorise(body.state)
@@ -96,7 +97,7 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
         body = make_body(contacts=[contact], maxh=0.009, size=(0.02, 0.02, 0.06))
         body.focus(near(body))
         newton = Newton(keep=0.0, worth=0, max_factorisations=50)  # renews all the time
-        return Transient(body, drive, StepControl(0.5, dt_max=10), 1e-3, newton)
+        return TimeStepper(body, drive, StepControl(0.5, dt_max=10), 1e-3, newton)
 
     _, drive = pillar
     whole, half, other = made(), made(), made()
@@ -106,4 +107,4 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
     assert len(saved["factors"]) == 2, "the restart would not have to make a part"
     other.restore(saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state)
+    assert np.array_equal(other.problem.state, whole.problem.state)

@@ -8,12 +8,11 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward import flow_forms, step_curvature, step_forms, tangents, through_time
-from ngbrain.forward.body import Body
 from ngbrain.forward.contact import Closing
-from ngbrain.forward.dynamic import DynamicBody
 from ngbrain.forward.implicit import Nodes
-from ngbrain.forward.inertia import GeneralizedAlpha
+from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
 from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.replay import Replay, times_of
 from ngbrain.forward.step_forms import StepForms
@@ -21,7 +20,7 @@ from ngbrain.forward.step_turned import Shifted
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.tangents import FEW, MOST, Tangents
 from ngbrain.forward.through_time import Replayed, RunModel
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.flow import Flow
 from ngbrain.mesh import block
@@ -76,10 +75,10 @@ def test_data_are_those_of_the_stepping_that_was_recorded():
     def made():
         mesh, materials, parameters, protocol, _ = relaxing()
         drive = Drive(protocol)
-        return Body(mesh, materials, "bottom", [plate(drive)]), drive, parameters
+        return Problem(mesh, materials, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1"), drive, parameters
 
     body, drive, _ = made()
-    transient = Transient(body, drive, StepControl(1.0, dt_max=10), 1e-3)
+    transient = TimeStepper(body, drive, StepControl(1.0, dt_max=10), 1e-3)
     (_, Z), rows = Force("top").on(body), []
     z = Z.toarray()[0, body.is_u]
     step = transient.step
@@ -140,7 +139,7 @@ def test_where_nodes_are(kind, rng):
     mesh, materials, parameters, protocol, contacts = SHAPED[kind]()
     nodes, drive = Nodes(mesh), Drive(protocol)
     try:
-        body = Body(mesh, materials, "bottom", contacts(drive))
+        body = Problem(mesh, materials, {"bottom": 0}, contacts=contacts(drive), element="P2/P1")
         of = RunModel(body, drive, SHORT, parameters | {"nodes": nodes}, SEEN)
         theta, there = of.theta, of.at(of.theta)
         w, direction, shifts = weights(there.data, rng), np.zeros(of.size), of.blocks["nodes"]
@@ -201,12 +200,16 @@ def test_second_derivatives_that_are_not_there_are_refused():
     mesh, materials, parameters, protocol, _ = relaxing()
     drive = Drive(protocol)
     walls = [plate(drive), Closing("left", "right", 1e8, 1e-5, reach=1e-3)]
-    of = RunModel(Body(mesh, materials, "bottom", walls), drive, SHORT, parameters, SEEN)
+    of = RunModel(
+        Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
+    )
     with pytest.raises(InputError, match="close on each other"):
         of.at(of.theta).second(np.ones((3, 8)), of.theta)
     walls[1] = Closing("left", "right", 1e8 * parameters["g"], 1e-5, reach=1e-3)
     with pytest.raises(InputError, match=r"Closing\.penalty is .*a number"):
-        RunModel(Body(mesh, materials, "bottom", walls), drive, SHORT, parameters, SEEN)
+        RunModel(
+            Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1"), drive, SHORT, parameters, SEEN
+        )
 
 
 # Memory.
@@ -297,7 +300,7 @@ def test_part_of_the_way_is_gone_first_where_the_whole_is_too_far(monkeypatch):
 def test_bad_input():
     mesh, materials, parameters, protocol, _ = relaxing()
     drive = Drive(protocol)
-    body = Body(mesh, materials, "bottom", [plate(drive)])
+    body = Problem(mesh, materials, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
     with pytest.raises(InputError, match="grid"):
         RunModel(body, drive, [0.5, 1.0], parameters, [Force("top")], times=[1.0])
     with pytest.raises(InputError, match="times"):
@@ -319,7 +322,7 @@ def test_bad_input():
         of.at(np.array([1e3, np.inf, 1.0]))
     with pytest.raises(InputError, match="without friction, inertia"):
         Replay(
-            DynamicBody(mesh, materials, "bottom", density={".*": 1000.0}, scheme=GeneralizedAlpha(0.8)),
+            Problem(mesh, materials, {"bottom": 0}, [Inertia({".*": 1000.0}, GeneralizedAlpha(0.8))], element="P2/P1"),
             drive,
             np.array(GRID),
         )
@@ -428,7 +431,7 @@ def test_a_law_of_a_parameters_gradient_is_refused():
     mesh, drive = block((SIDE,) * 3, SIDE), Drive(HOLD)
     mu = field(mesh, 1e3)
     tissue = Material(NeoHooke(mu + ngs.Norm(ngs.Grad(mu))), 1e6)
-    body = Body(mesh, {"tissue": tissue}, "bottom", [plate(drive)])
+    body = Problem(mesh, {"tissue": tissue}, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
     with pytest.raises(InputError, match=r"parameters\.mu is in a law by its gradient"):
         RunModel(body, drive, GRID, {"mu": mu}, SEEN)
 

@@ -6,7 +6,8 @@ import pytest
 from replayed import HOLD, SIDE, plate, two_layers
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Displacements, Force
 from ngbrain.forward.through_time import RunModel
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
@@ -28,7 +29,13 @@ def pressed(values, grid=TIMES, law=None, times=TIMES):
     p = {name: ngs.Parameter(value) for name, value in values.items()}
     tissue = law or (lambda p: Prony(NeoHooke(p["mu"]), [p["fast"], p["slow"]], [p["tau_fast"], p["tau_slow"]]))
     drive = Drive(RAMP)
-    body = Body(block((SIDE,) * 3, SIDE), {"tissue": Material(tissue(p), 1e6)}, "bottom", [plate(drive)])
+    body = Problem(
+        block((SIDE,) * 3, SIDE),
+        {"tissue": Material(tissue(p), 1e6)},
+        {"bottom": 0},
+        contacts=[plate(drive)],
+        element="P2/P1",
+    )
     return RunModel(body, drive, np.concatenate([[0.0], grid]), p, [Force("top")], times)
 
 
@@ -88,7 +95,7 @@ def test_moduli_of_two_regions_from_landmarks_and_force(search, rng):
         tissues = {name: Material(Prony(NeoHooke(mu), [0.5], [5.0]), 1e6) for name, mu in p.items()}
         landmarks = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
         seen = [Displacements(landmarks), Force("top")]
-        body = Body(two_layers(), tissues, "bottom", [plate(drive)])
+        body = Problem(two_layers(), tissues, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
         return RunModel(body, drive, [0.0, 1.0, 2.5, 4.0, 9.0, 40.0], p, seen, times=[4.0, 40.0])
 
     truth = retracted(1200.0, 500.0)

@@ -1,14 +1,12 @@
 """Time stepping: closed forms, order in time, unilateral contact, restart, rejected steps."""
 
-import re
-
 import numpy as np
 import pytest
 from pressing import PRESS, Failing, run
 
-from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
+from ngbrain.errors import ContactError, ConvergenceError, Failure, InvertedElementError
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.solvers.newton import Newton
 
@@ -58,7 +56,7 @@ def test_forces_are_proportional_to_the_moduli_if_all_of_them_are(make_body, pla
 
 def test_a_step_that_fails_is_cut_and_the_next_starts_as_short(make_body, plate):
     drive = plate(*PRESS)
-    transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
+    transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=4.0)
     transient.newton = Failing(at=(0, 1))
     transient.step()
@@ -70,10 +68,10 @@ def test_a_step_that_fails_is_cut_and_the_next_starts_as_short(make_body, plate)
 
 def test_a_step_that_failed_twice_begins_where_the_body_stands(make_body, plate):
     drive = plate(*PRESS)
-    transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
+    transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=2.0)
     transient.newton = Failing(at=(0, 1, 2))
-    stood = transient.body.state.copy()
+    stood = transient.problem.state.copy()
     transient.step()
     ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
     assert ahead[0] > 3 * ahead[1] * (1 - 1e-9) > 1e-4 and ahead[2:] == [0, 0]
@@ -81,15 +79,11 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(make_body, plate)
 
 def test_a_step_that_keeps_failing_ends_the_run(make_body, plate):
     drive = plate(*PRESS)
-    transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
+    transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=4.0)
-    for why, kind in (
-        ("given up", ConvergenceError),
-        ("no acceptable step (the last trial, smallest det F 0.9)", ConvergenceError),
-        ("no acceptable step (the last trial is inverted, smallest det F 0.01)", InvertedElementError),
-    ):
-        transient.newton = Failing(at=tuple(range(99)), why=why)
-        with pytest.raises(kind, match=re.escape(why)):
+    for kind, error in ((Failure.STALLED, ConvergenceError), (Failure.INVERTED, InvertedElementError)):
+        transient.newton = Failing(at=tuple(range(99)), why="given up", kind=kind)
+        with pytest.raises(error, match="given up"):
             transient.step()
 
 
@@ -99,14 +93,14 @@ def test_restart_goes_on_with_the_same_bits(make_body, plate):
     drive = plate(*PRESS)
     whole, _ = run(make_body(contacts=[drive.contact()]), drive, control)
     half_drive = plate(*PRESS)
-    half = Transient(make_body(contacts=[half_drive.contact()]), half_drive, control, 1e-3)
+    half = TimeStepper(make_body(contacts=[half_drive.contact()]), half_drive, control, 1e-3)
     half.run(lambda *_: None, until=10.0)
     saved = half.checkpoint()
     other_drive = plate(*PRESS)
-    other = Transient(make_body(contacts=[other_drive.contact()]), other_drive, control, 1e-3)
+    other = TimeStepper(make_body(contacts=[other_drive.contact()]), other_drive, control, 1e-3)
     other.restore(saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.body.state, whole.body.state)
+    assert np.array_equal(other.problem.state, whole.problem.state)
     assert other.progress.steps == whole.progress.steps
 
 
@@ -115,7 +109,7 @@ def test_a_run_restored_is_saved_as_it_was(make_body, plate):
     drive = plate(*PRESS)
 
     def made():
-        return Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10), 1e-3)
+        return TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0, dt_max=10), 1e-3)
 
     first, second = made(), made()
     first.run(lambda *_: None, until=10.0)
@@ -128,7 +122,7 @@ def test_a_run_restored_is_saved_as_it_was(make_body, plate):
 def test_too_deep_a_penetration_is_rejected_and_named(make_body, plate):
     drive = plate((0, 4), (0, 4e-3))
     body = make_body(contacts=[drive.contact(penalty=1e5)])
-    transient = Transient(body, drive, StepControl(1.0), penetration_limit=1e-3)
+    transient = TimeStepper(body, drive, StepControl(1.0), penetration_limit=1e-3)
     with pytest.raises(ContactError, match="penetration"):
         transient.run(lambda *_: None)
     assert transient.progress.rejected > 0 and body.min_gap() > -1e-3
@@ -158,13 +152,20 @@ def test_doubling_every_modulus_doubles_every_force(make_body, plate):
 
 def test_forces_after_a_step_are_those_that_balanced_in_it(plate):
     # A dashpot pulls with the flow within the step, which is gone as soon as the next one begins.
-    from ngbrain.forward.body import Body, Material
+    from ngbrain.forward.material import Material
+    from ngbrain.forward.problem import Problem
     from ngbrain.mesh import block
 
     drive = plate((0, 4), (0, 2e-3))
     material = Material(Viscous(NeoHooke(1000.0), (Maxwell(NeoHooke(1e4), 3000.0),)), 1e6)
-    body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": material}, "bottom", [drive.contact()])
-    transient = Transient(body, drive, StepControl(1.0), 1e-3)
+    body = Problem(
+        block((0.02, 0.02, 0.02), 0.02),
+        {"tissue": material},
+        {"bottom": 0},
+        contacts=[drive.contact()],
+        element="P2/P1",
+    )
+    transient = TimeStepper(body, drive, StepControl(1.0), 1e-3)
     free = body.weights[body.is_u] > 0
     off = []
     transient.run(lambda b, at, record: off.append(np.abs((b.tissue_forces() + b.contact_forces())[free]).max()))
@@ -176,7 +177,7 @@ def test_a_hold_is_foreseen(make_body, plate):
     iterations, forces = [], []
     for foreseen in (True, False):
         drive = plate((0, 4, 1800), (0, 3e-3, 3e-3))
-        transient = Transient(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3, Newton(rtol=1e-5))
+        transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3, Newton(rtol=1e-5))
 
         def watch(body, at, record, transient=transient, foreseen=foreseen):
             transient.drift = transient.drift * foreseen
@@ -185,5 +186,5 @@ def test_a_hold_is_foreseen(make_body, plate):
         before = transient.progress.newton
         transient.run(watch)
         iterations.append(transient.progress.newton - before)
-        forces.append(np.linalg.norm(transient.body.contact_forces()))
+        forces.append(np.linalg.norm(transient.problem.contact_forces()))
     assert forces[0] == pytest.approx(forces[1], rel=1e-4) and iterations[0] < 0.8 * iterations[1], iterations

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import ngbrain.materials as materials
 from ngbrain.errors import NgbrainError
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import modulus
 from ngbrain.mesh import Sizes, block, cleft_to
@@ -77,9 +77,9 @@ CONSTRUCTORS = {
             "poisson": 0.49,
         },
     ),
-    "Static": (
-        Static,
-        {"mesh": CUBE, "materials": {".*": Material(LAW, 1e5)}, "supports": {"bottom": 0}, "form": "P1"},
+    "Problem": (
+        Problem,
+        {"mesh": CUBE, "materials": {".*": Material(LAW, 1e5)}, "boundary_conditions": {"bottom": 0}, "element": "P1"},
     ),
 }
 ODD = st.one_of(

@@ -13,7 +13,7 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.implicit import Case, Held, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.interop import jax as to_jax
 from ngbrain.interop import torch as to_torch
 from ngbrain.interop import umbridge as to_umbridge
@@ -86,11 +86,11 @@ def test_umbridge(umbridge, tissue, units, rng):
 @pytest.fixture
 def pressed():
     """J of how far a square is pressed together (a part of its height), by the force that .35 take; beyond about .8 it folds."""
-    body = Static(
+    body = Problem(
         square(2, size=SIDE),
         {".*": Material(NeoHooke(1e3), 5e4)},
         {"bottom": 0, "top": (0, -0.35 * SIDE)},
-        form="P2/P1",
+        element="P2/P1",
     )
     of = StaticModel([Case(body, [Force("top")])], {"top": Held(body, "top")}, tight(body))
     truth = of.theta

@@ -12,7 +12,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.implicit import Case, StaticModel
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.parameters import Log, Scaled, Unknown
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import Ogden
@@ -24,7 +24,7 @@ POINTS = np.stack(np.meshgrid(LINE, LINE), axis=-1).reshape(-1, 2)
 
 def seen(mesh, form, law, parameters):
     """Both loads; displacements at 64 points and the force on the plate."""
-    bodies = [Static(mesh, {".*": Material(law, 5e4)}, supports, form=form) for supports in LOADS]
+    bodies = [Problem(mesh, {".*": Material(law, 5e4)}, supports, element=form) for supports in LOADS]
     return StaticModel([Case(body, [Displacements(POINTS), Force("top")]) for body in bodies], parameters)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import estimate
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly
@@ -76,8 +76,8 @@ def test_small_strains_lend_their_factor_where_finite_ones_are_near(
     axes, keeper, made = axes_of(scene), Keeper(Bench(scene)), list[float]()
     model = {**cheapest(axes), "space": "solid", "order": "2", "pressure": "unknown"}
     keeper(model)
-    factorise = Static.factorise
-    monkeypatch.setattr(Static, "factorise", lambda self, x, r: (made.append(0.0), factorise(self, x, r))[1])
+    factorise = Problem.factorise
+    monkeypatch.setattr(Problem, "factorise", lambda self, x, r: (made.append(0.0), factorise(self, x, r))[1])
     found = estimate(keeper, model, axes["strain"]).change[0]
     assert len(made) == factors
     true = relative(keeper(model).answers, keeper({**model, "strain": "finite"}).answers)[0]

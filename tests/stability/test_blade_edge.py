@@ -8,10 +8,11 @@ import ngsolve as ngs
 import pytest
 from ngsolve.solvers import Newton as NgsolveNewton
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -34,8 +35,12 @@ def scene(pointwise=0.0):
         return ngs.sqrt(below**2 + aside**2 + 1e-18) + ngs.IfPos(deepest, 0, deepest) - SHARP
 
     contact = Contact("top", distance, 2e7, 2e-5)
-    return Body(
-        block((SIDE,) * 3, 0.007), {"tissue": Material(NeoHooke(MU), BULK, pointwise)}, "bottom", [contact]
+    return Problem(
+        block((SIDE,) * 3, 0.007),
+        {"tissue": Material(NeoHooke(MU), BULK, pointwise)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
     ), drive
 
 
@@ -63,7 +68,7 @@ def test_naive_newton_takes_inverted_elements_for_an_equilibrium():
 )
 def test_ours_cuts_steps_and_inverts_nothing(pointwise, least):
     body, drive = scene(pointwise)
-    transient = Transient(body, drive, StepControl(1 / STEPS, first=1.0, restart=1.0), 1e-3)
+    transient = TimeStepper(body, drive, StepControl(1 / STEPS, first=1.0, restart=1.0), 1e-3)
     smallest = []
     transient.run(lambda b, at, record: smallest.append(record.min_det_F))
     print("smallest det F", min(smallest), "steps", transient.progress.steps, "cut", transient.progress.rejected)

@@ -9,8 +9,9 @@ import ngsolve as ngs
 import pytest
 from ngsolve.meshes import MakeStructured3DMesh
 
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Ogden
 
 SIZE, EDGE, WAY = (36e-3, 24e-3, 48e-3), 9e-3, 1e-3
@@ -34,8 +35,8 @@ def off(form, cells, nu):
     shape = fall(ngs.y, 6e-3) * fall(SIZE[2] - ngs.z, 30e-3)
     held = {"front|right|bottom": 0, "left": (None, 0, None), "back": (WAY * shape, None, None)}
     bulk = MU * 2 * (1 + nu) / (3 * (1 - 2 * nu))
-    body = Static(mesh, {".*": Material(Ogden(MU, ALPHA), bulk)}, held, form=form)
-    body.solve()
+    body = Problem(mesh, {".*": Material(Ogden(MU, ALPHA), bulk)}, held, element=form)
+    LoadPath(body).solve()
     found = body.conjugate(ngs.CF((shape, 0, 0)), "back") / WANTED[nu] - 1
     print(form, nu, body.fes.ndof, found)
     return found

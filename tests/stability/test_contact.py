@@ -8,10 +8,11 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward import body as forward_body
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact, offsets
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -22,10 +23,16 @@ PRESS = Protocol("press", (0.0, 4.0), (0.0, 4e-3))
 def force(penalty, share):
     drive = Drive(PRESS)
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], penalty, 2e-5, share)
-    body = Body(block((0.02, 0.02, 0.02), 0.01), {"tissue": Material(Ogden(1000.0, -15.0), 1e6)}, "bottom", [contact])
+    body = Problem(
+        block((0.02, 0.02, 0.02), 0.01),
+        {"tissue": Material(Ogden(1000.0, -15.0), 1e6)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
+    )
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
-    transient = Transient(body, drive, StepControl(1.0), 2e-3)
+    transient = TimeStepper(body, drive, StepControl(1.0), 2e-3)
     transient.run(lambda *_: None)
     assert body.min_gap() < 0
     return float(up.vec.FV().NumPy() @ body.contact_forces()), -body.min_gap(), transient.progress.work.factorisations
@@ -52,10 +59,10 @@ def stamped(penalty):
 
     contact = Contact("top", distance, penalty, 1e-5, 0.98)
     tissue = {"tissue": Material(Ogden(1000.0, -8.0), 1e5)}
-    body = Body(block((0.02, 0.02, 0.02), 4e-3), tissue, "bottom", [contact])
+    body = Problem(block((0.02, 0.02, 0.02), 4e-3), tissue, {"bottom": 0}, contacts=[contact], element="P2/P1")
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
-    Transient(body, drive, StepControl(0.5), 2e-3).run(lambda *_: None)
+    TimeStepper(body, drive, StepControl(0.5), 2e-3).run(lambda *_: None)
     return float(up.vec.FV().NumPy() @ body.contact_forces()), -body.min_gap()
 
 
@@ -71,9 +78,15 @@ def test_an_offset_of_the_displacements_order_follows_round_edges(monkeypatch):
 def test_nothing_is_left_of_the_offset_when_the_blade_is_off():
     drive = Drive(Protocol("press and leave", (0.0, 4.0, 8.0), (0.0, 3e-3, -1e-3)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 3e7, 2e-5, 0.95)
-    body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": Material(Ogden(1000.0, -8.0), 1e6)}, "bottom", [contact])
+    body = Problem(
+        block((0.02, 0.02, 0.02), 0.02),
+        {"tissue": Material(Ogden(1000.0, -8.0), 1e6)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
+    )
     rows = []
-    Transient(body, drive, StepControl(1.0), 2e-3).run(
+    TimeStepper(body, drive, StepControl(1.0), 2e-3).run(
         lambda b, at, record: rows.append((b.min_gap(), np.abs(b.contact_forces()).max(), np.abs(b.offset.vec).max()))
     )
     gap, f, offset = np.array(rows).T

@@ -14,8 +14,9 @@ from ngsolve.meshes import MakeStructured2DMesh
 from statics import square
 
 from ngbrain.errors import StabilityWarning
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke
 
 BIOT = 1 - 0.5437
@@ -25,14 +26,14 @@ def half_space(depth, **options):
     """A square between smooth plates and a plane of symmetry, its elements smaller towards the free side."""
     mesh = MakeStructured2DMesh(quads=True, nx=6, ny=6, mapping=lambda x, y: (1 - (1 - x) ** 2, y))
     supports = {"bottom": (None, 0), "top": (None, -depth), "left": (0, None)}
-    return Static(mesh, {".*": Material(NeoHooke(1.0), 1e4)}, supports, form="P4/P3", **options)
+    return Problem(mesh, {".*": Material(NeoHooke(1.0), 1e4)}, supports, element="P4/P3", **options)
 
 
 @pytest.mark.parametrize(("depth", "sign"), [(0.4, "positive: stable"), (0.5, "negative: not stable")])
 def test_a_flat_state_beyond_biot_is_reached_and_called_unstable(depth, sign):
     body = half_space(depth)
     with pytest.warns(StabilityWarning, match=rf"100% of its free surface are compressed by more than 35%.* {sign}"):
-        record = body.solve()
+        record = LoadPath(body).solve()
     print(depth, "iterations", record.tried, "smallest eigenvalue", record.softest)
     assert record.converged and record.pressed == record.creased == pytest.approx(1)
     assert (record.softest > 0) == (depth < BIOT)
@@ -58,7 +59,7 @@ def test_clamped_plates_press_the_middle_but_not_along_the_free_side():
     shares = {}
     for depth in (0.2, 0.35):
         plates = {"bottom": 0, "top": (0, -depth)}
-        record = Static(square(8), {".*": Material(UnsplitNeoHooke(1.0), 1e3)}, plates, form="P2/P1").solve()
+        record = Problem(square(8), {".*": Material(UnsplitNeoHooke(1.0), 1e3)}, plates, element="P2/P1").solve()
         shares[depth] = record.pressed
         assert record.creased < 0.05 and np.isnan(record.softest) == (depth == 0.2)
     print(shares)
@@ -73,8 +74,8 @@ def test_walls_between_tissues_are_no_free_surface():
         if abs(edge.center.x - 1) < 1e-6:
             edge.name = "between"
     mesh = ngs.Mesh(occ.OCCGeometry(halves, dim=2).GenerateMesh(maxh=0.5))
-    body = Static(mesh, {".*": Material(NeoHooke(1.0), 1e3)}, {"held": (0, -0.45 * ngs.y)}, form="P2/P1")
-    record = body.solve()
+    body = Problem(mesh, {".*": Material(NeoHooke(1.0), 1e3)}, {"held": (0, -0.45 * ngs.y)}, element="P2/P1")
+    record = LoadPath(body).solve()
     print(record.pressed, record.creased)
     assert record.creased == 0
 
@@ -82,7 +83,7 @@ def test_walls_between_tissues_are_no_free_surface():
 def test_iterations_cannot_say():
     mesh = square(4)
     supports = {"bottom": (None, 0), "top": (None, -0.38), "left": (0, None)}
-    body = Static(mesh, {".*": Material(NeoHooke(1.0), 3.0)}, supports, form="P2", solver="cg-amg")
+    body = Problem(mesh, {".*": Material(NeoHooke(1.0), 3.0)}, supports, element="P2", solver="cg-amg")
     with pytest.warns(StabilityWarning, match="cg-amg cannot say whether the body is stable"):
-        record = body.solve()
+        record = LoadPath(body).solve()
     assert record.creased > 0.9 and np.isnan(record.softest)

@@ -4,9 +4,9 @@ import ngsolve as ngs
 import numpy as np
 from free import even, stored, swing
 
-from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody
-from ngbrain.forward.inertia import GeneralizedAlpha
+from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 
@@ -18,12 +18,12 @@ STEP = 0.4 * SIDE
 def swinging(radius):
     """Energy, over that at first, after each step until the block has swung ten times, and how many steps failed."""
     material = Material(NeoHooke(1e3), 1e6)
-    body = DynamicBody(
+    body = Problem(
         block((SIDE,) * 3, SIDE),
         {"tissue": material},
-        "bottom",
-        density={"tissue": 1e3},
-        scheme=GeneralizedAlpha(radius),
+        {"bottom": 0},
+        [Inertia({"tissue": 1e3}, GeneralizedAlpha(radius))],
+        element="P2/P1",
     )
     body.start((0.5 * ngs.z / SIDE, 0, 0))
     first = body.kinetic_energy()

@@ -3,10 +3,11 @@
 import pytest
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import HolzapfelGasserOgden, fibre
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -19,9 +20,11 @@ def press(direction):
     drive = Drive(Protocol("press", (0.0, 4.0), (0.0, 3e-3)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
     law = HolzapfelGasserOgden(500.0, 5e3, 5.0, 0.05, direction)
-    body = Body(block((0.02,) * 3, 0.007), {"tissue": Material(law, 1.5e6)}, "bottom", [contact])
+    body = Problem(
+        block((0.02,) * 3, 0.007), {"tissue": Material(law, 1.5e6)}, {"bottom": 0}, contacts=[contact], element="P2/P1"
+    )
     iterations = []
-    Transient(body, drive, StepControl(1.0), 1e-3).run(lambda b, at, record: iterations.append(record.iterations))
+    TimeStepper(body, drive, StepControl(1.0), 1e-3).run(lambda b, at, record: iterations.append(record.iterations))
     return iterations
 
 

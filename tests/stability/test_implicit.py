@@ -14,7 +14,7 @@ from ngbrain.forward.implicit import Case, Equilibria, StaticModel
 from ngbrain.forward.loads import Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
@@ -54,7 +54,7 @@ def problem(model, data, start, transform=None):
 
 def plain_newton(body):
     """NGSolve's, from where the body is: whether it says that it converged."""
-    failed, _ = NgsolveNewton(body._form, body.gfu, maxit=40, printing=False, inverse="umfpack")
+    failed, _ = NgsolveNewton(body.form, body.gfu, maxit=40, printing=False, inverse="umfpack")
     return failed == 0
 
 
@@ -64,7 +64,7 @@ def plain_newton(body):
 def heavy():
     mu = ngs.Parameter(1e3)
     supports = {"bottom": 0, "left|right": (0, None)}
-    body = Static(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [Weight((0, -3e4))], form="P2")
+    body = Problem(MESH, {".*": Material(NeoHooke(mu), 5 * mu)}, supports, [Weight((0, -3e4))], element="P2")
     return StaticModel([Case(body, [SEEN])], {"mu": mu}), body, mu
 
 
@@ -139,8 +139,8 @@ def test_a_solution_that_is_lost_is_told():
 
 def exponential():
     b = ngs.Parameter(5.0)
-    body = Static(
-        MESH, {".*": Material(Demiray(500.0, b), 2e4)}, {"bottom": 0}, [Traction("top", (0, 400.0))], form="P2/P1"
+    body = Problem(
+        MESH, {".*": Material(Demiray(500.0, b), 2e4)}, {"bottom": 0}, [Traction("top", (0, 400.0))], element="P2/P1"
     )
     return StaticModel([Case(body, [SEEN])], {"b": b}), body, b
 
@@ -179,7 +179,7 @@ def test_ours_finds_the_exponent_from_a_five_hundredth(optimiser):
 def below_a_plate():
     mu = ngs.Parameter(1e3)
     loads = [Plate(0.105, 1e9), Traction("top", (0, 300.0))]
-    body = Static(MESH, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, loads, form="P2/P1")
+    body = Problem(MESH, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, loads, element="P2/P1")
     return StaticModel([Case(body, [SEEN])], {"mu": mu}, tight(body)), body
 
 
@@ -267,7 +267,7 @@ def pressed():
     mu, k1 = ngs.Parameter(1e3), ngs.Parameter(2e3)
     supports = {"bottom": (None, 0), "left": (0, None), "top": (None, -0.015)}
     law = HolzapfelGasserOgden(mu, k1, 5.0, 0.0, (0, 1, 0))
-    body = Static(MESH, {".*": Material(law, 2e4)}, supports, form="P2/P1")
+    body = Problem(MESH, {".*": Material(law, 2e4)}, supports, element="P2/P1")
     return StaticModel([Case(body, [SEEN, Force("top")])], {"mu": mu, "k1": k1})
 
 
@@ -296,7 +296,7 @@ def turned():
     angle = ngs.Parameter(np.radians(70))
     fibre = ngs.CF((ngs.cos(angle), ngs.sin(angle), 0))
     law = HolzapfelGasserOgden(500.0, 2e3, 5.0, 0.0, fibre)
-    body = Static(MESH, {".*": Material(law, 2e4)}, {"bottom": 0, "top": (0, 0.012)}, form="P2/P1")
+    body = Problem(MESH, {".*": Material(law, 2e4)}, {"bottom": 0, "top": (0, 0.012)}, element="P2/P1")
     return StaticModel([Case(body, [SEEN, Force("top")])], {"angle": angle})
 
 
@@ -327,7 +327,7 @@ def test_one_start_of_unloaded_fibres_stands_still_and_several_do_not():
 
 def sheared():
     mu = field(mesh := cube(2), 1e3)
-    body = Static(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0.01, 0, -0.015)}, form="P2")
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0.01, 0, -0.015)}, element="P2")
     return StaticModel([Case(body, [Displacements([[0.03, 0.04, 0.06], [0.06, 0.05, 0.03]])])], {"mu": mu}), body
 
 
@@ -337,7 +337,7 @@ def test_the_last_factor_of_newtons_method_alone_is_not_the_adjoints(monkeypatch
     w, each = np.ones(6), model.equilibria[0]
     right = there.gradient(w)
     each.weigh(np.zeros(each.size))
-    each.adjoint.vec.FV().NumPy()[:] = body._kept(each.spread(w))
+    each.adjoint.vec.FV().NumPy()[:] = body.kept(each.spread(w))
     naive = each.by_theta()
     off = np.linalg.norm(naive - right) / np.linalg.norm(right)
     monkeypatch.setattr(implicit_solve, "FEW", 0)

@@ -10,7 +10,7 @@ from statics import CUBE, cube, square
 
 from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form, inf_sup
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 
 # β for n = 2, 4, 8 on squares cut in two, and pressures that no displacement sees beyond the constant.
 STABLE = {"P2/P1": (0.367, 0.368, 0.366), "P3/P2": (0.271, 0.273, 0.273)}
@@ -41,7 +41,7 @@ def test_the_constant_of_naive_pairs_falls(form):
     assert beta == pytest.approx(wanted, abs=6e-4) and beta[2] < 0.6 * beta[0]
     assert [n - 1 for n in zeros] == list(spurious)
     with pytest.raises(InputError, match=r"form is .*" + form.replace("(", r"\(").replace(")", r"\)")):
-        Static(square(2), CUBE, {".*": 0}, form=form)
+        Problem(square(2), CUBE, {".*": 0}, element=form)
 
 
 def test_a_constant_pressure_under_quadratic_displacements_falls_in_the_plane_too():
@@ -61,7 +61,7 @@ def test_discontinuous_pressures_of_low_order_fall_on_tetrahedra(form, falling):
     print(form, "in space", space)
     assert [beta for beta, _ in space] == pytest.approx(falling, abs=6e-4)
     with pytest.raises(InputError, match=r"whose inf-sup constant falls") as error:
-        Static(cube(2), CUBE, {".*": 0}, form=form)
+        Problem(cube(2), CUBE, {".*": 0}, element=form)
     assert f"form is {form}" in str(error.value) and f"{falling[2]:.3f}"[1:] in str(error.value)
 
 

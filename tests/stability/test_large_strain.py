@@ -14,9 +14,10 @@ from ngsolve.solvers import Newton as NgsolveNewton
 from statics import bonded, cube, square, tight
 
 from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import CavityPressure
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 
 ENERGIES = {0.1: 0.029547, 0.2: 0.131091, 0.3: 0.324616, 0.35: 0.463975}
@@ -28,7 +29,7 @@ OTHER_LAWS = {
 
 def pressed(depth, material=None, mesh=None):
     material = material or Material(UnsplitNeoHooke(1.0), 1e3)
-    return Static(mesh or square(8), {".*": material}, {"bottom": 0, "top": (0, -depth)}, form="P2/P1")
+    return Problem(mesh or square(8), {".*": material}, {"bottom": 0, "top": (0, -depth)}, element="P2/P1")
 
 
 @pytest.mark.parametrize("depth", ENERGIES)
@@ -53,7 +54,7 @@ def test_naive_newton_fails_in_one_step(depth):
 @pytest.mark.parametrize("depth", ENERGIES)
 def test_ours_gets_there_in_one_requested_step(depth):
     body = pressed(depth)
-    record = body.solve(newton=tight())
+    record = LoadPath(body).solve(newton=tight())
     print(depth, body.energy, "cuts", record.cuts, "iterations", record.tried, "det F", record.min_det_F)
     assert body.energy == pytest.approx(ENERGIES[depth], abs=1e-6)
     assert record.cuts <= 3 and record.tried <= 41 and record.min_det_F > 0.1
@@ -62,7 +63,7 @@ def test_ours_gets_there_in_one_requested_step(depth):
 @pytest.mark.parametrize(("material", "energy"), OTHER_LAWS.values(), ids=OTHER_LAWS)
 def test_other_laws_of_the_same_moduli(material, energy):
     body = pressed(0.35, material)
-    record = body.solve(newton=tight())
+    record = LoadPath(body).solve(newton=tight())
     print(body.energy, record.cuts, record.tried)
     assert body.energy == pytest.approx(energy, abs=1e-6) and record.cuts <= 3
 
@@ -71,7 +72,7 @@ def test_the_path_does_not_matter():
     found = []
     for steps in (1, 10):
         body = pressed(0.35)
-        record = body.solve(steps, tight())
+        record = LoadPath(body).solve(steps, tight())
         found.append(body.energy)
         print(steps, record.cuts, record.tried)
     assert found[1] == pytest.approx(found[0], rel=1e-8)
@@ -83,7 +84,7 @@ FINE = [(8, 0.0), (12, 0.0), (8, 1.5), (8, 2.0)]
 
 def check_cube(n, steepness, hexes):
     body = bonded(cube(n, hexes, steepness))
-    record = body.solve()
+    record = LoadPath(body).solve()
     print(n, steepness, "hexahedra" if hexes else "tetrahedra", body.force("top")[2], end=" ")
     print("cuts", record.cuts, "iterations", record.tried, "det F", record.min_det_F)
     assert record.converged and record.min_det_F > 0 and np.isfinite(body.energy)
@@ -120,9 +121,9 @@ def test_beyond_a_limit_point_there_is_an_error_with_the_last_equilibrium():
     # A thick sphere bears P/μ = 0.8164 at most.
     planes = {"x": (0, None, None), "y": (None, 0, None), "z": (None, None, 0)}
     sphere = {".*": Material(NeoHooke(1.0), 1e4)}
-    body = Static(eighth_of_a_shell(0, 3), sphere, planes, [CavityPressure("cavity", 1.0)], form="P3/P2")
+    body = Problem(eighth_of_a_shell(0, 3), sphere, planes, [CavityPressure("cavity", 1.0)], element="P3/P2")
     with pytest.raises(ConvergenceError, match=r"load factor .* was reached") as error:
-        body.solve()
+        LoadPath(body).solve()
     record = error.value.record
     print(error.value, record.cuts, record.min_det_F)
     assert not record.converged and record.reasons and record.factor == pytest.approx(0.8164, abs=0.01)

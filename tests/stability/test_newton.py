@@ -4,10 +4,11 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -20,7 +21,13 @@ def pressed():
     """A body of 20 mm and the drive of a plate that goes 7 mm into it in a second."""
     drive = Drive(Protocol("press", (0.0, 1.0), (0.0, DEPTH)))
     contact = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
-    return Body(block((0.02,) * 3, 0.01), {"tissue": Material(Ogden(1e3, -20.0), 1e6)}, "bottom", [contact]), drive
+    return Problem(
+        block((0.02,) * 3, 0.01),
+        {"tissue": Material(Ogden(1e3, -20.0), 1e6)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
+    ), drive
 
 
 def test_naive_newton_ends_nowhere():
@@ -36,7 +43,7 @@ def test_naive_newton_ends_nowhere():
 
 def test_ours_gets_there_by_cutting_steps():
     body, drive = pressed()
-    transient = Transient(body, drive, StepControl(1.0, first=1.0), penetration_limit=5e-3)
+    transient = TimeStepper(body, drive, StepControl(1.0, first=1.0), penetration_limit=5e-3)
     smallest = []
     transient.run(lambda b, at, record: smallest.append(record.min_det_F))
     assert transient.progress.t == 1.0 and transient.progress.rejected > 0

@@ -10,10 +10,11 @@ import pytest
 
 from ngbrain.errors import SolverError
 from ngbrain.forward import history
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, continuous
@@ -44,7 +45,12 @@ def ramp_and_hold(t, ramp, tau):
 
 def sheared(branches, strain=1e-4, steps=30):
     """Mean shear stress (Pa) over its closed form of a block that is sheared evenly in two steps of 1 s, and held."""
-    body = Body(block((SIDE,) * 3, SIDE), {"tissue": Material(Viscous(NeoHooke(MU), branches), BULK)}, "bottom")
+    body = Problem(
+        block((SIDE,) * 3, SIDE),
+        {"tissue": Material(Viscous(NeoHooke(MU), branches), BULK)},
+        {"bottom": 0},
+        element="P2/P1",
+    )
     along, found = ngs.GridFunction(body.fes.components[0]), []
     along.Set(ngs.CF((ngs.z, 0, 0)))
     for i in range(steps):
@@ -84,8 +90,8 @@ def held(dt):
     drive = Drive(continuous(DEPTH, ramp, ramp + 20 * dt))
     contact = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 2e-7)
     material = Material(Viscous(law, (Branch(NeoHooke(300.0 * SHARE), TAU),)), 1.5e6)
-    body = Body(block((SIDE,) * 3, SIDE), {"tissue": material}, "bottom", [contact])
-    elastic = Body(body.mesh, {"tissue": Material(law, 1.5e6)}, "bottom", [contact])
+    body = Problem(block((SIDE,) * 3, SIDE), {"tissue": material}, {"bottom": 0}, contacts=[contact], element="P2/P1")
+    elastic = Problem(body.mesh, {"tissue": Material(law, 1.5e6)}, {"bottom": 0}, contacts=[contact], element="P2/P1")
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
     rows = []
@@ -93,11 +99,11 @@ def held(dt):
     def watch(b, at, record):
         rows.append((at.t, up.vec.FV().NumPy() @ b.contact_forces()))
 
-    Transient(elastic, drive, StepControl(ramp), 1e-3).run(watch, until=ramp)
+    TimeStepper(elastic, drive, StepControl(ramp), 1e-3).run(watch, until=ramp)
     lasting = rows[-1][1]
     rows.clear()
     control = StepControl(dt, first=1.0, restart=1.0, growth=1.0, touch_growth=1.0, dt_max=dt, smallest=0.9)
-    Transient(body, drive, control, 1e-3).run(watch)
+    TimeStepper(body, drive, control, 1e-3).run(watch)
     t, force = np.array(rows)[-21:].T
     start = SHARE * ramp_and_hold(ramp, ramp, TAU)
     return (force / lasting - 1) / start, np.exp(-(t - ramp) / TAU)

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -31,10 +32,16 @@ class Glued(Contact):
 def forces(kind):
     drive = Drive(PRESS_AND_LEAVE)
     contact = kind("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
-    body = Body(block((0.02, 0.02, 0.02), 0.02), {"tissue": Material(LAW, 1.5e6)}, "bottom", [contact])
+    body = Problem(
+        block((0.02, 0.02, 0.02), 0.02),
+        {"tissue": Material(LAW, 1.5e6)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
+    )
     up = ngs.GridFunction(body.fes.components[0])
     up.Set(ngs.CF((0, 0, 1)))
-    transient = Transient(body, drive, StepControl(0.5, dt_max=5.0), 1e-3)
+    transient = TimeStepper(body, drive, StepControl(0.5, dt_max=5.0), 1e-3)
     found = []
     transient.run(lambda b, at, record: found.append(up.vec.FV().NumPy() @ b.contact_forces()))
     return np.array(found)

@@ -6,12 +6,13 @@ import pytest
 from replayed import SIDE, plate
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Force
 from ngbrain.forward.replay import TIGHT, times_of
 from ngbrain.forward.steps import ErrorControl
 from ngbrain.forward.through_time import RunModel
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
@@ -26,7 +27,11 @@ def pressed():
     p = {name: ngs.Parameter(value) for name, value in zip(("mu", "g", "tau"), START, strict=True)}
     drive = Drive(HOLD)
     tissue = Material(Prony(NeoHooke(p["mu"]), [p["g"]], [p["tau"]]), 1e6)
-    return Body(block((SIDE,) * 3, SIDE), {"tissue": tissue}, "bottom", [plate(drive)]), drive, p
+    return (
+        Problem(block((SIDE,) * 3, SIDE), {"tissue": tissue}, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1"),
+        drive,
+        p,
+    )
 
 
 def stepped(theta):
@@ -36,7 +41,7 @@ def stepped(theta):
         parameter.Set(value)
     body.history.rest()
     _, Z = Force("top").on(body)
-    transient = Transient(body, drive, CONTROL, 1e-3, Newton(rtol=1e-10, max_iter=80))
+    transient = TimeStepper(body, drive, CONTROL, 1e-3, Newton(rtol=1e-10, max_iter=80))
     grid = times_of(transient)
     return grid, float(Z.toarray()[0, body.is_u] @ body.tissue_forces())
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.forward.body import Body
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import CATALOGUE, Demiray, NeoHooke, Ogden, constants
 from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block
@@ -50,7 +50,7 @@ def model_of(scene, border=0.4, cells=1):
 
 def body_of(scene, **kwargs):
     made = model_of(scene, **kwargs)
-    return Body(made.mesh, made.materials(), "bottom", order=ORDER, modulus=scene.tissues[0].initial_modulus)
+    return Problem(made.mesh, made.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}")
 
 
 def some_state(body, rng, size):
@@ -110,7 +110,7 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
     whole = Model(scene, made.head, block((SIZE,) * 3, SIZE / 4), None, {})
     forces = []
     for each in (made, whole):
-        body = Body(each.mesh, each.materials(), "bottom", order=ORDER)
+        body = Problem(each.mesh, each.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}")
         body.u.Set(0.05 * ngs.CF((ngs.y, ngs.z, ngs.x)))
         body.begin(0.5)
         forces.append(body.residual(body.state)[0])

@@ -6,10 +6,11 @@ from pressing import force
 from scipy.integrate import solve_ivp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column, Course, dose_left
@@ -164,9 +165,15 @@ def on_a_block(protocol, entry, size=0.02):
     """Force over time of a plate on a bonded block."""
     drive, mu = Drive(protocol), entry.initial_modulus
     plate = Contact("top", lambda x: size - drive.parameter - x[2], 2e5 * mu, 2e-5)
-    body = Body(block((size,) * 3, 0.01), {"tissue": Material(entry.law(), 1000 * mu)}, "bottom", [plate])
+    body = Problem(
+        block((size,) * 3, 0.01),
+        {"tissue": Material(entry.law(), 1000 * mu)},
+        {"bottom": 0},
+        contacts=[plate],
+        element="P2/P1",
+    )
     rows = [(0.0, 0.0)]
-    transient = Transient(body, drive, ErrorControl(1e-2, touch=0.05), 1e-3)
+    transient = TimeStepper(body, drive, ErrorControl(1e-2, touch=0.05), 1e-3)
     transient.run(lambda b, at, record: rows.append((at.t, max(force(b), 0.0))))
     t, f = np.array(rows).T
     return Course(t, np.zeros_like(t), f, protocol.times)

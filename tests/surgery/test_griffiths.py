@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pressing import force
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import constants
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column
@@ -33,8 +34,14 @@ def test_a_pressed_block_keeps_the_share_that_the_constants_say(region):
     protocol, mu = continuous(way, RAMP, END), entry.initial_modulus
     drive, rows = Drive(protocol), []
     plate = Contact("top", lambda x: SIZE - drive.parameter - x[2], 2e5 * mu, 0.02 * way)
-    body = Body(block((SIZE,) * 3, 0.02), {"tissue": Material(entry.law(), 1000 * mu)}, "bottom", [plate])
-    transient = Transient(body, drive, ErrorControl(1e-2, touch=1.0), 1e-3)
+    body = Problem(
+        block((SIZE,) * 3, 0.02),
+        {"tissue": Material(entry.law(), 1000 * mu)},
+        {"bottom": 0},
+        contacts=[plate],
+        element="P2/P1",
+    )
+    transient = TimeStepper(body, drive, ErrorControl(1e-2, touch=1.0), 1e-3)
     transient.run(lambda b, at, record: rows.append((at.t, force(b))))
     t, f = np.array(rows).T
     point = Column(entry.law(), SIZE, "planar").push(protocol)

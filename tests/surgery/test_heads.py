@@ -10,7 +10,8 @@ from regridded import slanted, thick
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.image import Volume
 from ngbrain.image.segment import WHITE
 from ngbrain.image.tissues import template_place
@@ -79,7 +80,9 @@ def test_one_tissue_twice_is_that_tissue(model):
     plain = Material(grey.law(), grey.bulk, pointwise=0.2 * grey.initial_modulus)
     forces = []
     for material in (mixed["brain"], plain):
-        body = Body(model.mesh, {"brain": material, "ventricles": mixed["ventricles"]}, "skull")
+        body = Problem(
+            model.mesh, {"brain": material, "ventricles": mixed["ventricles"]}, {"skull": 0}, element="P2/P1"
+        )
         body.u.Set(0.02 * ngs.CF((ngs.y, ngs.z, ngs.x)))
         body.begin(0.5)
         forces.append(body.residual(body.state)[0])
@@ -90,7 +93,7 @@ def test_one_tissue_twice_is_that_tissue(model):
 @pytest.mark.slow
 def test_the_first_push_of_the_blade(model):
     run = ProtocolRun(model, model.ramp("push"), None).go(until=0.2)
-    row, body = run.rows[-1], run.transient.body
+    row, body = run.rows[-1], run.transient.problem
     assert 0.2 <= row.t < 1 and row.force > 0 and row.net_reaction > 0 and row.gap < 0 < row.area
     assert row.balance < 1e-4 and row.min_det_F > 0.8
     moved = body.u(body.mesh.MapToAllElements({ngs.TET: body.history.rules[ngs.TET]}, ngs.VOL))

@@ -112,7 +112,7 @@ def opened_elastic(opening, friction=0.0):
     model = Model.of(scene)
     ramp = model.ramp("open")
     run = model.run(ramp, StepControl(scene.retraction.ramp / 10, first=0.05), model.elastic(scene.retraction.ramp))
-    observe, rows = Observer(run.body, model.blades, model.held), []
+    observe, rows = Observer(run.problem, model.blades, model.held), []
     run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
     row = rows[-1]
     off = abs(row.blade_work - row.contact_energy - row.tissue_work - row.friction_work) / row.tissue_work_size

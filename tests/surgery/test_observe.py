@@ -4,8 +4,9 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
 from ngbrain.scene import FACED
@@ -24,7 +25,9 @@ def observed(press):
     cleft = Cleft(target, np.array([0, 1.0, 0]), np.array([0, 0, -1.0]), DEPTH, 4e-3, 12e-3)
     blade = Spatula(cleft, WIDTH, 1e-3, TIP, 2e-3)
     contact = Contact("top", blade.distance(ngs.CF(0.0)), PENALTY, 1e-9)
-    body = Body(block(SIZE, 2e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, "bottom", [contact])
+    body = Problem(
+        block(SIZE, 2e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0}, contacts=[contact], element="P2/P1"
+    )
     up = press(ngs.y - target[1] - TIP)
     body.u.Interpolate(ngs.CF((0, 0, up * ngs.z / SIZE[2])))
     return Observer(body, {"top": blade}, "bottom")(0.0, 0.0, 1.0)
@@ -57,7 +60,9 @@ def pressed_between(blade, sides):
     }
     blades = {side: blade(clefts[side]) for side in sides}
     contacts = [Contact(side, one.distance(way / len(sides)), PENALTY, 1e-4, 0.9, way) for side, one in blades.items()]
-    body = Body(block(SIZE, 4e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, "back", contacts)
+    body = Problem(
+        block(SIZE, 4e-3), {"tissue": Material(NeoHooke(1e3), 1e5)}, {"back": 0}, contacts=contacts, element="P2/P1"
+    )
     body.u.Interpolate(ngs.CF((0, 0, 0.01 * (ngs.z - SIZE[2] / 3))))
     body.offset.Set(1e-5 * (1 + ngs.y / SIZE[1]), definedon=body.mesh.Boundaries("|".join(sides)))
     return body, blades, way

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from netgen.occ import Box, OCCGeometry
 
-from ngbrain.forward.body import Body, Material
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import Cleft, block
 from ngbrain.surgery.runs import Peak
@@ -18,7 +19,7 @@ EVERYWHERE = {"tissue": Part(ngs.CF(1.0), (0.9, 1.1), 1e3)}
 
 def body_of(law=None):
     mesh = block((SIDE, SIDE, SIDE), SIDE)
-    return Body(mesh, {"tissue": Material(law or NeoHooke(1e3), 1e6)}, "bottom")
+    return Problem(mesh, {"tissue": Material(law or NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1")
 
 
 def deform(body, F, pressure=0.0):
@@ -141,7 +142,9 @@ def test_a_spread_is_weighted_by_volume_and_near_the_site():
 
 
 def test_near_is_within_the_neighbourhood_of_the_cleft():
-    body = Body(block((0.1, 0.01, 0.01), 0.01), {"tissue": Material(NeoHooke(1e3), 1e6)}, "bottom")
+    body = Problem(
+        block((0.1, 0.01, 0.01), 0.01), {"tissue": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1"
+    )
     sites = Sampler(body, CLEFT, EVERYWHERE).sites
     assert np.sum(sites.volume[sites.near]) == pytest.approx(1e-4 * (CLEFT.opening / 2 + NEIGHBOURHOOD), rel=0.15)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from free import LENGTH, bar, even, stored, swing, turned, twist
 
-from ngbrain.forward.body import Material
-from ngbrain.forward.dynamic import DynamicBody
-from ngbrain.forward.inertia import GeneralizedAlpha
+from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, fourier
 
 MU, RHO, RATE = 1000.0, 1000.0, 1e-2
@@ -21,8 +21,12 @@ TAU = 0.02
 
 def swung(law, radius, steps, periods=1.0):
     """A bar's angle over time (t, θ, energy over that at first) with so many steps a period."""
-    body = DynamicBody(
-        bar(), {".*": Material(law, 1e6)}, "bottom", density={".*": RHO}, scheme=GeneralizedAlpha(radius)
+    body = Problem(
+        bar(),
+        {".*": Material(law, 1e6)},
+        {"bottom": 0},
+        [Inertia({".*": RHO}, GeneralizedAlpha(radius))],
+        element="P2/P1",
     )
     body.start(twist(RATE))
     first = body.kinetic_energy()

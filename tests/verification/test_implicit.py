@@ -12,7 +12,7 @@ from ngbrain.forward.implicit import Case, Held, StaticModel
 from ngbrain.forward.loads import Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.observations import Force, Functional
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden, density
 from ngbrain.materials.base import Deformation
 
@@ -24,7 +24,7 @@ def test_an_ogden_bar(stretch):
     """F = A 2μ/α (λ^(α-1) - λ^(-α/2-1)): its derivatives by μ, α and λ, and the second ones by μ and α."""
     mu, alpha = ngs.Parameter(1e3), ngs.Parameter(-5.0)
     moved = ROLLERS | {"top": (None, None, (stretch - 1) * SIDE)}
-    body = Static(cube(1), {".*": Material(Ogden(mu, alpha), inf)}, moved, form="P2/P1")
+    body = Problem(cube(1), {".*": Material(Ogden(mu, alpha), inf)}, moved, element="P2/P1")
     top = Held(body, "top")
     model = StaticModel([Case(body, [Force("top")])], {"mu": mu, "alpha": alpha, "top": top}, tight(body))
     there = model.at(model.theta)
@@ -54,7 +54,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     mu, pull = field(mesh, 1e3), ngs.Parameter(60.0)
     loads = [Traction("right", ngs.CF((pull, 10.0))), Weight((0, -500.0))]
     material = Material(NeoHooke(mu), 5e4)
-    body = Static(mesh, {".*": material}, {"left": 0}, loads, form="P2/P1")
+    body = Problem(mesh, {".*": material}, {"left": 0}, loads, element="P2/P1")
 
     def stored(at):
         return material.energy(Deformation.of(at.F), at.p) * at.inside(".*")
@@ -67,7 +67,7 @@ def test_of_the_whole_potential_only_the_explicit_part_is_left(rng):
     assert there.data == pytest.approx([body.energy], rel=1e-12)
     gradient = there.gradient(np.ones(1))
     per_mu = density(NeoHooke(1.0), Deformation.of(body.kinematics.gradient(body.u, ngs.Grad(body.u))))
-    explicit = ngs.LinearForm(per_mu * mu.space.TestFunction() * ngs.dx(intrules=body.rules)).Assemble()
+    explicit = ngs.LinearForm(per_mu * mu.space.TestFunction() * ngs.dx(intrules=body.tissue.rules)).Assemble()
     assert gradient[:-1] == pytest.approx(np.array(explicit.vec.FV().NumPy()), rel=1e-8)
     shifted = ngs.Integrate(body.u[0] * ngs.ds("right"), mesh)
     assert gradient[-1] == pytest.approx(-shifted, rel=1e-8)

@@ -7,13 +7,14 @@ import pytest
 from netgen.geom2d import SplineGeometry
 from pressing import force
 
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Contact
 from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import RigidBody
-from ngbrain.forward.static import Static
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -45,9 +46,15 @@ def pressed(law, shape, times, advance):
     """Time and force of each step."""
     drive = Drive(Protocol("press", times, advance))
     contact = Contact("top", lambda x: shape(x, drive.parameter), **HARD)
-    body = Body(block((SIZE,) * 3, 0.01), {"tissue": Material(law, 1e5 * MU)}, "bottom", [contact])
+    body = Problem(
+        block((SIZE,) * 3, 0.01),
+        {"tissue": Material(law, 1e5 * MU)},
+        {"bottom": 0},
+        contacts=[contact],
+        element="P2/P1",
+    )
     rows = []
-    transient = Transient(body, drive, StepControl(1.0, first=1.0), 1e-3)
+    transient = TimeStepper(body, drive, StepControl(1.0, first=1.0), 1e-3)
     transient.run(lambda b, at, record: rows.append((at.t, force(b))))
     return np.array(rows).T
 
@@ -80,9 +87,17 @@ def test_a_sphere_on_a_half_space():
         z = x[2] - R + drive.parameter
         return ngs.sqrt(x[0] ** 2 + x[1] ** 2 + z * z) - R
 
-    body = Body(mesh, {"tissue": Material(NeoHooke(mu), 1e5 * mu)}, "far", [Contact("top", sphere, 1e9, 1e-7)])
+    body = Problem(
+        mesh,
+        {"tissue": Material(NeoHooke(mu), 1e5 * mu)},
+        {"far": 0},
+        contacts=[Contact("top", sphere, 1e9, 1e-7)],
+        element="P2/P1",
+    )
     found = []
-    Transient(body, drive, StepControl(1.0, first=1.0), 1e-3).run(lambda b, at, record: found.append((at.t, force(b))))
+    TimeStepper(body, drive, StepControl(1.0, first=1.0), 1e-3).run(
+        lambda b, at, record: found.append((at.t, force(b)))
+    )
     forces = [f for t, f in found if t in (1.0, 2.0)]
     wanted = [16 / 3 * mu * np.sqrt(R) * d**1.5 for d in (4e-5, 8e-5)]
     assert np.allclose(forces, wanted, rtol=0.045) and np.log2(forces[1] / forces[0]) == pytest.approx(1.5, abs=0.03)
@@ -106,8 +121,8 @@ def test_a_ball_on_a_body_of_revolution():
 
         held = {"axis": (0, None), "foot": 0}
         ball, turned = RigidBody("top", distance, 1e9, 1e-6), Axisymmetric()
-        body = Static(mesh, {".*": Material(NeoHooke(mu), 1e6)}, held, [ball], "P2/P1", turned)
-        body.solve()
+        body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e6)}, held, [ball], element="P2/P1", kinematics=turned)
+        LoadPath(body).solve()
         forces.append(body.force("foot")[1])
     wanted = [16 / 3 * mu * np.sqrt(R) * d**1.5 for d in deep]
     assert np.allclose(forces, wanted, rtol=0.02) and np.log2(forces[1] / forces[0]) == pytest.approx(1.5, abs=0.02)

@@ -11,7 +11,7 @@ from ngbrain.forward.harmonic import Wave
 from ngbrain.forward.implicit import Held
 from ngbrain.forward.material import Material
 from ngbrain.forward.prestressed import PrestressedModel
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke, Ogden
 
 LENGTH, WIDTH, MU, RHO, FREQUENCY, ETA = 0.1, 0.02, 2e3, 1000.0, 24.0, 0.15
@@ -35,7 +35,7 @@ def stretched(law, stretch):
     mu = ngs.Parameter(MU)
     ends = {"back": (0, None, None), "front": ((stretch - 1) * LENGTH, None, None)}
     rollers = ends | {"left": (None, 0, None), "bottom": (None, None, 0)}
-    body = Static(bar, {".*": Material(law(mu), inf)}, rollers, form="Q4/Q3")
+    body = Problem(bar, {".*": Material(law(mu), inf)}, rollers, element="Q4/Q3")
     across = [Wave(FREQUENCY, {"back": (0, 1e-6, 0)})]
     points = np.array([(x, 0.4 * WIDTH, 0.7 * WIDTH) for x in PLACES])
     held = {"x": ".*", "y": "back|front", "z": ".*"}

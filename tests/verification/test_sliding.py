@@ -8,10 +8,11 @@ import pytest
 from scipy.optimize import brentq
 
 from ngbrain.errors import InputError
-from ngbrain.forward.body import Body, Material
 from ngbrain.forward.contact import Closing, Contact, Sliding
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
-from ngbrain.forward.transient import Transient
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -40,8 +41,8 @@ def pressed(walls, share=0.0):
     drive, mesh = Drive(Protocol("press", (0.0, 1.0), (0.0, SIDE * (1 - SHORT)))), block((SIDE,) * 3, SIDE / 2)
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e10, 1e-7, share)
     sliding = [Sliding.on(mesh, wall, 1e7 * MU) for wall in walls]
-    body = Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [plate, *sliding])
-    Transient(body, drive, StepControl(0.5), 1e-3).run(lambda *_: None)
+    body = Problem(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *sliding], element="P2/P1")
+    TimeStepper(body, drive, StepControl(0.5), 1e-3).run(lambda *_: None)
     return plate, body
 
 
@@ -76,7 +77,13 @@ def test_a_ball_turns_where_it_lies():
     ball.mat("tissue")
     ball.faces.name = "skull"
     mesh = ngs.Mesh(occ.OCCGeometry(ball).GenerateMesh(maxh=0.008))
-    body = Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [Sliding.on(mesh, "skull", 1e5 * MU)])
+    body = Problem(
+        mesh,
+        {"tissue": Material(NeoHooke(MU), BULK)},
+        {},
+        contacts=[Sliding.on(mesh, "skull", 1e5 * MU)],
+        element="P2/P1",
+    )
     c, s = math.cos(angle), math.sin(angle)
     body.u.Interpolate(ngs.CF(((c - 1) * ngs.x - s * ngs.y, s * ngs.x + (c - 1) * ngs.y, 0)))
     exact = 1e5 * MU / 2 * (1 - c) ** 2 * radius**4 * 2 * math.pi * 16 / 15
@@ -105,8 +112,10 @@ def test_halves_that_meet_bear_what_a_whole_does(closing):
     walls = [Sliding.on(mesh, wall, 1e7 * MU) for wall in ("bottom", "left", "front")]
     thread = Sliding.on(mesh, "roof", 100.0)  # a weak spring, which what floats hangs on
     meeting = [Closing("floor", "roof", 1e8, 2e-5, 2 * gap)] if closing else []
-    body = Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "", [plate, *walls, thread, *meeting])
-    Transient(body, drive, StepControl(0.1), 1e-3).run(lambda *_: None)
+    body = Problem(
+        mesh, {"tissue": Material(NeoHooke(MU), BULK)}, {}, contacts=[plate, *walls, thread, *meeting], element="P2/P1"
+    )
+    TimeStepper(body, drive, StepControl(0.1), 1e-3).run(lambda *_: None)
     force = ngs.Integrate(plate.pressure(body.u) * plate.measure(), mesh)
     wide = brentq(lambda x: slope(lambda y: density(y, SHORT), x), 1.0, 1.1)
     assert (force == pytest.approx(-(SIDE**2) * stress(wide), rel=6e-3)) == closing
@@ -118,10 +127,22 @@ def test_halves_that_meet_bear_what_a_whole_does(closing):
 def test_a_wall_that_is_held_does_not_slide():
     mesh = block((SIDE,) * 3, SIDE)
     with pytest.raises(InputError, match=r"without bottom"):
-        Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "bottom", [Sliding.on(mesh, "bottom", 1.0)])
+        Problem(
+            mesh,
+            {"tissue": Material(NeoHooke(MU), BULK)},
+            {"bottom": 0},
+            contacts=[Sliding.on(mesh, "bottom", 1.0)],
+            element="P2/P1",
+        )
 
 
 def test_a_wall_that_is_not_there_does_not_slide():
     mesh = block((SIDE,) * 3, SIDE)
     with pytest.raises(InputError, match="skull"):
-        Body(mesh, {"tissue": Material(NeoHooke(MU), BULK)}, "bottom", [Sliding.on(mesh, "skull", 1.0)])
+        Problem(
+            mesh,
+            {"tissue": Material(NeoHooke(MU), BULK)},
+            {"bottom": 0},
+            contacts=[Sliding.on(mesh, "skull", 1.0)],
+            element="P2/P1",
+        )

@@ -10,9 +10,10 @@ from scipy.optimize import brentq
 from statics import CUBE, SIDE, bonded, cook, cube, tight
 
 from ngbrain.forward.elements import Form
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import Spring, Traction, Weight
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import load
 from ngbrain.solvers.newton import Newton
@@ -24,7 +25,7 @@ DIGITS = {Form(2): -10.76892364, Form(2, 1): -9.254280487, Form(2, 1, False): -9
 @pytest.mark.parametrize("form", DIGITS, ids=str)
 def test_the_digits_of_other_codes(form):
     body = bonded(cube(4, hexes=True), form)
-    body.solve(newton=tight())
+    LoadPath(body).solve(newton=tight())
     print(form, body.force("top")[2] / DIGITS[form] - 1)
     assert body.force("top")[2] == pytest.approx(DIGITS[form], rel=1e-9)
     assert body.force("top") == pytest.approx(-body.force("bottom"), abs=1e-8)
@@ -37,11 +38,11 @@ ROLLERS = {"back|front": (0, None, None), "left|right": (None, 0, None), "bottom
 
 @pytest.mark.parametrize(("n", "size"), [(2, 2.5e-4), (3, 5e-5)])
 def test_a_smooth_body_gets_fourth_order(n, size):
-    body = Static(cube(n), CUBE, ROLLERS)
-    record = body.solve(newton=tight())
+    body = Problem(cube(n), CUBE, ROLLERS)
+    record = LoadPath(body).solve(newton=tight())
     error = body.conjugate(ngs.CF((0, 0, WAVE)), "top") / -2.250171 - 1
     print(n, body.form, error, record.tried)
-    assert record.form.startswith("P4/L2(2): ") and "smooth" in record.form
+    assert record.element.startswith("P4/L2(2): ") and "smooth" in record.element
     assert abs(error) < size
 
 
@@ -57,7 +58,7 @@ def test_a_smooth_body_gets_fourth_order(n, size):
     ids=["free sides", "regions", "held all round", "compressible", "just not"],
 )
 def test_the_form_is_chosen_with_a_reason(mesh, supports, ratio, form, why):
-    chosen = Static(mesh, {".*": Material(NeoHooke(1e3), ratio * 1e3)}, supports).choice["form"]
+    chosen = Problem(mesh, {".*": Material(NeoHooke(1e3), ratio * 1e3)}, supports).choice["element"]
     assert chosen.startswith(f"{form}: ") and why in chosen, chosen
 
 
@@ -68,8 +69,8 @@ MEMBRANE = {".*": Material(UnsplitNeoHooke(80.194), 400889.806, change=squared_l
 
 def pulled(mesh, form, traction=6.25, steps=1):
     """Displacements of the upper right corner and of the middle of the pulled side."""
-    body = Static(mesh, MEMBRANE, {"left": 0}, [Traction("right", (0, traction))], form=form)
-    body.solve(steps, tight())
+    body = Problem(mesh, MEMBRANE, {"left": 0}, [Traction("right", (0, traction))], element=form)
+    LoadPath(body).solve(steps, tight())
     return np.array([*body.u(mesh(48, 60)), body.u(mesh(48, 52))[1]])
 
 
@@ -114,16 +115,16 @@ def test_a_column_under_its_own_weight(form):
     # Between rollers: u = -f (L z - z²/2) / (K + 4μ/3).
     mu, bulk, f = 1e3, 5e4, 20.0
     sides = {"back|front": (0, None, None), "left|right": (None, 0, None), "bottom": (None, None, 0)}
-    body = Static(cube(2), {".*": Material(NeoHooke(mu), bulk)}, sides, [Weight((0, 0, -f))], form=form)
-    body.solve(newton=tight())
+    body = Problem(cube(2), {".*": Material(NeoHooke(mu), bulk)}, sides, [Weight((0, 0, -f))], element=form)
+    LoadPath(body).solve(newton=tight())
     for height in (0.03, 0.1):
         wanted = -f * (SIDE * height - height**2 / 2) / (bulk + 4 / 3 * mu)
         assert body.u(body.mesh(0.02, 0.07, height))[2] == pytest.approx(wanted, rel=1e-4)
 
 
 def test_the_foot_bears_the_whole_weight():
-    body = Static(cube(2), CUBE, {"bottom": 0}, [Weight((0, 0, -20.0))])
-    body.solve(newton=tight())
+    body = Problem(cube(2), CUBE, {"bottom": 0}, [Weight((0, 0, -20.0))])
+    LoadPath(body).solve(newton=tight())
     assert body.force("bottom")[2] == pytest.approx(20 * SIDE**3, rel=1e-8)
 
 
@@ -133,8 +134,8 @@ def test_a_pulled_bar_without_change_of_volume(form, traction):
     stretch = brentq(lambda s: 1e3 * (s - s**-2) - traction, 0.5, 2)
     supports = {"back": (0, None, None), "left": (None, 0, None), "bottom": (None, None, 0)}
     bar = {".*": Material(NeoHooke(1e3), inf)}
-    body = Static(cube(2), bar, supports, [Traction("top", (0, 0, traction))], form=form)
-    body.solve(newton=tight())
+    body = Problem(cube(2), bar, supports, [Traction("top", (0, 0, traction))], element=form)
+    LoadPath(body).solve(newton=tight())
     wide, high = (stretch**-0.5 - 1) * SIDE, (stretch - 1) * SIDE
     assert body.u(body.mesh(SIDE, SIDE, SIDE)) == pytest.approx((wide, wide, high), rel=1e-8)
 
@@ -144,8 +145,8 @@ def test_a_block_on_springs(form):
     # Nothing else holds it: ∫ k u dA over its foot is the load, at any strain.
     stiffness, traction = 3e4, np.array([40.0, -20.0, -90.0])
     loads = [Spring("bottom", stiffness), Spring("top", 2 * stiffness), Traction("top", tuple(traction))]
-    body = Static(cube(2), CUBE, {}, loads, form=form)
-    body.solve(newton=tight())
+    body = Problem(cube(2), CUBE, {}, loads, element=form)
+    LoadPath(body).solve(newton=tight())
     borne = [
         stiffness * np.array(ngs.Integrate(body.u, body.mesh, ngs.BND, definedon=body.mesh.Boundaries(side)))
         for side in ("bottom", "top")
@@ -177,10 +178,10 @@ def test_patch(dim, solid, form, nu):
     point = (ngs.x, ngs.y, ngs.z)[:dim]
     affine = ngs.CF(tuple(sum(float(a) * c for a, c in zip(row, point, strict=True)) for row in slope))
     bulk = 2 * (1 + nu) / (3 * (1 - 2 * nu))
-    body = Static(distorted(dim, solid), {".*": Material(NeoHooke(1.0), bulk)}, {".*": affine}, form=form)
-    body.solve(newton=Newton(rtol=1e-10, xtol=5e-11))
+    body = Problem(distorted(dim, solid), {".*": Material(NeoHooke(1.0), bulk)}, {".*": affine}, element=form)
+    LoadPath(body).solve(newton=Newton(rtol=1e-10, xtol=5e-11))
     apart = ngs.sqrt(ngs.InnerProduct(body.u - affine, body.u - affine))
-    points = body.mesh.MapToAllElements(body.rules, ngs.VOL)
+    points = body.mesh.MapToAllElements(body.tissue.rules, ngs.VOL)
     size = np.max(np.abs(body.u(points)))
     assert np.max(apart(points)) < 1e-10 * size
     if body.p is not None:

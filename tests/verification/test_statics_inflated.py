@@ -12,9 +12,10 @@ from finite_strain import CAVITY, eighth_of_a_shell, quarter_of_a_ring, refined
 from statics import tight
 
 from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke
 
 # Stretch of the cavity → pressure.
@@ -33,8 +34,8 @@ def opened(mesh, supports, stretch, whole, form, law=None, **options):
     """Pressure that opens a cavity of the volume `whole`, as far as the mesh goes, to a stretch."""
     power = 2 if mesh.dim == 2 and not options else 3
     load = CavityVolume(CAVITY, whole * (stretch**power - 1))
-    body = Static(mesh, rubber(law), supports, [load], form=form, **options)
-    record = body.solve(newton=tight())
+    body = Problem(mesh, rubber(law), supports, [load], element=form, **options)
+    record = LoadPath(body).solve(newton=tight())
     assert record.min_det_F > 0.5
     assert body.volume(CAVITY) == pytest.approx(whole * stretch**power, rel=5e-3)
     return body.cavity_pressures()[0]
@@ -81,8 +82,8 @@ def tube(level):
 @pytest.mark.parametrize("stretch", RING)
 def test_cylinder_as_a_body_of_revolution(stretch):
     loads = [Pressure(CAVITY, RING[stretch])]
-    body = Static(tube(2), rubber(), {"end": (None, 0)}, loads, form="P4/P3", kinematics=Axisymmetric())
-    body.solve(newton=tight())
+    body = Problem(tube(2), rubber(), {"end": (None, 0)}, loads, element="P4/P3", kinematics=Axisymmetric())
+    LoadPath(body).solve(newton=tight())
     found = body.u(body.mesh(1, 0.3))[0] + 1
     slope = (ring(stretch + 1e-5) - ring(stretch - 1e-5)) / 2e-5  # what a digit that the table leaves out is worth
     print(stretch, found / stretch - 1)
@@ -102,8 +103,8 @@ LOAD = 1e-5
 @pytest.mark.parametrize("nu", [0.3, 0.4999, 0.5])
 def test_lames_cylinder(nu):
     bulk = inf if nu == 0.5 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
-    body = Static(quarter_of_a_ring(2, 4), rubber(bulk=bulk), LINES, [Pressure(CAVITY, LOAD)], form="P4/P3")
-    body.solve(newton=tight())
+    body = Problem(quarter_of_a_ring(2, 4), rubber(bulk=bulk), LINES, [Pressure(CAVITY, LOAD)], element="P4/P3")
+    LoadPath(body).solve(newton=tight())
     for r in (1.0, 1.5, 2.0):
         wanted = LOAD / 6 * ((1 - 2 * nu) * r + 4 / r)
         found = body.u(body.mesh(0, r))[1]
@@ -116,8 +117,8 @@ def test_lames_sphere(nu):
     bulk = inf if nu == 0.5 else 2 * (1 + nu) / (3 * (1 - 2 * nu))
     loads = [CavityPressure(CAVITY, LOAD)]
     mesh = quarter_of_a_ring(2, 4)
-    body = Static(mesh, rubber(bulk=bulk), LINES, loads, form="P4/P3", kinematics=Axisymmetric())
-    body.solve(newton=tight())
+    body = Problem(mesh, rubber(bulk=bulk), LINES, loads, element="P4/P3", kinematics=Axisymmetric())
+    LoadPath(body).solve(newton=tight())
     E = 2 * (1 + nu)
     for r in (1.0, 1.5, 2.0):
         wanted = LOAD / (7 * E) * ((1 - 2 * nu) * r + (1 + nu) * 8 / (2 * r**2))
@@ -136,8 +137,8 @@ def test_a_following_pressure_is_the_pressure_of_a_cavity(name):
     }[name]
     states = []
     for load in (Pressure(CAVITY, 0.4), CavityPressure(CAVITY, 0.4)):
-        body = Static(mesh(), rubber(bulk=1e3), supports, [load], form="P2/P1", **options)
-        body.solve(newton=tight())
+        body = Problem(mesh(), rubber(bulk=1e3), supports, [load], element="P2/P1", **options)
+        LoadPath(body).solve(newton=tight())
         print(name, type(load).__name__, body.solver)
         states.append(body.state[body.is_u])
     assert np.linalg.norm(states[0] - states[1]) < 1e-8 * np.linalg.norm(states[1])

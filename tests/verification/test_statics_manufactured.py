@@ -12,8 +12,9 @@ import pytest
 from finite_strain import orders
 from statics import square, tight
 
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.material import Material
-from ngbrain.forward.static import Static
+from ngbrain.forward.problem import Problem
 from ngbrain.materials import UnsplitNeoHooke, squared_log
 
 BULK, A = 10.0, 0.1
@@ -45,8 +46,8 @@ class Source:
 def errors(form, n):
     """In L2 of u, of its gradient, and of p where there is one."""
     material = {".*": Swollen(UnsplitNeoHooke(1.0), BULK, change=squared_log)}
-    body = Static(square(n), material, {".*": 0}, [Source()], form=form, bonus=4)
-    body.solve(newton=tight())
+    body = Problem(square(n), material, {".*": 0}, [Source()], element=form, bonus=4)
+    LoadPath(body).solve(newton=tight())
     apart = [body.u - EXACT, ngs.Grad(body.u) - SLOPE] + ([] if body.p is None else [body.p - PRESSURE])
     return [ngs.Integrate(ngs.InnerProduct(e, e).Compile(), body.mesh, order=12) ** 0.5 for e in apart]
 

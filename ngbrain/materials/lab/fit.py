@@ -75,10 +75,10 @@ def fit(
     >>> round(fit(NeoHooke, data, {"mu": 500.0}).parameters["mu"])
     999
     """
-    return Problem(law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
+    return CurveFit(law, checked_curves(data), dict(start), bounds or {}, weights or {}).best(starts, seed)
 
 
-class Problem:
+class CurveFit:
     """Scaled misfits as a function of the parameters; infinite where the law refuses them.
 
     What stresses a specimen has at given parameters, `stresses`, is for others to say anew.
