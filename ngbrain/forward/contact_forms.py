@@ -14,6 +14,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.contact import Closing, Contact, Sliding
 from ngbrain.forward.implicit_blocks import Block
 from ngbrain.forward.implicit_work import Motion, Term, Terms, by, terms
+from ngbrain.forward.loads import CavityVolume, Pressure
 from ngbrain.forward.problem import Problem
 
 Array = np.ndarray
@@ -26,6 +27,9 @@ class ContactForms:
     """
 
     def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
+        for load in body.loads:
+            if isinstance(load, (Pressure, CavityVolume)):
+                raise InputError("loads", type(load).__name__, "loads with an energy of the displacement, for derivatives of a run")
         for contact in body.contacts:
             if isinstance(contact, Closing):
                 for name in ("penalty", "softness"):

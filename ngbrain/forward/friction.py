@@ -107,6 +107,17 @@ class Grip:
             form += ngs.Variation(energy.Compile() * rub.measure)
         return form
 
+    def forms(self) -> list[tuple[str, ngs.BilinearForm]]:
+        """The energies one after the other, with their walls."""
+        found = []
+        for rub in self._rubs:
+            form = ngs.BilinearForm(self.form.space, symmetric=True)
+            form += ngs.Variation(
+                (rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)) * rub.measure
+            )
+            found.append((rub.friction.wall, form))
+        return found
+
     def begin(self, x: np.ndarray) -> None:
         """Begin a step at a state x, with the bodies where they are."""
         if self.frictions:

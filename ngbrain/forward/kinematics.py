@@ -11,6 +11,10 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 
 
+AXIS = 1e-12
+"""Distance (m) up to which a point is on the axis."""
+
+
 @dataclass(frozen=True)
 class Solid:
     """A mesh in space."""
@@ -57,11 +61,11 @@ class Axisymmetric(Solid):
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """F with F₃₃ = 1 + u_r/r, the stretch of circles."""
-        return _plane(grad, u[0] / ngs.x)
+        return _plane(grad, _around(u, grad))
 
     def change(self, v: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """How F changes with a displacement."""
-        return _in_plane(grad, v[0] / ngs.x)
+        return _in_plane(grad, _around(v, grad))
 
     def weight(self) -> CoefficientFunction:
         """2πr."""
@@ -84,6 +88,11 @@ class AntiPlane(Solid):
     def position(self, u: CoefficientFunction) -> CoefficientFunction:
         """In the mesh's coordinates nothing moves."""
         return ngs.CF((ngs.x, ngs.y))
+
+
+def _around(u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
+    """u_r/r; on the axis, where some rules of quadrature have points, its limit ∂u_r/∂r."""
+    return ngs.IfPos(ngs.x - AXIS, u[0] / ngs.x, grad[0, 0])
 
 
 def _in_plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:

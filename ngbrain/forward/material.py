@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, barrier, quadratic
@@ -69,10 +71,16 @@ class Material:
         return energy + barrier(J, self.pointwise) if self.pointwise else energy
 
 
-def stiffness(mesh: ngs.Mesh, materials: Mapping[str, Material]) -> tuple[CoefficientFunction, float, float]:
-    """Initial shear modulus μ (Pa) over a mesh, its largest value and the largest K/μ."""
+def stiffness(
+    mesh: ngs.Mesh, materials: Mapping[str, Material], points: int | None = None
+) -> tuple[CoefficientFunction, float, float]:
+    """Initial shear modulus μ (Pa) over a mesh, its largest value and the largest K/μ, of means over elements.
+
+    points   half the order of the quadrature at whose points fields in the materials are known; None: everywhere
+    """
     moduli = {name: initial_modulus(m.elastic) for name, m in materials.items()}
-    stiffest = {name: _largest(mesh, name, mu) for name, mu in moduli.items()}
+    rules = None if points is None else IntegrationRuleSpace(mesh, order=points).GetIntegrationRules()
+    stiffest = {name: _largest(mesh, name, mu, rules) for name, mu in moduli.items()}
     for name, found in stiffest.items():
         if not found > 0:
             raise InputError(
@@ -82,17 +90,17 @@ def stiffness(mesh: ngs.Mesh, materials: Mapping[str, Material]) -> tuple[Coeffi
     ratio = max(
         float(m.bulk) / moduli[name]
         if not isinstance(m.bulk, CoefficientFunction) and not isinstance(moduli[name], CoefficientFunction)
-        else _largest(mesh, name, m.bulk / moduli[name])
+        else _largest(mesh, name, m.bulk / moduli[name], rules)
         for name, m in materials.items()
     )
     return mesh.MaterialCF(moduli), largest, ratio
 
 
-def _largest(mesh: ngs.Mesh, pattern: str, value: Value) -> float:
+def _largest(mesh: ngs.Mesh, pattern: str, value: Value, rules: Any) -> float:
     """Largest mean over an element."""
     if not isinstance(value, CoefficientFunction):
         return float(value)
-    region = mesh.Materials(pattern)
-    parts = (ngs.Integrate(v, mesh, definedon=region, element_wise=True).NumPy() for v in (value, ngs.CF(1)))
+    inside = ngs.dx(definedon=mesh.Materials(pattern), **({} if rules is None else {"intrules": rules}))
+    parts = (ngs.Integrate(v * inside, mesh, element_wise=True).NumPy() for v in (value, ngs.CF(1)))
     amount, size = (np.array(part) for part in parts)
     return float(np.max(amount[size > 0] / size[size > 0]))

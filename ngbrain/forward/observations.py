@@ -129,6 +129,7 @@ class _Reaction:
         self._body, self._boundary = body, asked.boundary
         self._motions = np.array([self._motion(motion) for motion in asked.motions or units])
         self.size = len(self._motions)
+        self._shares = body.reaction_shares(asked.boundary)
         others = [p for p in body.loads if not (b := getattr(p, "boundary", None)) or not mine & boundaries(mesh, b)]
         self._work, self._weighed = Work(body, others), ngs.GridFunction(body.fes)
 
@@ -142,7 +143,7 @@ class _Reaction:
         return self._motions @ self._body.nodal_forces(self._boundary)
 
     def weigh(self, w: Array) -> None:
-        self._weighed.vec.FV().NumPy()[: self._motions.shape[1]] = w @ self._motions
+        self._weighed.vec.FV().NumPy()[: self._motions.shape[1]] = w @ self._motions * self._shares
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
         return self._work(state, self._weighed, *along)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import ngsolve as ngs
@@ -24,13 +25,15 @@ from ngbrain.forward.material import Material, stiffness
 from ngbrain.forward.patterns import boundaries, check_apart, check_regions, check_types
 from ngbrain.forward.supports import Support, Supports
 from ngbrain.forward.tangent import Tangent
-from ngbrain.forward.tissue import Tissue
+from ngbrain.forward.tissue import Tissue, history_order
 from ngbrain.solvers import linear
 from ngbrain.solvers.record import Clock
 
 Array = np.ndarray
 RELATIVE = 0.01
 """Corrections are judged against this share of the body's size, pressures against its shear modulus."""
+GAP = 1e-3
+"""With contacts corrections are judged against this length (m): walls come and go by far less than a body is long."""
 CONDENSE_UP_TO = 1e6
 """K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
 WORTH_REUSING = 100_000
@@ -65,7 +68,10 @@ class Problem:
     solver : str
         A name of `ngbrain.solvers.linear`, or "auto".
     bonus : int
-        Orders of quadrature beyond 2k, of elastic bodies without contacts.
+        Orders of quadrature beyond 2k, of bodies without a history.
+    history : bool, optional
+        Whether the body keeps a history at its quadrature points, with stresses there; by default where tissue relaxes, and with
+        contacts or inertia.
 
     Attributes
     ----------
@@ -103,6 +109,7 @@ class Problem:
         kinematics: Solid | None = None,
         solver: str = "auto",
         bonus: int = 0,
+        history: bool | None = None,
     ) -> None:
         conditions = {} if boundary_conditions is None else boundary_conditions
         check_types(mesh, materials, conditions)
@@ -120,9 +127,12 @@ class Problem:
         self.kinematics = kinematics_of(mesh, kinematics)
         self.supports = Supports(mesh, conditions)
         instant = {name: Material(m.viscous.instantaneous, m.bulk) for name, m in materials.items()}
-        self._moduli, self.modulus, self.ratio = stiffness(mesh, instant)
-        self.element, why = self._choose(element)
-        through_time = bool(contacts or masses) or any(m.viscous.branches for m in materials.values())
+        relaxes = any(m.viscous.branches for m in materials.values())
+        through_time = relaxes or (bool(contacts or masses) if history is None else history)
+        asked = element if isinstance(element, Form) else None if element == "auto" else self._named(element)
+        points = history_order(mesh, asked.order if asked else 2) if through_time else None
+        self._moduli, self.modulus, self.ratio = stiffness(mesh, instant, points)
+        self.element, why = self._choose(element, asked)
         self._condense = self.element.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
         self.symmetric = not any(isinstance(load, Pressure) for load in self.loads)
         spaces = self.element.spaces(mesh, self._condense, **self.supports.dirichlet)
@@ -147,7 +157,7 @@ class Problem:
         ]
         part = np.repeat(np.arange(self.layout.count), [space.ndof for space in spaces])
         self.is_u = part == 0
-        size = RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
+        size = GAP if contacts else RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         lengths = self.is_u | (bool(rigid) & (part == 1 + self.layout.pressure))
         self._scale = np.where(lengths, size, self.modulus)
         self._release(ngs.BitArray(self.fes.FreeDofs()))
@@ -300,7 +310,9 @@ class Problem:
     def history(self) -> History:
         """What relaxing tissue remembers."""
         if self.tissue.history is None:
-            raise AttributeError("history: an elastic body without contacts and mass has none")
+            raise AttributeError(
+                "history: an elastic body without contacts and inertia has none unless it is asked for"
+            )
         return self.tissue.history
 
     def begin(self, dt: float) -> None:
@@ -426,16 +438,30 @@ class Problem:
     def nodal_forces(self, boundary: str) -> Array:
         """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
 
-        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared.
+        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
+        supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
         """
-        forces, mine = self.tissue.forces()[self.is_u], boundaries(self.mesh, boundary)
-        for load, acting in self._acting:
-            pattern = getattr(load, "boundary", None)  # a weight has none, nor need one of a user's
-            if pattern is None or not mine & boundaries(self.mesh, pattern):
+        self._stand(self.state)
+        forces = self.tissue.forces()[self.is_u]
+        for pattern, acting in self._acting:
+            if not self._on(boundary, pattern):
                 forces = forces + self._applied(acting)[self.is_u]
         if self.inertia is not None:
             forces = forces + self.inertia.forces(self.state[: len(self.held)])
-        return forces
+        return forces * self.reaction_shares(boundary)
+
+    def reaction_shares(self, boundary: str) -> Array:
+        """How much of the forces at each displacement unknown is a boundary's own: see `Supports.shares`.
+
+        Where nothing acts on the boundary its free unknowns bear nothing, and what a solution leaves there is none of its force.
+        """
+        shares = self.supports.shares(self.u.space, boundary)
+        own = any(self._on(boundary, pattern) for pattern, _ in self._acting)
+        return shares if own else np.where(self.held, shares, 0.0)
+
+    def _on(self, boundary: str, pattern: str | None) -> bool:
+        """Whether what acts on a pattern acts on a boundary; a weight has none, nor need one of a user's."""
+        return pattern is not None and bool(boundaries(self.mesh, boundary) & boundaries(self.mesh, pattern))
 
     def force(self, boundary: str) -> Array:
         """Force (N) that acts on a boundary from outside, by components: what its supports, contacts and loads exert together."""
@@ -481,15 +507,16 @@ class Problem:
         for film in (each for each in contacts if isinstance(each, Sliding)):
             check_apart(mesh, film.wall, [each.wall for each in rigid])
 
-    def _choose(self, element: str | Form) -> tuple[Form, str]:
-        if isinstance(element, Form):
-            return element, "taken at its word"
+    def _named(self, element: str) -> Form:
         of_type("element", element, str)
-        if element == "auto":
-            return automatic(self.mesh, self.ratio, self.supports.held)
         named = Form.named(element)
         named.check(self.mesh)
-        return named, "asked for"
+        return named
+
+    def _choose(self, element: str | Form, asked: Form | None) -> tuple[Form, str]:
+        if asked is None:
+            return automatic(self.mesh, self.ratio, self.supports.held)
+        return asked, "taken at its word" if isinstance(element, Form) else "asked for"
 
     def _solver(self, coupled: int) -> linear.Choice:
         """The linear solver for so many coupled unknowns."""
@@ -521,11 +548,7 @@ class Problem:
         """Forms of the whole and of what acts on it, and what makes a solver of the whole's matrix."""
         self._joined.clear()
         self.contact_form, self.form = self._outer(), self._form(self.tissue.terms)
-        self._acting: list[tuple[Load, ngs.BilinearForm]] = []
-        for load, part in self._load_terms():
-            acting = ngs.BilinearForm(self.fes)
-            acting += part
-            self._acting.append((load, acting))
+        self.__dict__.pop("_acting", None)
         self.new_factor = linear.prepare(self.solver, self.form, self._moduli)
         self._kept = None
         self.changed()
@@ -552,6 +575,20 @@ class Problem:
         for _, part in self._load_terms():
             form += part
         self._joined += [each.join(form, at, self.kinematics) for each in self.contacts]  # some have to live as long
+
+    @cached_property
+    def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+        """What acts from outside, one after the other: on which boundary, and its forces."""
+        at, found = self.layout.fields(self.fes.TrialFunction()), []
+        for load, part in self._load_terms():
+            acting = ngs.BilinearForm(self.fes)
+            acting += part
+            found.append((getattr(load, "boundary", None), acting))
+        for contact in self.contacts:
+            acting = ngs.BilinearForm(self.fes)
+            self._joined.append(contact.join(acting, at, self.kinematics))
+            found.append((contact.wall, acting))
+        return found + self.friction.forms()
 
     def _load_terms(self) -> list[tuple[Load, Any]]:
         """Each load with its part of a form."""

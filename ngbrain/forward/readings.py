@@ -47,8 +47,8 @@ class Displacements:
 class Force:
     """Force (N) along a direction that acts on the tissue through a boundary: of a support, or of what presses there.
 
-    It is the work of the tissue's nodal forces on the boundary's nodes for a unit of motion; nodes that a blade's wall shares
-    with a support count both, and what loads put on the boundary's nodes counts, weights too. Raises `InputError` for a pattern
+    It is the work of the tissue's nodal forces on the boundary's nodes for a unit of motion; of nodes that it shares with
+    supports it counts what is its own (`Supports.shares`), and what loads put on the boundary's nodes counts, weights too. Raises `InputError` for a pattern
     that matches nothing.
     """
 
@@ -61,8 +61,9 @@ class Force:
             raise InputError("Force.direction", self.direction, "a vector that is not zero")
         boundaries(body.mesh, self.boundary)
         motion = ngs.GridFunction(body.fes)
-        motion.components[0].Set(
+        body.layout.fields(motion).u.Set(
             ngs.CF(tuple(self.direction)), definedon=body.mesh.Boundaries(self.boundary), dual=True
         )
+        motion.vec.FV().NumPy()[body.is_u] *= body.reaction_shares(self.boundary)
         Z = sp.csr_array(motion.vec.FV().NumPy()[None, :])
         return sp.csr_array(Z.shape), Z

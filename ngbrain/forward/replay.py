@@ -76,6 +76,8 @@ class Replay:
     ) -> None:
         if type(body) is not Problem or body.friction.frictions or body.inertia is not None:
             raise InputError("body", type(body).__name__, "a `Problem` without friction, inertia or given force")
+        if body.form.condense:
+            raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")

@@ -56,6 +56,44 @@ class Supports:
                 held[where] = True
         return values, held
 
+    def shares(self, space: ngs.FESpace, boundary: str) -> np.ndarray:
+        """How much of the reaction at each unknown of a displacement space is a boundary's own.
+
+        None where others hold the unknown and it does not, all where it alone does or nobody; where several do, as much as the
+        boundary has of the mass ∫ φ² of the unknown's shape function over all of them, so that reactions add up.
+        """
+        mine, found = boundaries(self.mesh, boundary), np.ones(space.ndof)
+        scalar = space.components[0]
+        for i in range(self.mesh.dim):
+            holding = set[int]().union(
+                *(boundaries(self.mesh, pattern) for pattern, held in self.held.items() if i in held)
+            )
+            others = _dofs(self.mesh, scalar, holding - mine)
+            if not np.any(others & _dofs(self.mesh, scalar, mine)):
+                continue
+            own, all_of_them = (_mass(self.mesh, scalar, which) for which in (holding & mine, holding))
+            part = np.divide(own, all_of_them, out=np.ones(scalar.ndof), where=all_of_them > 0)
+            span = space.Range(i)
+            found[span.start : span.stop] = np.where(others, part, 1.0)
+        return found
+
+
+def _region(mesh: ngs.Mesh, which: set[int]) -> ngs.Region:
+    return ngs.Region(mesh, ngs.BND, ngs.BitArray([i in which for i in range(len(mesh.GetBoundaries()))]))
+
+
+def _dofs(mesh: ngs.Mesh, space: ngs.FESpace, which: set[int]) -> np.ndarray:
+    return np.fromiter(space.GetDofs(_region(mesh, which)), bool, space.ndof)
+
+
+def _mass(mesh: ngs.Mesh, space: ngs.FESpace, which: set[int]) -> np.ndarray:
+    """∫ φ² over some boundaries, of each shape function."""
+    if not which:
+        return np.zeros(space.ndof)
+    u, v = space.TnT()
+    form = ngs.BilinearForm(u * v * ngs.ds(definedon=_region(mesh, which)), diagonal=True, check_unused=False)
+    return np.array(form.Assemble().mat.AsVector().FV().NumPy())
+
 
 def _components(value: Support, dim: int) -> Components:
     if isinstance(value, CoefficientFunction):

@@ -51,7 +51,7 @@ class RunModel:
     newton, every, states   see `Replay`
 
     >>> import ngsolve as ngs
-    >>> from ngbrain.forward.body import Material
+    >>> from ngbrain.forward.material import Material
     >>> from ngbrain.forward.contact import Contact
     >>> from ngbrain.forward.problem import Problem
     >>> from ngbrain.forward.readings import Force

@@ -51,7 +51,7 @@ class Tissue:
         self.history: History | None = None
         if through_time:
             regions = {name: material.viscous for name, material in materials.items()}
-            self.history = History(self.mesh, regions, max(element.order - 1, 1))
+            self.history = History(self.mesh, regions, history_order(self.mesh, element.order))
             self.history.follow(isochoric(right_cauchy_green(F)))
             self.rules = dict(self.history.rules)
         else:
@@ -161,3 +161,12 @@ class Tissue:
     def relaxed_at(self, x: Array, stiff: bool = False) -> None:
         """Say that the branches rest at the state x."""
         self._relaxed, self._stiff = x.copy(), stiff or self._stiff
+
+
+def history_order(mesh: ngs.Mesh, k: int) -> int:
+    """Half the order of the history's quadrature for displacements of order k.
+
+    With a point less each way, quadrilaterals and hexahedra have motions without energy.
+    """
+    simplices = {each.type for each in mesh.Elements()} <= {ngs.TRIG, ngs.TET}
+    return max(k - simplices, 1)

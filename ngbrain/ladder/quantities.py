@@ -89,7 +89,7 @@ def _of_force(ask: Ask, state: State) -> Array:
     field.Set(ngs.CF(along(ask.unit, state.plane)), definedon=body.mesh.Boundaries(ask.boundary), dual=True)
     h = float(np.abs(state.x[body.is_u]).max()) or 1.0
     moved = state.x.copy()
-    moved[body.is_u] += h * field.vec.FV().NumPy()
+    moved[body.is_u] += h * field.vec.FV().NumPy() * body.reaction_shares(ask.boundary)
     return (body.residual(moved)[0] - body.residual(state.x)[0]) * state.thickness / h
 
 

@@ -155,7 +155,7 @@ def _inertia(made: Model, runs: Runs) -> str:
     )
     if ratio >= SLOW:
         return f"inertia: {text}"
-    return f"inertia, which matters here: {text}; pressures are those of a slow blade (forward.dynamic.DynamicBody has mass)"
+    return f"inertia, which matters here: {text}; pressures are those of a slow blade (a Problem with Inertia has mass)"
 
 
 def model(made: Model, runs: Runs) -> dict[str, Any]:

@@ -57,9 +57,9 @@ def test_a_body_without_supports_has_all_six():
 
 def test_what_is_held_enough_is_solved():
     supports = {"bottom": ALONG["z"], "left": ALONG["x"], "front": ALONG["y"], "top": (None, None, -1e-3)}
-    assert Problem(cube(), TISSUE, supports, element="P1").solve().converged
+    assert LoadPath(Problem(cube(), TISSUE, supports, element="P1")).solve().converged
     # A spring may hold.
-    Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, [Spring("bottom", 1e5)], element="P1").solve()
+    LoadPath(Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, [Spring("bottom", 1e5)], element="P1")).solve()
 
 
 def test_in_the_plane_and_through_time():
@@ -70,7 +70,7 @@ def test_in_the_plane_and_through_time():
     )
     assert LoadPath(Problem(mesh, TISSUE, {name: 0}, element="P1")).solve().converged
     with pytest.raises(InputError, match="translation along x"):
-        Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, element="P1").run([0.0, 1.0], [0.0, 1.0], lambda t: t)
+        run_load_history(Problem(cube(), TISSUE, {"bottom": ALONG["z"]}, element="P1"), [0, 1], [0, 1], lambda t: t)
 
 
 def test_a_region_that_hangs_loose_is_named():

@@ -111,7 +111,7 @@ def test_a_factor_that_fails_is_made_with_pivots(monkeypatch, rng):
     def fails():
         raise FloatingPointError("no pivots")
 
-    monkeypatch.setattr(of.equilibria[0].body, "_factorise", fails)
+    monkeypatch.setattr(of.equilibria[0].body, "new_factor", fails)
     again = Equilibria(of, there.theta, there.states)
     assert again.gradient(w) == pytest.approx(wanted, rel=1e-9, abs=1e-12 * np.abs(wanted).max())
 

@@ -61,7 +61,7 @@ def moved(rng):
     """A body of a law, in a state with fibres both stretched and pressed."""
 
     def make(law):
-        body = Problem(MESH, {"tissue": Material(law, 1.5e4)}, {"bottom": 0}, element="P2/P1")
+        body = Problem(MESH, {"tissue": Material(law, 1.5e4)}, {"bottom": 0}, element="P2/P1", history=True)
         body.history.begin(1.0)
         size = np.where(body.is_u, 5e-4, 50.0)
         body.state = size * rng.uniform(-1, 1, body.fes.ndof) * (body.weights > 0)

@@ -50,7 +50,7 @@ def model_of(scene, border=0.4, cells=1):
 
 def body_of(scene, **kwargs):
     made = model_of(scene, **kwargs)
-    return Problem(made.mesh, made.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}")
+    return Problem(made.mesh, made.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}", history=True)
 
 
 def some_state(body, rng, size):
@@ -110,7 +110,7 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
     whole = Model(scene, made.head, block((SIZE,) * 3, SIZE / 4), None, {})
     forces = []
     for each in (made, whole):
-        body = Problem(each.mesh, each.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}")
+        body = Problem(each.mesh, each.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}", history=True)
         body.u.Set(0.05 * ngs.CF((ngs.y, ngs.z, ngs.x)))
         body.begin(0.5)
         forces.append(body.residual(body.state)[0])

@@ -19,7 +19,7 @@ EVERYWHERE = {"tissue": Part(ngs.CF(1.0), (0.9, 1.1), 1e3)}
 
 def body_of(law=None):
     mesh = block((SIDE, SIDE, SIDE), SIDE)
-    return Problem(mesh, {"tissue": Material(law or NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1")
+    return Problem(mesh, {"tissue": Material(law or NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1", history=True)
 
 
 def deform(body, F, pressure=0.0):
@@ -143,7 +143,7 @@ def test_a_spread_is_weighted_by_volume_and_near_the_site():
 
 def test_near_is_within_the_neighbourhood_of_the_cleft():
     body = Problem(
-        block((0.1, 0.01, 0.01), 0.01), {"tissue": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1"
+        block((0.1, 0.01, 0.01), 0.01), {"tissue": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1", history=True
     )
     sites = Sampler(body, CLEFT, EVERYWHERE).sites
     assert np.sum(sites.volume[sites.near]) == pytest.approx(1e-4 * (CLEFT.opening / 2 + NEIGHBOURHOOD), rel=0.15)

@@ -144,7 +144,9 @@ def test_torsion_of_the_packages_body():
     # Porcine brain in a rheometer, diameter 25 mm, height 10 mm, K/μ = 1e6; Newton's method as a scene has it.
     c1, c2, radius, twist = 153.0, 297.0, 12.5e-3, 40.0
     mesh = cylinder(0, 3, maxh=10e-3, radius=radius, length=10e-3)
-    body = Problem(mesh, {".*": Material(MooneyRivlin(c1, c2), 900e6)}, {"bottom|top": 0}, element="P3/P2")
+    body = Problem(
+        mesh, {".*": Material(MooneyRivlin(c1, c2), 900e6)}, {"bottom|top": 0}, element="P3/P2", history=True
+    )
     body.history.begin(1.0)
     body.u.Set(twisted(twist))
     body.state, record = Newton().solve(body, body.state)
