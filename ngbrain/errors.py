@@ -105,8 +105,9 @@ def gave_up(message: str, kind: Failure | None) -> SolverError:
     >>> gave_up("it folds", Failure.INVERTED)
     InvertedElementError('it folds')
     """
-    kinds = {Failure.INVERTED: InvertedElementError, Failure.PENETRATION: ContactError}
-    return kinds.get(kind, ConvergenceError)(message)
+    if kind is Failure.INVERTED:
+        return InvertedElementError(message)
+    return (ContactError if kind is Failure.PENETRATION else ConvergenceError)(message)
 
 
 class ContactError(SolverError):

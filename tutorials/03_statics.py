@@ -21,6 +21,7 @@ from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction
 from ngbrain.forward.material import Material
 from ngbrain.forward.problem import Problem
+from ngbrain.forward.stability import softest
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import block
 
@@ -48,7 +49,7 @@ assert abs(force / -2.250171 - 1) < 1e-3
 
 # %%
 clamped = Problem(cube, tissue, {"bottom": 0, "top": (0, 0, -0.02)})
-record = clamped.solve()
+record = LoadPath(clamped).solve()
 print(
     f"{record.element}; {record.tried} Newton iterations, {record.cuts} cuts, {record.work.factorisations} factorisations"
 )
@@ -70,7 +71,8 @@ for form in ("P2/P2", "P2/L2(0)"):
 # Dead tractions, weights, springs, pressures that follow the surface, cavities by their pressure or by their volume.
 
 # %%
-held = Problem(cube, tissue, {"left|right": (0, None, None), "front|back": (None, 0, None)}, [Spring("bottom", 1e5), Traction("top", (0, 0, -50.0))], element="P2/P1")  # fmt: skip
+sides = {"left|right": (0, None, None), "front|back": (None, 0, None)}
+held = Problem(cube, tissue, sides, [Spring("bottom", 1e5), Traction("top", (0, 0, -50.0))], element="P2/P1")
 LoadPath(held).solve()
 sunk = 1e3 * held.u(cube(0.05, 0.05, 0.0))[2]
 print(f"on springs of 100 kPa/m under 50 Pa: {sunk:.4f} mm (-50/1e5 m)")
@@ -129,7 +131,7 @@ euler = 4 * np.pi**2 / 12 / 30**2
 for share in (0.9, 1.1):
     pressed = Problem(column, rubber, {"bottom": 0, "top": (0, -share * euler * 30)}, element="P3/P2")
     LoadPath(pressed).solve()
-    print(f"{share:.1f} of Euler's load: smallest eigenvalue {pressed.softest()[0]:+.2e} Pa/m²")
+    print(f"{share:.1f} of Euler's load: smallest eigenvalue {softest(pressed)[0]:+.2e} Pa/m²")
 
 # %% [markdown]
 # ## Cook's membrane

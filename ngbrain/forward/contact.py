@@ -166,10 +166,10 @@ def soft_penalty(depth: CoefficientFunction, penalty: float, softness: float) ->
     return penalty * ngs.IfPos(d, ngs.IfPos(d - s, stiff, soft), 0)
 
 
-def offsets(mesh: ngs.Mesh, contacts: Sequence[Contact], order: int) -> ngs.FESpace:
+def offsets(mesh: ngs.Mesh, contacts: Sequence[object], order: int, **options: bool) -> ngs.FESpace:
     """Space of the offsets of all contacts that have one; without unknowns if none has."""
-    walls = "|".join(contact.wall for contact in contacts if contact.share)
-    return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls)))
+    walls = "|".join(contact.wall for contact in contacts if isinstance(contact, Contact) and contact.share)
+    return ngs.Compress(ngs.H1(mesh, order=order, definedon=mesh.Boundaries(walls), **options))
 
 
 Touch = Contact | Sliding | Closing

@@ -27,9 +27,12 @@ class ContactForms:
     """
 
     def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
+        self._loads = [load for load in body.loads if not isinstance(load, (Pressure, CavityVolume))]
         for load in body.loads:
-            if isinstance(load, (Pressure, CavityVolume)):
-                raise InputError("loads", type(load).__name__, "loads with an energy of the displacement, for derivatives of a run")
+            if load not in self._loads:
+                raise InputError(
+                    "loads", type(load).__name__, "loads with an energy of the displacement, for derivatives of a run"
+                )
         for contact in body.contacts:
             if isinstance(contact, Closing):
                 for name in ("penalty", "softness"):
@@ -50,7 +53,7 @@ class ContactForms:
         contacts, order = self._body.contacts, self._body.element.order
         rigid = [Term(weight * c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
         films = [Term(weight * c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
-        loads = [term for load in self._body.loads for term in terms(load.energy(self._body.place(u)))]
+        loads = [term for load in self._loads for term in terms(load.energy(self._body.place(u)))]
         return reduce(by, numbers, rigid + films + loads)
 
     def columns(self) -> sp.csr_array:

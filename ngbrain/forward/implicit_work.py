@@ -17,6 +17,9 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
+from ngbrain.errors import InputError
+from ngbrain.forward.contact import NO_OFFSET, Closing, Contact, Sliding, Touch
+from ngbrain.forward.fields import Layout
 from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure
 from ngbrain.forward.problem import Problem
 from ngbrain.materials.base import Deformation
@@ -73,19 +76,22 @@ def by(parts: Iterable[Term], variable: CoefficientFunction, direction: Coeffici
     return [slope for part in parts if not (slope := part.by(variable, direction)).vanishes]
 
 
+LONE = Layout(pressure=False, offset=False, cavities=0)
+
+
 @dataclass(frozen=True)
 class Seen(Place):
     """A body's state where a functional looks at it, moved by numbers or not.
 
     u, grad     displacement and its gradient; F is 3×3
-    p, cavities  pressures, where there are any
+    p, offset, cavities  pressures, offset of contacts, cavities' pressures, where there are any
     along       gradient along boundaries, `area` and `slope` give it out
     """
 
     grad: CoefficientFunction = None
     along: CoefficientFunction = None
     rest: Sequence[CoefficientFunction] = ()
-    mixed: bool = False
+    layout: Layout = LONE
 
     @property
     def F(self) -> CoefficientFunction:  # noqa: N802
@@ -95,12 +101,17 @@ class Seen(Place):
     @property
     def p(self) -> CoefficientFunction | None:
         """Pressure (Pa) of mixed forms."""
-        return self.rest[0] if self.mixed else None
+        return self.rest[0] if self.layout.pressure else None
 
     @property
     def cavities(self) -> Sequence[CoefficientFunction]:
         """Pressures (Pa) of the loads that prescribe a volume."""
-        return self.rest[int(self.mixed) :]
+        return self.rest[self.layout.pressure + self.layout.offset :]
+
+    @property
+    def offset(self) -> CoefficientFunction:
+        """Of contacts (m)."""
+        return self.rest[int(self.layout.pressure)] if self.layout.offset else NO_OFFSET
 
     def slope(self, u: CoefficientFunction) -> CoefficientFunction:
         """Gradient of a displacement along a boundary."""
@@ -121,9 +132,16 @@ class Work:
     6.333333
     """
 
-    def __init__(self, body: Problem, loads: Sequence[Load] | None = None) -> None:
+    def __init__(
+        self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[Touch] | None = None
+    ) -> None:
         self.body = body
         self._acting = {id(load) for load in (body.loads if loads is None else loads)}
+        self._contacts = body.contacts if contacts is None else contacts
+        if body.friction.frictions or any(isinstance(contact, Closing) for contact in body.contacts):
+            raise InputError(
+                "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
+            )
 
     def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
         """R(state)[virtual] and, for each motion more, its derivative along it."""
@@ -136,6 +154,12 @@ class Work:
             )
             for pattern, m in body.materials.items()
         ]
+        for contact in self._contacts:
+            weight = at.kinematics.weight()
+            if isinstance(contact, Contact):
+                energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
+            elif isinstance(contact, Sliding):
+                energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
         followers: Terms = []
         cavities = iter(at.cavities)
         for load in body.loads:
@@ -175,7 +199,7 @@ class Work:
             grad=moved(lambda f: ngs.Grad(f[0])),
             along=moved(lambda f: ngs.Grad(f[0]).Trace()),
             rest=[moved(lambda f, i=i: f[i]) for i in range(1, len(states))],  # type: ignore[misc]
-            mixed=body.p is not None,
+            layout=body.layout,
         )
         return at, numbers
 

@@ -10,7 +10,6 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 
-
 AXIS = 1e-12
 """Distance (m) up to which a point is on the axis."""
 

@@ -13,6 +13,7 @@ from ngbrain.errors import CollapseWarning, InputError, SolverError, StabilityWa
 from ngbrain.forward import stability
 from ngbrain.forward.choice import COMPRESSIBLE
 from ngbrain.forward.held import check_held
+from ngbrain.forward.motion import Motion
 from ngbrain.forward.problem import Problem
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
@@ -31,7 +32,9 @@ class LoadPath:
     Parameters
     ----------
     problem : Problem
-        Of elastic tissue without inertia; rigid bodies stand where their parameters put them.
+        Of elastic tissue without inertia.
+    motion : Motion, optional
+        Of the rigid bodies in its contacts: at load factor t they are where its time t puts them. Without, they stand.
 
     Raises
     ------
@@ -49,20 +52,22 @@ class LoadPath:
     1.0
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, motion: Motion | None = None) -> None:
         if any(material.viscous.branches for material in problem.materials.values()):
             raise InputError("materials", "a relaxing law", "elastic ones, such as its `equilibrium`, or a TimeStepper")
         if problem.inertia is not None:
             raise InputError("loads", "with Inertia", "none for equilibrium, or a TimeStepper")
         self.problem = problem
+        self._path = problem if motion is None else _Moved(problem, motion)
 
     def solve(
         self,
         steps: int = 1,
         newton: Newton | None = None,
-        tell: Callable[[float], None] | None = None,
+        callback: Callable[[float], None] | None = None,
         threads: int | None = None,
         start: np.ndarray | None = None,
+        eigenvalues: bool = False,
     ) -> PathRecord:
         """Equilibrium at load factor 1 from rest, in `steps` load steps, and more where one fails.
 
@@ -72,12 +77,15 @@ class LoadPath:
             Load steps to try first.
         newton : Newton, optional
             Settings; `newton_for` gives those that the element needs, with others of yours.
-        tell : callable, optional
+        callback : callable, optional
             Called with the load factor after every step.
         threads : int, optional
             For this solve; None leaves NGSolve's as they are.
         start : array (ndof,), optional
             A state near the one at load factor 1, such as a coarser body's: the way from rest is gone if it is not near.
+        eigenvalues : bool
+            Whether the tangent's smallest eigenvalue is found after every load step (`PathRecord.eigenvalues`): where it changes
+            its sign a straight or flat state goes on, and is not stable. One factorisation each, of a direct solver.
 
         Returns
         -------
@@ -95,12 +103,23 @@ class LoadPath:
         if not body.contacts:
             check_held(body.supports, body.loads, body.kinematics)
         newton = newton or newton_for(body)
+        signs: list[tuple[float, float]] = []
+
+        def tell(t: float, x: np.ndarray) -> None:
+            if eigenvalues:
+                body.state = x
+                signs.append((t, stability.softest(body)[0]))
+                body.changed()
+            if callback:
+                callback(t)
+
         with using(threads):
-            near = None if start is None else continuation.resumed(body, newton, start, steps, tell)
+            near = None if start is None else continuation.resumed(self._path, newton, start, steps, tell)
             x, record = near or self._follow(newton, steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
                 x, record = self._guarded(newton, steps, tell, record)
         body.state = x
+        record.eigenvalues = signs
         record.seconds, record.ndof = dict(body.clock.seconds), body.fes.ndof
         record.element, record.solver = body.choice["element"], f"{body.solver}: {body.choice['solver']}"
         if not record.converged:
@@ -130,13 +149,13 @@ class LoadPath:
             warnings.warn(f"{found}; {doubt}", StabilityWarning, stacklevel=3)
 
     def _follow(
-        self, newton: Newton, steps: int, tell: Callable[[float], None] | None
+        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None]
     ) -> tuple[np.ndarray, PathRecord]:
         settings = replace(newton, inverse=None, largest=0.0)
-        return continuation.follow(self.problem, settings, np.zeros(self.problem.fes.ndof), steps, tell)
+        return continuation.follow(self._path, settings, np.zeros(self.problem.fes.ndof), steps, tell)
 
     def _guarded(
-        self, newton: Newton, steps: int, tell: Callable[[float], None] | None, before: PathRecord
+        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None], before: PathRecord
     ) -> tuple[np.ndarray, PathRecord]:
         """The same with a `barrier` against collapse at single points; it stays."""
         body = self.problem
@@ -155,6 +174,24 @@ class LoadPath:
         error = gave_up(f"{record.reason}; {advice}", record.failure)
         error.record = record
         return error
+
+
+class _Moved:
+    """A problem whose rigid bodies move with the load factor, as `continuation` asks for it."""
+
+    def __init__(self, problem: Problem, motion: Motion) -> None:
+        self._problem, self._motion = problem, motion
+        self.residual, self.factorise, self.min_det = problem.residual, problem.factorise, problem.min_det
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The problem's."""
+        return self._problem.weights
+
+    def load(self, x: np.ndarray, t: float) -> np.ndarray:
+        """With the rigid bodies where they are at t."""
+        self._motion.set(t)
+        return self._problem.load(x, t)
 
 
 def newton_for(problem: Problem, **settings: Any) -> Newton:

@@ -131,7 +131,8 @@ class _Reaction:
         self.size = len(self._motions)
         self._shares = body.reaction_shares(asked.boundary)
         others = [p for p in body.loads if not (b := getattr(p, "boundary", None)) or not mine & boundaries(mesh, b)]
-        self._work, self._weighed = Work(body, others), ngs.GridFunction(body.fes)
+        walls = [contact for contact in body.contacts if not mine & boundaries(mesh, contact.wall)]
+        self._work, self._weighed = Work(body, others, walls), ngs.GridFunction(body.fes)
 
     def _motion(self, motion: Vector) -> Array:
         field = ngs.GridFunction(self._body.u.space)

@@ -10,6 +10,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
+from ngbrain.forward.contact import offsets
 from ngbrain.forward.factors import sparse
 from ngbrain.forward.implicit_blocks import Block, Nodes
 from ngbrain.forward.implicit_work import Motion, Seen, Terms, Work, slope, vector
@@ -37,10 +38,18 @@ class WaveWork:
         self._work, self._squared = Work(body), ngs.Parameter(0.0)
         self._c, self._d, self._adjoint, self._change = (ngs.GridFunction(fes) for _ in range(4))
         self._trial, self._test = fes.TnT()
-        spaces = [complexified(part) for part in ([fes] if body.u is body.gfu else fes.components)]
+        layout = body.layout
+        spaces = [complexified(part) for part in ([fes] if layout.single else fes.components[: 1 + layout.pressure])]
+        if layout.offset:
+            spaces.append(offsets(body.mesh, body.contacts, body.element.order, complex=True))
+        if layout.cavities:
+            spaces += [complexified(part) for part in fes.components[layout.count - layout.cavities :]]
         same = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
         u, v = (part if len(spaces) == 1 else part[0] for part in same.TnT())
-        self.pattern = ngs.BilinearForm(u[0] * v[0] * ngs.dx).Assemble().mat
+        pattern = u[0] * v[0] * ngs.dx
+        if layout.offset:
+            pattern += u[0] * v[0] * ngs.ds
+        self.pattern = ngs.BilinearForm(pattern).Assemble().mat
         """A complex matrix with the entries' places."""
 
     def matrices(self) -> Callable[[float], Array]:
@@ -192,6 +201,9 @@ def _matrix(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
     form = ngs.BilinearForm(body.fes)
     for part in parts:
         form += part.integral
+    if body.layout.offset:  # the same places for all of them, whether they act on walls or not
+        u, v = (body.layout.fields(of).u for of in body.fes.TnT())
+        form += ngs.Parameter(0.0) * u[0] * v[0] * ngs.ds
 
     def assembled() -> ngs.BaseMatrix:
         form.AssembleLinearization(body.gfu.vec)

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
-from ngsolve import CoefficientFunction
 
 from ngbrain.arguments import of_type
-from ngbrain.errors import InputError
 from ngbrain.forward.choice import automatic
 from ngbrain.forward.contact import Contact, Sliding, Touch, offsets, surface_rules
 from ngbrain.forward.elements import Form, check_elements
 from ngbrain.forward.fields import Layout
 from ngbrain.forward.friction import Friction, Grip
-from ngbrain.forward.history import History
 from ngbrain.forward.inertia import Inertia, Momentum
 from ngbrain.forward.kinematics import Solid, kinematics_of
-from ngbrain.forward.loads import CavityVolume, Load, Place, Pressure, volume
+from ngbrain.forward.loads import CavityVolume, Load, Pressure
 from ngbrain.forward.material import Material, stiffness
 from ngbrain.forward.patterns import boundaries, check_apart, check_regions, check_types
+from ngbrain.forward.reactions import Reactions
 from ngbrain.forward.supports import Support, Supports
 from ngbrain.forward.tangent import Tangent
+from ngbrain.forward.time_steps import TimeSteps
 from ngbrain.forward.tissue import Tissue, history_order
 from ngbrain.solvers import linear
 from ngbrain.solvers.record import Clock
@@ -43,7 +41,7 @@ ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
 
-class Problem:
+class Problem(TimeSteps, Reactions):
     """A body: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia; equilibrium where it is stationary.
 
     It has no time and no way of its own: a `LoadPath` makes its loads grow, a `TimeStepper` takes it through time.
@@ -62,7 +60,7 @@ class Problem:
     contacts : sequence
         Rigid bodies that walls meet, their friction, walls that slide, and walls that close on each other.
     element : str or Form
-        "P2/P1", "P4/L2(2)", "P3", …, refused if its inf-sup constant falls with the mesh (a `Form` is taken at its word), or "auto".
+        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. A `Form` is taken at its word.
     kinematics : Solid
         `PlaneStrain` (default in the plane), `Axisymmetric`.
     solver : str
@@ -170,15 +168,6 @@ class Problem:
 
     # What Newton's method asks (solvers.newton.System).
 
-    @property
-    def state(self) -> Array:
-        """All unknowns as one array, a copy."""
-        return np.array(self.gfu.vec.FV().NumPy())
-
-    @state.setter
-    def state(self, x: Array) -> None:
-        self.gfu.vec.FV().NumPy()[:] = x
-
     def load(self, x: Array, t: float) -> Array:
         """Set the load factor; x with what is prescribed at t."""
         self.factor.Set(t)
@@ -245,12 +234,6 @@ class Problem:
             self.state = x
             return self.tissue.min_det()
 
-    def _stand(self, x: Array) -> None:
-        """Go to a state: Maxwell branches flow there, friction takes its pressures and normals there."""
-        self.state = x
-        self.friction.hold(self.gfu.vec)
-        self.tissue.relax(x)
-
     def _timed(self, solve: linear.Solve) -> linear.Solve:
         def timed(r: Array) -> Array:
             with self.clock("solve"):
@@ -302,199 +285,8 @@ class Problem:
         self._free_dofs = free
         self._free = np.fromiter(free, bool, self.fes.ndof).astype(float)
         self.weights = self._free / self._scale**2 / self.fes.ndof
-        self.focused, self._tangent = False, None
-
-    # A time step.
-
-    @property
-    def history(self) -> History:
-        """What relaxing tissue remembers."""
-        if self.tissue.history is None:
-            raise AttributeError(
-                "history: an elastic body without contacts and inertia has none unless it is asked for"
-            )
-        return self.tissue.history
-
-    def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds from the present state; it ends with `finish`."""
-        self.tissue.begin(dt)
-        self.friction.begin(self.state[: self.fes.ndof])
-        if self.inertia is not None:
-            self.inertia.begin(dt)
-
-    def finish(self) -> None:
-        """End the step begun at the state that now stands."""
-        self._finish_tissue()
-        self.friction.hold(self.gfu.vec)
-        self.friction.finish()
-        if self.inertia is not None:
-            self.inertia.finish()
-
-    def _finish_tissue(self) -> None:
-        if self.tissue.history is not None:
-            self.tissue.relax(self.state)
-            self.tissue.history.finish()
-
-    def halving(self, before: Array) -> tuple[float, float]:
-        """By how much (Pa) the overstress at the end of the step would change in two half steps, and its size: see `History`."""
-        if self.tissue.history is None:
-            return 0.0, 0.0
-        now = self.state
-        self.state = (before + now) / 2
-        middle = self.history.here()
-        self.state = now
-        return self.history.halving(middle)
-
-    def path_error(self) -> float:
-        """Relative error of the step that now ends beside the history's: that of inertia."""
-        return 0.0 if self.inertia is None else self.inertia.error(self._free)
-
-    @property
-    def frozen(self) -> dict[str, Any]:
-        """All that the energy of the present step is made of besides the state."""
-        history = {} if self.tissue.history is None else self.history.frozen
-        return {**history, **self.friction.frozen}
-
-    def freeze(self, x: Array, energy: dict[str, Any]) -> None:
-        """Go back to a state x and what the energy (`frozen`) was made of there."""
-        if self.tissue.history is not None:
-            self.history.frozen = energy
-        self.tissue.relaxed_at(x, stiff=True)
-        self.friction.frozen = energy
-        self.state = x
-        if self.inertia is not None:
-            self.inertia.freeze(energy["dt"])
-
-    @property
-    def memory(self) -> dict[str, Any]:
-        """All that decides the steps to come besides the state."""
-        history = {} if self.tissue.history is None else self.history.memory
-        return {**history, **self.friction.memory, **({} if self.inertia is None else self.inertia.memory)}
-
-    @memory.setter
-    def memory(self, saved: dict[str, Any]) -> None:
-        if self.tissue.history is not None:
-            self.history.memory = saved
-        self.friction.memory = saved
-        if self.inertia is not None:
-            self.inertia.memory = saved
-
-    def start(self, velocity: Sequence[Any] | CoefficientFunction) -> None:
-        """Set the present state of a body with inertia moving at a velocity (m/s), with the acceleration that its forces give it.
-
-        Pressures have to be there already if the state is loaded: they are taken as they are.
-        """
-        if self.inertia is None:
-            raise InputError("loads", "without Inertia", "Inertia among them, for a body that moves by itself")
-        self.tissue.begin(self.inertia.instant)
-        self.friction.begin(self.state)
-        self._stand(self.state)
-        forces = self.tissue.forces() + self._outer_forces()
-        self.inertia.start(velocity, -forces[self.is_u], self._free)
-
-    def kinetic_energy(self) -> float:
-        """∫ ρ/2 |v|² (J); 0 without inertia."""
-        return 0.0 if self.inertia is None else self.inertia.energy()
-
-    # What is asked of a state.
-
-    @property
-    def energy(self) -> float:
-        """Energy (J; in plane strain per metre) of the body and of loads that have one."""
-        return float(self.form.Energy(self.gfu.vec))
-
-    def min_gap(self) -> float:
-        """Smallest signed distance (m) between tissue and rigid bodies over the walls' quadrature points."""
-        return min((float(np.min(gap(points))) for gap, points in self.gaps), default=float("inf"))
-
-    def tissue_forces(self) -> Array:
-        """Forces (N) that the tissue exerts on its nodes at the current state, one for each displacement unknown."""
-        self._stand(self.state)
-        return self.tissue.forces()[self.is_u]
-
-    def tissue_stress(self) -> Array:
-        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the points of `history.space`, where `tissue_forces` was last asked."""
-        return self.tissue.stress
-
-    def contact_forces(self) -> Array:
-        """Nodal forces (N) of contacts, their friction, sliding walls and loads at the current state."""
-        self.friction.hold(self.gfu.vec)
-        return self._outer_forces()[self.is_u]
-
-    def contact_energy(self) -> float:
-        """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
-        return float(self.contact_form.Energy(self.gfu.vec))
-
-    def friction_work(self) -> float:
-        """What went into friction (J) since the present time step began."""
-        self.friction.hold(self.gfu.vec)
-        return self.friction.work()
-
-    def friction_driving(self) -> float:
-        """Force (N) along the way of the rigid bodies that friction asks of them, as `Contact.driving` does."""
-        self.friction.hold(self.gfu.vec)
-        return self.friction.driving()
-
-    def nodal_forces(self, boundary: str) -> Array:
-        """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
-
-        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
-        supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
-        """
-        self._stand(self.state)
-        forces = self.tissue.forces()[self.is_u]
-        for pattern, acting in self._acting:
-            if not self._on(boundary, pattern):
-                forces = forces + self._applied(acting)[self.is_u]
-        if self.inertia is not None:
-            forces = forces + self.inertia.forces(self.state[: len(self.held)])
-        return forces * self.reaction_shares(boundary)
-
-    def reaction_shares(self, boundary: str) -> Array:
-        """How much of the forces at each displacement unknown is a boundary's own: see `Supports.shares`.
-
-        Where nothing acts on the boundary its free unknowns bear nothing, and what a solution leaves there is none of its force.
-        """
-        shares = self.supports.shares(self.u.space, boundary)
-        own = any(self._on(boundary, pattern) for pattern, _ in self._acting)
-        return shares if own else np.where(self.held, shares, 0.0)
-
-    def _on(self, boundary: str, pattern: str | None) -> bool:
-        """Whether what acts on a pattern acts on a boundary; a weight has none, nor need one of a user's."""
-        return pattern is not None and bool(boundaries(self.mesh, boundary) & boundaries(self.mesh, pattern))
-
-    def force(self, boundary: str) -> Array:
-        """Force (N) that acts on a boundary from outside, by components: what its supports, contacts and loads exert together."""
-        return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
-
-    def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
-        """Work (J) of the outer forces on a boundary for a motion (m) of it: the force that is conjugate to its amplitude."""
-        field = ngs.GridFunction(self.u.space)
-        field.Set(motion, definedon=self.mesh.Boundaries(boundary), dual=True)
-        return float(field.vec.FV().NumPy() @ self.nodal_forces(boundary))
-
-    def volume(self, boundary: str) -> float:
-        """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
-        return volume(self.place(self.u, self.u), self.u, boundary)
-
-    def cavity_pressures(self) -> list[float]:
-        """Pressures (Pa) of the loads that prescribe a volume, in their order."""
-        n = len(self._cavities)
-        return self.state[len(self.state) - n :].tolist()
-
-    def place(self, u: CoefficientFunction, v: CoefficientFunction | None = None) -> Place:
-        """Where its loads act, for a displacement and a test function."""
-        return Place(self.mesh, self.kinematics, self.factor, u, v, self.element.order)
-
-    def _outer_forces(self) -> Array:
-        """Of contacts, their friction and loads, one number for each unknown."""
-        if not self.contacts and not self.loads:
-            return np.zeros(self.fes.ndof)
-        return self._applied(self.contact_form) + self.friction.forces()
-
-    def _applied(self, form: ngs.BilinearForm) -> Array:
-        form.Apply(self.gfu.vec, self._vec)
-        return np.array(self._vec.FV().NumPy())
+        self.focused = False
+        self._tangent = None
 
     # How it is made.
 
@@ -575,35 +367,3 @@ class Problem:
         for _, part in self._load_terms():
             form += part
         self._joined += [each.join(form, at, self.kinematics) for each in self.contacts]  # some have to live as long
-
-    @cached_property
-    def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
-        """What acts from outside, one after the other: on which boundary, and its forces."""
-        at, found = self.layout.fields(self.fes.TrialFunction()), []
-        for load, part in self._load_terms():
-            acting = ngs.BilinearForm(self.fes)
-            acting += part
-            found.append((getattr(load, "boundary", None), acting))
-        for contact in self.contacts:
-            acting = ngs.BilinearForm(self.fes)
-            self._joined.append(contact.join(acting, at, self.kinematics))
-            found.append((contact.wall, acting))
-        return found + self.friction.forms()
-
-    def _load_terms(self) -> list[tuple[Load, Any]]:
-        """Each load with its part of a form."""
-        at, test = (self.layout.fields(of) for of in self.fes.TnT())
-        place, cavities = self.place(at.u, test.u), iter(at.cavities)
-        found = []
-        for load in self.loads:
-            if isinstance(load, Pressure):
-                found.append((load, load.work(place)))
-            elif isinstance(load, CavityVolume):
-                found.append((load, ngs.Variation(load.energy(place, next(cavities)))))
-            else:
-                found.append((load, ngs.Variation(load.energy(place))))
-        return found
-
-
-def _unit(i: int, dim: int) -> CoefficientFunction:
-    return ngs.CF(tuple(float(i == j) for j in range(dim)))

@@ -48,8 +48,8 @@ class Force:
     """Force (N) along a direction that acts on the tissue through a boundary: of a support, or of what presses there.
 
     It is the work of the tissue's nodal forces on the boundary's nodes for a unit of motion; of nodes that it shares with
-    supports it counts what is its own (`Supports.shares`), and what loads put on the boundary's nodes counts, weights too. Raises `InputError` for a pattern
-    that matches nothing.
+    supports it counts what is its own (`Supports.shares`), and what loads put on the boundary's nodes counts, weights too. Raises
+    `InputError` for a pattern that matches nothing.
     """
 
     boundary: str

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import Failure, InputError, gave_up
+from ngbrain.forward.motion import Motion
 from ngbrain.forward.problem import Problem
-from ngbrain.forward.time_stepper import Motion, TimeStepper
+from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
@@ -74,8 +75,14 @@ class Replay:
         every: int | None = None,
         states: bool = True,
     ) -> None:
-        if type(body) is not Problem or body.friction.frictions or body.inertia is not None:
-            raise InputError("body", type(body).__name__, "a `Problem` without friction, inertia or given force")
+        refused = {
+            "with friction": bool(body.friction.frictions),
+            "with inertia": body.inertia is not None,
+            "with a tool of given force": type(body) is not Problem,
+        }
+        for what, there in refused.items():
+            if there:
+                raise InputError("body", what, "one without, for derivatives of a run")
         if body.form.condense:
             raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
         grid = np.asarray(grid, float)

@@ -22,6 +22,7 @@ import scipy.sparse as sp
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.contact_forms import ContactForms
 from ngbrain.forward.implicit_blocks import Nodes, block, places
+from ngbrain.forward.motion import Motion
 from ngbrain.forward.problem import Problem
 from ngbrain.forward.readings import Reading
 from ngbrain.forward.replay import TIGHT, Replay, Step
@@ -30,7 +31,6 @@ from ngbrain.forward.step_forms import Parameter, StepForms
 from ngbrain.forward.step_shapes import StepShapes
 from ngbrain.forward.tangent import Solve
 from ngbrain.forward.tangents import EXACT, FINER, Tangents
-from ngbrain.forward.time_stepper import Motion
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray

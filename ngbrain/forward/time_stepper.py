@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ngbrain.errors import Breakdown, Failure, InputError, gave_up
 from ngbrain.forward.held import check_held
 from ngbrain.forward.load_path import newton_for
+from ngbrain.forward.motion import Motion
 from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import Control, GivenSteps, Progress
 from ngbrain.forward.tangent import Solve
@@ -24,20 +25,6 @@ WHOLES = 1
 """Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
 FORESEEN = 2
 """Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
-
-
-class Motion(Protocol):
-    """How the rigid bodies move."""
-
-    @property
-    def events(self) -> Sequence[float]:
-        """Times (s) at which the motion changes; steps land on them exactly. The last one ends the run."""
-
-    def set(self, t: float) -> None:
-        """Put the bodies where they are at time t."""
-
-    def travel(self, start: float, end: float) -> float:
-        """How far (m) they move towards the tissue between two times; negative when they withdraw."""
 
 
 Watch = Callable[[Problem, Progress, NewtonRecord], None]
@@ -300,7 +287,7 @@ def run_load_history(
 ) -> list[Any]:
     """From rest at times[0] through the times (s) with the load factor at each; what `observe` gives after every one.
 
-    Steps are the caller's, and second order; one that fails is cut. Raises `InputError` and `ConvergenceError` as `TimeStepper` does.
+    Steps are the caller's, and second order; one that fails is cut. Raises `InputError` and `ConvergenceError` as `TimeStepper`.
 
     >>> from ngbrain.forward.material import Material
     >>> from ngbrain.materials import NeoHooke, Prony

@@ -44,7 +44,7 @@ def follow(
     newton: Newton,
     x: Array,
     steps: int = 1,
-    tell: Callable[[float], None] | None = None,
+    tell: Callable[[float, Array], None] | None = None,
     begin: float = 0.0,
 ) -> tuple[Array, PathRecord]:
     """From equilibrium x at t = `begin` to the one at t = 1, in `steps` steps if they succeed and in as many as it takes if not.
@@ -58,7 +58,7 @@ def follow(
         t = 1.0
         record.steps.append((t, NewtonRecord(converged=True, min_det_F=path.min_det(x))))
         if tell:
-            tell(t)
+            tell(t, x)
     before: tuple[Array, float] | None = None
     while t < 1:
         dt = min(dt, 1 - t) if 1 - t - dt > 1e-9 else 1 - t
@@ -72,7 +72,7 @@ def follow(
             if record.steps[-1][1].iterations <= EASY:
                 dt = min(1 / steps, 2 * dt)
             if tell:
-                tell(t)
+                tell(t, x)
             continue
         record.cuts += 1
         record.reasons.append(f"t = {goal:.4g}: {failed}")
@@ -87,7 +87,7 @@ def follow(
 
 
 def resumed(
-    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float], None] | None = None
+    path: Path, newton: Newton, x: Array, steps: int = 1, tell: Callable[[float, Array], None] | None = None
 ) -> tuple[Array, PathRecord] | None:
     """The equilibrium at t = 1 from a state x near it, as far as it may be taken; None where Newton's method does not arrive.
 

@@ -56,6 +56,7 @@ class PathRecord:
     element, solver   what was chosen, and why
     pressed, creased  shares of the body's volume, and of its free surface along itself, compressed by more than 35 %
     softest  the tangent's smallest eigenvalue (Pa/m²), asked for when a share is large; else NaN
+    eigenvalues  (load factor, smallest eigenvalue) of each step, where they were asked for
     guard    what was added to the body to get there; empty if nothing was
     """
 
@@ -75,6 +76,7 @@ class PathRecord:
     pressed: float = 0.0
     creased: float = 0.0
     softest: float = float("nan")
+    eigenvalues: list[tuple[float, float]] = field(default_factory=list)
     guard: str = ""
 
     @property

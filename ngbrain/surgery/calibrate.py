@@ -95,6 +95,7 @@ class Retracted:
         x, y, z = (float(c) for c in model.cleft.across)
         readings: list[Reading] = [Displacements(landmarks)] if len(landmarks) else []
         readings.append(Force(WALLS[0], (x, y, z)))
+        assert run.motion is not None  # a blade moves
         self.run = RunModel(run.problem, run.motion, self.grid, self.factors, readings, times)
 
 

@@ -171,6 +171,7 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
 def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
     """Take the solution along as another, of the same motion, goes from one point (t, all unknowns) to the next."""
     state = run.problem.state
+    assert run.motion is not None  # a blade moves
     run.motion.set(end[0])
     run.problem.state, record = run.newton.solve(run, state + end[1] - start[1])
     if record.converged:

@@ -4,7 +4,11 @@ import pytest
 from combinations import CONTROLLERS, INGREDIENTS, MESHES, PAGE, WORKS, attempt, outcomes, table
 
 NEVER_REFUSED = [
-    *[(each, "moving tool", kind) for each in ("contact by penalty", "contact with offset", "friction") for kind in MESHES],
+    *[
+        (each, "moving tool", kind)
+        for each in ("contact by penalty", "contact with offset", "friction")
+        for kind in MESHES
+    ],
     *[("tool of given force", "moving tool", kind) for kind in MESHES],
     *[("walls that close", "moving tool", kind) for kind in MESHES],
 ]

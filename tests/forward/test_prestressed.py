@@ -10,10 +10,12 @@ from statics import cube, square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
+from ngbrain.forward.contact import Contact
 from ngbrain.forward.elements import Form
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.implicit import Equilibria, Held, Nodes
 from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.load_path import LoadPath
 from ngbrain.forward.loads import CavityVolume, Pressure, Traction, Weight
 from ngbrain.forward.material import Material
 from ngbrain.forward.prestressed import Prestressed, PrestressedModel
@@ -277,3 +279,47 @@ def test_a_resonance_without_loss_is_said():
     there = of.at(of.theta)
     with pytest.raises(SolverError, match="resonance"):
         Factor(of.work.pattern, 0 * of.work.matrices()(1.0), ~of.held, True, of.solves).solve(there.waves[0], "forward")
+
+
+def pressed_by_a_plate(depth=1e-3, share=0.9, element="P2/P1"):
+    """A square that a plate presses on its right with an offset, clamped at its bottom; the plate's place is a parameter."""
+    way = ngs.Parameter(depth)
+    plate = Contact("right", lambda x: SIDE - way - x[0], 1e6, 1e-5, share)
+    mu = field(square(2, size=SIDE), 1e3)
+    mesh = mu.space.mesh
+    body = Problem(mesh, {".*": Material(NeoHooke(mu), 2e4)}, {"bottom": 0}, contacts=[plate], element=element)
+    return body, {"mu": mu, "way": way}
+
+
+def test_waves_in_a_body_in_contact_have_their_rates(rng):
+    """The contact is frozen: it resists what presses on the plate, as its tangent says."""
+    body, parameters = pressed_by_a_plate()
+    still = [Wave(30.0, {"bottom": (1e-6, 2e-7j)})]
+    of = PrestressedModel(body, still, POINTS[:, :2], parameters, loss=0.2, rho=1e3, newton=tight(body))
+    verify(of, rng)
+
+
+def test_at_rest_they_are_how_its_equilibrium_changes():
+    body, parameters = pressed_by_a_plate()
+    move = 1e-7
+    of = PrestressedModel(
+        body, [Wave(1e-3, {"bottom": (move, 0)})], POINTS[:, :2], parameters, loss=1e-9, rho=1e3, newton=tight(body)
+    )
+    found = of.at(of.theta).data.real[0]
+    states = []
+    for share in (0.0, 1e3):  # by as much more
+        other, _ = pressed_by_a_plate()
+        other.prescribed[:] = 0
+        pushed = Problem(
+            other.mesh, other.materials, {"bottom": (share * move, 0)}, contacts=other.contacts, element="P2/P1"
+        )
+        LoadPath(pushed).solve(newton=tight(pushed))
+        states.append(np.array([pushed.u(pushed.mesh(*point)) for point in POINTS[:, :2]]))
+    wanted = (states[1] - states[0]) / 1e3
+    assert found == pytest.approx(wanted, abs=0.02 * np.abs(wanted).max())
+    free, _ = pressed_by_a_plate(depth=-1e-3)  # a plate that does not touch lets all of it go along
+    gone = PrestressedModel(
+        free, [Wave(1e-3, {"bottom": (move, 0)})], POINTS[:, :2], {"mu": parameters["mu"]}, loss=1e-9, rho=1e3
+    )
+    assert gone.at(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
+    assert np.abs(found[:, 0] - move).max() > 0.1 * move

@@ -34,7 +34,7 @@ def pressed(depth, form="P2/P1", **options):
 
 def test_a_record_says_what_was_done():
     body, heard = pressed(0.02), []
-    record = LoadPath(body).solve(steps=2, tell=heard.append)
+    record = LoadPath(body).solve(steps=2, callback=heard.append)
     assert record.converged and record.factor == 1 and record.cuts == 0 and heard == [0.5, 1.0]
     assert [t for t, _ in record.steps] == heard
     assert set(record.seconds) == {"assemble", "factor", "solve", "residual", "check"}
@@ -177,7 +177,7 @@ def test_a_body_that_nothing_acts_on_is_at_rest_at_once(form):
     heard = []
     for loads in ((), (Weight((0, 0)),)):
         body = Problem(square(), SOFT, {"bottom": 0}, loads, element=form)
-        record = LoadPath(body).solve(steps=3, tell=heard.append)
+        record = LoadPath(body).solve(steps=3, callback=heard.append)
         assert record.converged and record.factor == 1 and record.work.factorisations == 1 and not record.tried
         assert not body.state.any() and record.min_det_F == pytest.approx(1) and heard.pop() == 1.0 and not heard
 

@@ -143,7 +143,11 @@ def test_a_spread_is_weighted_by_volume_and_near_the_site():
 
 def test_near_is_within_the_neighbourhood_of_the_cleft():
     body = Problem(
-        block((0.1, 0.01, 0.01), 0.01), {"tissue": Material(NeoHooke(1e3), 1e6)}, {"bottom": 0}, element="P2/P1", history=True
+        block((0.1, 0.01, 0.01), 0.01),
+        {"tissue": Material(NeoHooke(1e3), 1e6)},
+        {"bottom": 0},
+        element="P2/P1",
+        history=True,
     )
     sites = Sampler(body, CLEFT, EVERYWHERE).sites
     assert np.sum(sites.volume[sites.near]) == pytest.approx(1e-4 * (CLEFT.opening / 2 + NEIGHBOURHOOD), rel=0.15)

@@ -1,0 +1,129 @@
+"""What came together in one mechanics, against closed forms: contact and friction in the plane and axisymmetric, buckling."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from ngsolve.meshes import MakeStructured2DMesh
+
+from ngbrain.forward.contact import Contact
+from ngbrain.forward.friction import Friction
+from ngbrain.forward.kinematics import Axisymmetric
+from ngbrain.forward.load_path import LoadPath
+from ngbrain.forward.material import Material
+from ngbrain.forward.problem import Problem
+from ngbrain.forward.steps import StepControl
+from ngbrain.forward.time_stepper import TimeStepper, run_load_history
+from ngbrain.materials import NeoHooke, Prony
+
+SIDE, MU = 0.02, 1e3
+
+
+class Plate:
+    """A plate on top of a square: down, then along (m), straight in between."""
+
+    def __init__(self, times, down, along):
+        self.times, self.ways, self.events = times, (down, along), tuple(times[1:])
+        self.down, self.along = ngs.Parameter(0.0), ngs.Parameter(0.0)
+
+    def set(self, t):
+        for way, values in zip((self.down, self.along), self.ways, strict=True):
+            way.Set(np.interp(t, self.times, values))
+
+    def travel(self, start, end):
+        return sum(float(np.interp(end, self.times, w) - np.interp(start, self.times, w)) for w in self.ways)
+
+
+def forces(body):
+    """Sums of the contact's nodal forces, by components (N/m)."""
+    found, field = body.contact_forces(), ngs.GridFunction(body.u.space)
+    sums = []
+    for i in range(body.mesh.dim):
+        field.Set(ngs.CF(tuple(float(i == j) for j in range(body.mesh.dim))))
+        sums.append(float(field.vec.FV().NumPy() @ found))
+    return np.array(sums)
+
+
+@pytest.mark.parametrize("quads", [False, True])
+def test_full_slide_is_amontons(quads):
+    """Plane strain, a relaxing block under a plate that presses it and goes along until all of the top slides: T = μ N."""
+    coefficient = 0.1
+    mesh = MakeStructured2DMesh(quads=quads, nx=4, ny=4, mapping=lambda x, y: (SIDE * x, SIDE * y))
+    plate = Plate((0.0, 1.0, 4.0), (0, 5e-4, 5e-4), (0, 0, 3e-3))
+    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, plate.along)
+    rubs = Friction(contact, coefficient, 5e-5, lambda x: ngs.CF((1.0, 0.0)))
+    tissue = {".*": Material(Prony(NeoHooke(MU), [0.5], [2.0]), 1e4)}
+    body = Problem(mesh, tissue, {"bottom": 0}, contacts=[contact, rubs], element="P2/P1")
+    ratios = []
+    stepper = TimeStepper(body, plate, StepControl(0.25), 1e-3)
+    stepper.run(lambda b, at, record: ratios.append((at.t, -forces(b)[0] / forces(b)[1])))
+    t, ratio = np.array(ratios).T
+    assert ratio[t > 3.0] == pytest.approx(coefficient, rel=1e-6)
+    assert np.abs(ratio[t < 1.01]).max() < 0.5 * coefficient
+
+
+def indented(n, depth, radius=0.02, size=0.02):
+    """Force (N) of a rigid ball that goes `depth` into an axisymmetric block ten contact radii wide, with elements graded to it."""
+    mesh = MakeStructured2DMesh(
+        quads=True, nx=n, ny=n, mapping=lambda x, y: (size * x**2.5, size * (1 - (1 - y) ** 2.5))
+    )
+    ball = Plate((0.0, 1.0), (0.0, depth), (0.0, 0.0))
+    met = Contact("top", lambda x: ngs.Norm(x - ngs.CF((0.0, size + radius - ball.down))) - radius, 1e8, 1e-7, 0.99)
+    body = Problem(
+        mesh, {".*": Material(NeoHooke(MU), 1e5)}, {"bottom": (None, 0), "left": (0, None)}, contacts=[met],
+        element="P2/P1", kinematics=Axisymmetric(),
+    )  # fmt: skip
+    LoadPath(body, ball).solve(steps=4)
+    return float(body.force("bottom")[1])
+
+
+def test_a_ball_on_an_axisymmetric_block_is_hertz():
+    """F = 4/3 E/(1 - ν²) R^½ d^(3/2); a block of finite depth is stiffer by what Dimitriadis et al. 2002 give."""
+    depth, radius, size = 1e-4, 0.02, 0.02
+    nu = (3e5 - 2e3) / (2 * (3e5 + 1e3))
+    hertz = 4 / 3 * 2 * MU * (1 + nu) / (1 - nu**2) * np.sqrt(radius) * depth**1.5
+    chi = np.sqrt(radius * depth) / size
+    slab = 1 + 0.884 * chi + 0.781 * chi**2 + 0.386 * chi**3 + 0.0048 * chi**4  # on a foundation that it slides on
+    found = indented(16, depth)
+    print(found / hertz, found / (hertz * slab))
+    assert found == pytest.approx(hertz * slab, rel=0.03)
+
+
+def test_a_maxwell_bar_between_plates():
+    """Small strain: the plate's force relaxes with the law, whether its bar is compressed by a support or by a plate."""
+    g, tau, times = 0.8, 3.0, np.array([0, 0.01, 0.5, 1, 2, 4, 8.0])
+    mesh = MakeStructured2DMesh(quads=True, nx=2, ny=2, mapping=lambda x, y: (SIDE * x, SIDE * y))
+    tissue = {".*": Material(Prony(NeoHooke(MU), [g], [tau]), 1e7)}
+    rollers, strain = {"bottom": (None, 0), "left": (0, None)}, 3e-4
+    held = Problem(mesh, tissue, rollers | {"top": (None, -strain * SIDE)}, element="P2/P1")
+    by_support = np.array(run_load_history(held, times, np.minimum(times / 0.01, 1), lambda t: held.force("top")[1]))
+    plate = Plate((0.0, 0.01, 8.0), (0, strain * SIDE, strain * SIDE), (0, 0, 0))
+    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e8, 1e-8, 0.999, plate.along)
+    pressed, rows = Problem(mesh, tissue, rollers, contacts=[contact], element="P2/P1"), []
+    TimeStepper(pressed, plate, StepControl(0.01, dt_max=0.25), 1e-3).run(
+        lambda b, at, r: rows.append((at.t, -forces(b)[1]))
+    )
+    t, by_plate = np.array(rows).T
+    ramp = tau / 0.01 * (1 - np.exp(-0.01 / tau))
+
+    def exact(t):
+        return -4 * MU * strain * SIDE * (1 - g + g * ramp * np.exp(-(t - 0.01) / tau))
+
+    assert by_support[1:] == pytest.approx(exact(times[2:]), rel=2e-3)
+    assert by_plate[t > 0.4] == pytest.approx(exact(t[t > 0.4]), rel=5e-3)
+
+
+@pytest.mark.filterwarnings("ignore::ngbrain.errors.StabilityWarning")
+def test_a_strut_buckles_where_euler_says():
+    """Plane strain, clamped, its top pressed by a guide that may sway: P = π² E' I/L². The straight state goes on, and the
+    tangent's smallest eigenvalue changes its sign at the load step that passes it."""
+    length, thick = 1.0, 0.05
+    mesh = MakeStructured2DMesh(quads=True, nx=1, ny=10, mapping=lambda x, y: (thick * x, length * y))
+    strain = np.pi**2 / 12 * (thick / length) ** 2  # of both ends clamped against turning, free to sway: P = π² E' I/L²
+    tissue = {".*": Material(NeoHooke(MU), 1e7)}
+    body = Problem(mesh, tissue, {"bottom": 0, "top": (None, -2 * strain * length)}, element="P4/P3")
+    record = LoadPath(body).solve(steps=8, eigenvalues=True)
+    t, found = np.array(record.eigenvalues).T
+    print(t, found)
+    assert len(t) == 8 and np.all(np.diff(found) < 0)
+    crossing = np.interp(0.0, -found, t) * 2
+    assert crossing == pytest.approx(1.0, abs=0.1)
