@@ -9,6 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.arguments import of_type
+from ngbrain.errors import InputError
 from ngbrain.forward.choice import automatic
 from ngbrain.forward.contact import Contact, Sliding, Touch, offsets, surface_rules
 from ngbrain.forward.elements import Form, check_elements
@@ -259,18 +260,26 @@ class Problem(TimeSteps, Reactions):
 
     def hold(self, elements: Array) -> None:
         """Hold all unknowns of some elements (a mask) where they are from now on; nothing is integrated over them."""
+        self._check_symmetric()
         self.tissue.leave_out(elements)
         self._release(self._without(elements))
         self._tangent = Tangent(self.form, self._free_dofs, self.weights)
 
     def focus(self, elements: Array) -> None:
         """Elements (a mask) where the tangent changes most, for `factorise`; contacts always belong to them."""
+        self._check_symmetric()
         tissue = self.tissue.energies()
         for term in tissue:
             term.SetDefinedOnElements(ngs.BitArray(elements))
         self.focused, self._near = True, self.tissue.points_in(elements)
         part = self._form(tissue)
         self._tangent = Tangent(self.form, self._free_dofs, self.weights, part, self._without(~elements))
+
+    def _check_symmetric(self) -> None:
+        """Parts of a tangent are factorised without pivots and, of discontinuous pressures, as a whole."""
+        if not self.symmetric or self._cavities or self._condense:
+            found = "a follower pressure, a cavity's pressure or condensed pressures"
+            raise InputError("problem", f"with {found}", "one without, for a tangent that is renewed in part")
 
     def _without(self, elements: Array) -> ngs.BitArray:
         """Free unknowns that none of some elements (a mask) has."""
@@ -294,8 +303,8 @@ class Problem(TimeSteps, Reactions):
     def _check_contacts(
         mesh: ngs.Mesh, conditions: Mapping[str, Support], contacts: Sequence[Any], rigid: Sequence[Contact]
     ) -> None:
-        held = "|".join(conditions)
-        check_apart(mesh, held, [each.wall for each in contacts])
+        held = {p for p, components in Supports(mesh, conditions).held.items() if len(components) == mesh.dim}
+        check_apart(mesh, "|".join(held), [each.wall for each in contacts])
         for film in (each for each in contacts if isinstance(each, Sliding)):
             check_apart(mesh, film.wall, [each.wall for each in rigid])
 
@@ -323,10 +332,8 @@ class Problem(TimeSteps, Reactions):
         )
         if pivots:
             return linear.Choice("umfpack", f"{pivots}, which only a factor with pivots is for")
-        if self.layout.offset:
-            return linear.Choice(
-                "sparsecholesky", "offsets of contacts are unknowns beside displacements and pressures"
-            )
+        if self.contacts:
+            return linear.Choice("sparsecholesky", "contacts come and go, which preconditioners are not made for")
         return linear.choose(self.element.kind, coupled, self.ratio, dim=self.mesh.dim, order=self.element.order)
 
     def with_materials(self, materials: Mapping[str, Material]) -> None:

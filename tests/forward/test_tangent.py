@@ -6,12 +6,14 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
+from ngbrain.errors import InputError
 from ngbrain.forward.contact import Contact
+from ngbrain.forward.loads import Pressure
 from ngbrain.forward.material import Material
 from ngbrain.forward.problem import Problem
 from ngbrain.forward.steps import StepControl
 from ngbrain.forward.time_stepper import TimeStepper
-from ngbrain.materials import Maxwell, Ogden, Viscous
+from ngbrain.materials import Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
 
@@ -108,3 +110,12 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
     other.restore(saved)
     other.run(lambda *_: None)
     assert np.array_equal(other.problem.state, whole.problem.state)
+
+
+def test_a_tangent_that_needs_pivots_is_not_renewed_in_part():
+    mesh = block((0.02, 0.02, 0.02), 0.02)
+    body = Problem(
+        mesh, {"tissue": Material(NeoHooke(1e3), 1e5)}, {"bottom": 0}, [Pressure("top", 10.0)], element="P2/P1"
+    )
+    with pytest.raises(InputError, match="renewed in part"):
+        body.focus(np.ones(mesh.ne, bool))
