@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
+from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.elements import Form
 from ngbrain.forward.factors import Factorised
@@ -119,6 +120,10 @@ class Harmonic:
         device: Device = CPU,
         translation: bool = False,
     ) -> None:
+        self._how = {
+            "bulk": bulk, "density": density, "form": form, "held": held, "absorbing": absorbing, "kinematics": kinematics,
+            "quadrature": quadrature, "device": device, "translation": translation,
+        }  # fmt: skip
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
         self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
@@ -222,16 +227,28 @@ class Harmonic:
         """Matrices of the moduli as they now are, and their factors, counted in `solves`."""
         return Factorised(self, solves)
 
-    def solve(self) -> list[ngs.GridFunction]:
+    def solve(self, executor: parallel.AnyExecutor = None) -> list[ngs.GridFunction]:
         """Amplitudes (m, complex), one for each wave; with a pressure its first component is the displacement.
+
+        executor  who solves for the waves of each frequency, on one thread (`parallel.run`), a body made anew of the same mesh and
+                  moduli; by default this process. The answer does not depend on it
 
         Raises `SolverError` when a matrix has no usable factor, as at a resonance without loss.
         """
-        factors, found = self.factorised(), []
-        for number, g in enumerate(self.prescribed):
-            gfu = ngs.GridFunction(self.fes)
-            gfu.vec.FV().NumPy()[:] = factors.driven(number, g)
-            found.append(gfu)
+        of = {wave.frequency: [w for w in self.waves if w.frequency == wave.frequency] for wave in self.waves}
+        if executor in (None, 1) or len(of) < 2:
+            amplitudes = _amplitudes(self)
+        else:
+            tasks = [
+                parallel.Task(f"{frequency:g} Hz", _solved, (self.mesh, self.law, waves, self._how))
+                for frequency, waves in of.items()
+            ]
+            each = dict(zip(of, map(iter, parallel.run(tasks, executor).values()), strict=True))
+            amplitudes = [next(each[wave.frequency]) for wave in self.waves]
+        found = []
+        for values in amplitudes:
+            found.append(ngs.GridFunction(self.fes))
+            found[-1].vec.FV().NumPy()[:] = values
         return found
 
     def pushed(self, number: int) -> Array:
@@ -294,6 +311,18 @@ class Harmonic:
             there = np.flatnonzero(np.fromiter(gfu.space.GetDofs(region), bool))
             values[there] = gfu.vec.FV().NumPy()[there]
         return np.where(self.held, values, 0)
+
+
+def _amplitudes(body: Harmonic) -> list[Array]:
+    """All unknowns of each wave."""
+    factors = body.factorised()
+    return [factors.driven(number, g) for number, g in enumerate(body.prescribed)]
+
+
+def _solved(
+    mesh: ngs.Mesh, law: LawOfFrequency, waves: Sequence[Wave], how: Mapping[str, Any], *, tell: parallel.Tell
+) -> list[Array]:
+    return _amplitudes(Harmonic(mesh, law, waves, **how))
 
 
 Terms: TypeAlias = ngs.comp.SumOfIntegrals

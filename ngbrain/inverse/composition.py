@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from ngsolve import CoefficientFunction
@@ -63,11 +63,16 @@ class ByLabel:
     def __init__(self, data: WaveData, elements: Discretisation) -> None:
         if data.labels is None:
             raise InputError("labels", "not given", "a whole number for each point, or one field for all")
+        self._made_from = data, elements
         counts = elements.inside & data.mask
         self._own = data.labels[counts]
         self.labels, numbers = np.unique(self._own, return_inverse=True)
         tree, names = KDTree(data.points[counts]), [str(label) for label in self.labels]
         self._shares = shares(elements.mesh, elements.degree, lambda x: numbers[tree.query(x)[1]], names)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As what it is made from, so that other processes make the same one."""
+        return ByLabel, self._made_from
 
     def fields(self, quantity: str) -> tuple[str, ...]:
         """Quantity and label, `storage 3`."""

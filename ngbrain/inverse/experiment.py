@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -86,6 +87,11 @@ class Experiment:
         self.model = WaveModel(self.body, self._fields, data.points[self.inside])
         self.measured = data.displacement[:, self.inside]
         self.waves = self._in_elements()
+        self._made_from = data, elements, self.sought, self.composition, device
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As what it is made from, so that other processes make the same one."""
+        return Experiment, self._made_from
 
     def uniform(self, unknowns: Fields, level: float) -> Array:
         """x of uniform fields, moduli `level` times where they start."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from ngbrain.inverse.quality import Relative, explaining, noise_level, noise_of,
 from ngbrain.inverse.quantities import EXPONENT, exponent, unknowns_of
 from ngbrain.inverse.slab import invert_slices, moving_axis
 from ngbrain.inverse.space import ROUNDS, invert_in_space
-from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of
+from ngbrain.inverse.starts import assumed_start, at_least_one, at_maps, compared, multiples_of, side_by_side
 from ngbrain.inverse.tracked import error_note, is_tracked, least_error
 from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
@@ -114,7 +115,8 @@ def invert(
     drop_outliers  whether gross errors are looked for before anything else and left out, see `without_outliers`
     device       one of `solvers.device.DEVICES`: cpu, cuda for factors and solves on a GPU, ngsolve for solves alone, or auto: the
                  processor below the size at which a GPU was measured to be faster, see `Device.for_unknowns`
-    executor     who inverts the slices of a slab, each on one thread (`parallel.run`): by default this process
+    executor     who inverts the slices of a slab, and goes down from several starts or with several regularisers, each on one
+                 thread (`parallel.run`): by default this process; the answer does not depend on it
 
     Raises `InputError` for waves that gain energy (`check_passive`), a regulariser, unknowns, misfit or weight that is none,
     negative noise, no rounds, data that cannot be inverted, a device that is none or not there; `MissingExtra` for cuda without
@@ -188,6 +190,7 @@ def invert(
             drop_outliers=drop_outliers,
             device=device,
             tell=tell,
+            executor=executor,
         )
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
     check_passive(data)
@@ -209,9 +212,13 @@ def invert(
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []
     search = _Search(experiment, made, sure, settling, tell)
-    tried = {name: search.from_waves(prior, start) for name, prior in kinds.items()}
-    kind = min(tried, key=lambda name: tried[name][1].cross_validation)
-    problem, first = tried[kind]
+    from_waves = {
+        f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
+    }
+    tried = dict(zip(kinds, search.gone(from_waves, executor), strict=True))
+    kind = min(tried, key=lambda name: tried[name][0].cross_validation)
+    problem, first = search.problem(kinds[kind]), tried[kind][0]
+    problem.weights = tried[kind][1]
     both = search.descend(problem, first)
     guessed = bool(note) or bool(np.all(sure == floor))
     stated = floor if guessed else sure
@@ -229,7 +236,9 @@ def invert(
         problem, first = search.from_waves(kinds[kind], start, before)
         both = search.descend(problem, first)
     rows = [row("waves" if start is None else "given", experiment, problem, first)]
-    kept = compared(both, {level: search.uniform(kinds[kind], problem, level) for level in multiples})
+    lower = {f"from {level:g} times": (_uniform, (*search.made_from, kinds[kind], level)) for level in multiples}
+    ends = zip(multiples, search.gone(lower, executor), strict=True)
+    kept = compared(both, {level: search.judged(problem, end) for level, end in ends})
     notes += kept.notes
     if kept.uniform:
         rows.append(row("uniform", experiment, problem, kept.uniform))
@@ -273,6 +282,7 @@ class _Search:
         self.experiment, self.noise, self.settling = experiment, noise, settling
         self.history: list[Iteration] = before.history if before else []
         self._made, self._told = made, tell
+        self.made_from = made, noise, settling
         self.sigma = noise_of(experiment.data, noise, experiment.inside)
         self.unknowns = experiment.unknowns(self.sigma)
         self.misfit = made(experiment.measured, self.sigma)
@@ -309,8 +319,17 @@ class _Search:
                 pass
         return replace(start, value=point.value, level=level, converged=start.converged and level.ratio < ASTRAY)
 
-    def uniform(self, prior: Prior, judge: Reduced, level: float) -> Found | None:
-        """From uniform fields, at weights of its own and noise of `EASY` at least; misfit and J are those of `judge`."""
+    def gone(
+        self, ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]], executor: parallel.AnyExecutor
+    ) -> list[Any]:
+        """Where ways end, side by side; each returns its history too."""
+        found = side_by_side(self.experiment, ways, executor, self._told)
+        for _, history in found:
+            self.history += history
+        return [end for end, _ in found]
+
+    def uniform(self, prior: Prior, level: float) -> Found | None:
+        """From uniform fields, at weights of its own and noise of `EASY` at least; None where no step is lower."""
         easy = self
         if np.any((noise := total(self.noise, EASY)) != self.noise):
             easy = _Search(self.experiment, self._made, noise, self.settling, self._told, self)
@@ -324,10 +343,46 @@ class _Search:
         held = easy.unknowns.theta(found.x)[self.experiment.model.blocks[BOUNDARY]]
         x = found.x.copy()
         x[self.unknowns.blocks[BOUNDARY]] = self.unknowns.unknowns[BOUNDARY].transform.inverse(held)
-        point = judge.at(x)
+        return replace(found, x=x)
+
+    def judged(self, judge: Reduced, found: Found | None) -> Found | None:
+        """With misfit and J as `judge` has them."""
+        if found is None:
+            return None
+        point = judge.at(found.x)
         end = Level(self.misfit.squares(point.state.data), found.level.expected)
-        return replace(found, x=x, value=point.value, level=end)
+        return replace(found, value=point.value, level=end)
 
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)
         self._told(iteration)
+
+
+def _from_waves(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    settling: Settling,
+    prior: Prior,
+    maps: Mapping[str, Array] | None,
+    *,
+    tell: Callable[[Iteration], None],
+) -> tuple[tuple[Found, dict[str, float]], list[Iteration]]:
+    """Where measured waves lead to, and the weights by then."""
+    search = _Search(experiment, made, noise, settling, tell)
+    problem, found = search.from_waves(prior, maps)
+    return (found, problem.weights), search.history
+
+
+def _uniform(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    settling: Settling,
+    prior: Prior,
+    level: float,
+    *,
+    tell: Callable[[Iteration], None],
+) -> tuple[Found | None, list[Iteration]]:
+    search = _Search(experiment, made, noise, settling, tell)
+    return search.uniform(prior, level), search.history

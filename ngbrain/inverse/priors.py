@@ -31,12 +31,20 @@ def extent(space: ngs.FESpace) -> float:
     return float(np.max(np.ptp(corners, axis=0)))
 
 
-PRIORS: dict[str, Prior] = {
-    "smooth": smooth,
-    "edges": lambda space, reference: total_variation(space, reference, EDGE * extent(space)),
-    "steps": lambda space, reference: total_variation(space, reference, STEP * extent(space)),
-    "matern": lambda space, reference: matern(space, reference, REACH * extent(space)),
-}
+def _edges(space: ngs.FESpace, reference: np.ndarray) -> Regulariser:
+    return total_variation(space, reference, EDGE * extent(space))
+
+
+def _steps(space: ngs.FESpace, reference: np.ndarray) -> Regulariser:
+    return total_variation(space, reference, STEP * extent(space))
+
+
+def _matern(space: ngs.FESpace, reference: np.ndarray) -> Regulariser:
+    return matern(space, reference, REACH * extent(space))
+
+
+PRIORS: dict[str, Prior] = {"smooth": smooth, "edges": _edges, "steps": _steps, "matern": _matern}
+"""Functions of this module or another, so that other processes find them."""
 
 
 def priors(chosen: str | Prior) -> dict[str, Prior]:

@@ -11,9 +11,11 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.sensitivity import BOUNDARY
@@ -23,13 +25,13 @@ from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.inversion import Inversion, concluded, row
 from ngbrain.inverse.iterative import Iterative
-from ngbrain.inverse.misfit import MisfitKind, misfit_of
+from ngbrain.inverse.misfit import LeastSquares, MisfitKind, misfit_of
 from ngbrain.inverse.outliers import cleaned
 from ngbrain.inverse.passive import check_passive
 from ngbrain.inverse.priors import PRIORS, Prior, priors
 from ngbrain.inverse.quality import Relative, noise_level, noise_of, overall, total
 from ngbrain.inverse.quantities import unknowns_of
-from ngbrain.inverse.starts import assumed_start, at_least_one, compared, multiples_of
+from ngbrain.inverse.starts import assumed_start, at_least_one, compared, multiples_of, side_by_side
 from ngbrain.inverse.weights import EvidenceOfNoise, Level
 from ngbrain.inverse.zones import PartOfWaves
 from ngbrain.io.waves import WaveData
@@ -64,6 +66,7 @@ def invert_in_space(
     drop_outliers: bool = True,
     device: str = "cpu",
     tell: Callable[[Iteration], None] = logged,
+    executor: parallel.AnyExecutor = None,
 ) -> Inversion:
     """Property maps of wave data in space.
 
@@ -81,6 +84,8 @@ def invert_in_space(
                  have files of their own beside it
     drop_outliers  as for `invert`
     device       as for `invert`; a checkpoint may go on on another one
+    executor     who goes down from each start, on one thread (`parallel.run`): by default this process; the answer does not depend
+                 on it. Workers elsewhere have to see the folder of `checkpoint`
 
     `rows` are "waves", where the way from measured waves ended, "both", down in J from there, and "uniform".
 
@@ -115,18 +120,16 @@ def invert_in_space(
     sure = total(found_noise, LEAST, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []
-    problem = _problem(experiment, made, sure, prior)
-    shared = _shared(experiment)
-    way = Iterative(problem, EvidenceOfNoise(FALL, shared), checkpoint=checkpoint, tell=tell)
-    both = way.from_measured(problem.unknowns.start, experiment.waves, APPROACH, rounds)
-    start = way.arrived
-    assert start is not None  # from measured waves there is no other way
+    problem, kept_in = (
+        _problem(experiment, made, sure, prior),
+        None if checkpoint is None else Path(checkpoint).absolute(),
+    )
+    common = made, sure, prior, rounds
+    ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
+    ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
+    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, tell)
     history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
-    ends: dict[float, Found | None] = {}
-    for level in multiples:
-        again = _problem(experiment, made, sure, prior)
-        way = Iterative(again, EvidenceOfNoise(FALL, shared), checkpoint=_beside(checkpoint, level), tell=tell)
-        ends[level] = _judged(problem, way, experiment.uniform(way.unknowns, level), rounds)
+    ends = {level: _judged(problem, end) for level, end in zip(multiples, others, strict=True)}
     kept = compared(both, ends)
     notes += kept.notes
     if kept.uniform:
@@ -149,23 +152,66 @@ def invert_in_space(
     )
 
 
-def _judged(judge: Reduced, way: Iterative, x: Array, rounds: int) -> Found | None:
-    """Where a way from x ended, with misfit and J as `judge` has them; None where no step is lower."""
+def _from_waves(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    rounds: int,
+    checkpoint: Path | None,
+    *,
+    tell: Callable[[Iteration], None],
+) -> tuple[Found, Found, dict[str, float]]:
+    """Where the way from measured waves ended, where that down from there did, and the weights by then."""
+    way = _way(experiment, made, noise, prior, checkpoint, tell)
+    both = way.from_measured(way.unknowns.start, experiment.waves, APPROACH, rounds)
+    assert way.arrived is not None  # from measured waves there is no other way
+    return way.arrived, both, way.reduced.weights
+
+
+def _uniform(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    rounds: int,
+    checkpoint: Path | None,
+    level: float,
+    *,
+    tell: Callable[[Iteration], None],
+) -> Found | None:
+    """Where the way from uniform fields ended; None where no step is lower."""
+    way = _way(experiment, made, noise, prior, checkpoint, tell)
     try:
-        found = way.resume(rounds) if way.started else way.descend(x, rounds)
+        return way.resume(rounds) if way.started else way.descend(experiment.uniform(way.unknowns, level), rounds)
     except ConvergenceError:
         return None
-    point = judge.at(found.x)
-    level = Level(way.misfit.squares(point.state.data), found.level.expected)
-    return replace(found, value=point.value, level=level)
 
 
-def _beside(checkpoint: str | os.PathLike[str] | None, level: float) -> Path | None:
-    """The checkpoint of uniform fields, next to that of measured waves."""
-    if checkpoint is None:
+def _way(
+    experiment: Experiment,
+    made: MisfitKind,
+    noise: Relative,
+    prior: Prior,
+    checkpoint: Path | None,
+    tell: Callable[[Iteration], None],
+) -> Iterative:
+    problem = _problem(experiment, made, noise, prior)
+    return Iterative(problem, EvidenceOfNoise(FALL, _shared(experiment)), checkpoint=checkpoint, tell=tell)
+
+
+def _judged(judge: Reduced, found: Found | None) -> Found | None:
+    """With misfit and J as `judge` has them."""
+    if found is None:
         return None
-    path = Path(checkpoint)
-    return path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
+    point, misfit = judge.at(found.x), judge.misfit
+    assert isinstance(misfit, LeastSquares)
+    return replace(found, value=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
+
+
+def _beside(path: Path | None, level: float) -> Path | None:
+    """The checkpoint of uniform fields, next to that of measured waves."""
+    return path and path.with_name(f"{path.stem}-uniform-{level:g}{path.suffix}")
 
 
 def _shared(experiment: Experiment) -> float:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
+from ngbrain import parallel
 from ngbrain.errors import InputError
+from ngbrain.forward.solves import Solves
 from ngbrain.inverse.consistent import fields_at, fitted
 from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.experiment import Experiment
@@ -30,6 +33,35 @@ class Compared:
     chosen: str = "both"
     uniform: Found | None = None
     notes: list[str] = field(default_factory=list)
+
+
+def side_by_side(
+    experiment: Experiment,
+    ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
+    executor: parallel.AnyExecutor = None,
+    tell: parallel.Tell | None = None,
+) -> list[Any]:
+    """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and `tell`.
+
+    One way alone, or all without an executor, are gone in this process one after the other. An executor goes each on one thread
+    with an experiment that is made anew from the same data and elements, to the same bits; what it solves is counted in this one.
+    """
+    tell = tell or (lambda *_: None)
+    if executor in (None, 1) or len(ways) < 2:
+        return [function(experiment, *args, tell=tell) for function, args in ways.values()]
+    tasks = [parallel.Task(name, _gone, (experiment, *way)) for name, way in ways.items()]
+    found = parallel.run(tasks, executor, tell=tell).values()
+    own = experiment.model.solves
+    for _, spent in found:
+        for each in fields(Solves) if spent is not own else ():
+            setattr(own, each.name, getattr(own, each.name) + getattr(spent, each.name))
+    return [end for end, _ in found]
+
+
+def _gone(
+    experiment: Experiment, function: Callable[..., Any], args: tuple[Any, ...], *, tell: parallel.Tell
+) -> tuple[Any, Solves]:
+    return function(experiment, *args, tell=tell), experiment.model.solves
 
 
 def multiples_of(levels: Sequence[float]) -> tuple[float, ...]:

@@ -137,3 +137,21 @@ def test_a_law_of_a_field_need_not_have_numbers():
     fields = body(Shearing(storage * (1 + 0.4j)), mesh=mesh).solve()[0]
     numbers = body(LAW, mesh=mesh).solve()[0]
     assert fields.vec.FV().NumPy() == pytest.approx(numbers.vec.FV().NumPy(), rel=1e-10, abs=1e-15)
+
+
+@pytest.mark.one_thread
+def test_frequencies_side_by_side_are_the_same_to_the_last_bit(caplog):
+    mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.06, 7))
+    stiff = ngs.GridFunction(ngs.H1(mesh, order=2))
+    stiff.Set(2000 + 3e4 * ngs.x * ngs.y)
+    waves = [
+        Wave(f, {"top": (a, 0)}, force=(0, 1j)) for f, a in ((60.0, 1e-3), (40.0, 2e-3), (60.0, 1e-3j), (0.0, 1e-3))
+    ]
+    body = Harmonic(mesh, Shearing(stiff * (1 + 0.3j)), waves, bulk=1e7, form="P3/P2", held="top|bottom")
+    alone, both = body.solve(), body.solve(executor=2)
+    for one, other in zip(alone, both, strict=True):
+        np.testing.assert_array_equal(other.vec.FV().NumPy(), one.vec.FV().NumPy())
+    assert len({complex(u.components[0](mesh(0.05, 0.03))[0]) for u in both}) == 4  # each in its place
+    by_law = Harmonic(mesh, lambda omega: Shearing(stiff * (1 + 1e-3j * omega)), waves, form="P2", held="top|bottom")
+    assert len(by_law.solve(executor=2)) == 4
+    assert caplog.text.count("in this process") == 1  # a law that no pickle holds

@@ -78,6 +78,23 @@ def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     }
 
 
+@pytest.mark.one_thread
+def test_starts_side_by_side_are_the_same_to_the_last_bit_and_go_on(tmp_path, caplog):
+    line, path = np.arange(8) * 3e-3, tmp_path / "part.npz"
+    points = np.array([[x, y, z] for z in line for y in line for x in line])
+    waves = 1e-5 * np.stack([np.exp(-(200 - 50j) * 1j * points[:, i]) for i in (1, 2, 0)], axis=1)[None]
+    data = WaveData(points, waves, [80.0], 1000.0, "isotropic", "viscoelastic", bulk=2e5).with_noise(0.02, seed=0)
+    ways = {"levels": (1.0,), "rounds": 2, "drop_outliers": False}
+    alone, both = invert_in_space(data, **ways), invert_in_space(data, **ways, executor=2, checkpoint=path)
+    again = invert_in_space(data, **ways, checkpoint=path)
+    assert both.solves == alone.solves and [row.value for row in both.rows] == [row.value for row in alone.rows]
+    for name, values in alone.maps.items():
+        np.testing.assert_array_equal(both.maps[name], values)
+        np.testing.assert_array_equal(again.maps[name], values)
+    assert again.solves.incremental < 0.5 * both.solves.incremental  # each way was there
+    assert "in this process" not in caplog.text
+
+
 def test_loads_start_each_by_what_is_measured_of_it():
     data = wave_data()
     u = data.displacement.copy()

@@ -1,9 +1,13 @@
 """An inversion that starts from maps that are given: which fields they are, where they lead, what is no start."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
+from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import as_made, in_elements
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.invert import invert
@@ -67,3 +71,36 @@ def test_the_fields_begin_at_the_maps(data, usual):
 def test_what_is_no_start(data, maps, named):
     with pytest.raises(InputError, match=named):
         invert(data, start=maps)
+
+
+def the_same(found, other):
+    """To the last bit, and as much work."""
+    assert found.solves == other.solves and found.notes == other.notes and found.chosen == other.chosen
+    assert [row.value for row in found.rows] == [row.value for row in other.rows]
+    for name, values in found.maps.items():
+        np.testing.assert_array_equal(values, other.maps[name])
+    kept = [(each.phase, each.misfit, each.weights) for each in found.history]
+    assert kept == [(each.phase, each.misfit, each.weights) for each in other.history]
+
+
+@pytest.mark.one_thread
+def test_starts_and_regularisers_side_by_side_are_the_same_to_the_last_bit(data, caplog):
+    ways = {"levels": (0.5, 1.0), "rounds": 4, "drop_outliers": False}
+    told = []
+    with_two = invert(data, **ways, executor=2, tell=told.append)
+    the_same(invert(data, **ways), with_two)
+    assert len(told) == len(with_two.history)
+    assert "in this process" not in caplog.text  # they could be sent
+
+
+@pytest.mark.one_thread
+def test_an_experiment_arrives_in_another_process_as_it_is(data):
+    labels = (data.points[:, 0] > data.points[:, 0].mean()).astype(int)
+    labelled = replace(data, labels=labels)
+    elements = in_elements(labelled)
+    sent = Experiment(labelled, elements, polar(labelled), composed(labelled, elements, True))
+    arrived = pickle.loads(pickle.dumps(sent))
+    np.testing.assert_array_equal(arrived.waves, sent.waves)
+    theta = sent.unknowns(np.ones(1)).theta(sent.unknowns(np.ones(1)).start)
+    np.testing.assert_array_equal(arrived.model.at(theta).data, sent.model.at(theta).data)
+    assert list(arrived.model.blocks) == list(sent.model.blocks)
