@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from memory import ENOUGH, table
 from throughput import HEADS, KINDS, WORKERS
 
+WORK = {"two_frequencies": "zone, two frequencies, held out", "head": "retraction in MNI152, held out"}
+
 
 def page(records: list[dict], memory: list[dict]) -> str:
     """Markdown: what falls short first."""
@@ -49,7 +51,8 @@ def page(records: list[dict], memory: list[dict]) -> str:
                 ("work", "counted in", "size", "peak (GiB)", "foretold from the other sizes", "off by"),
                 (
                     (
-                        r["kind"], r["of"], str(r["n"]), f"{r['peak_gib']:.2f}", f"{r['foretold_gib']:.2f}", f"{r['error']:.0%}",
+                        WORK.get(r.get("work"), r["kind"]), r["of"], str(r["n"]),
+                        f"{r['peak_gib']:.2f}", f"{r['foretold_gib']:.2f}", f"{r['error']:.0%}",
                     )
                     for r in memory
                 ),
@@ -102,7 +105,11 @@ def _fits(memory: list[dict]) -> str:
     fits = (
         f"{kind} {t['base_gib']:.2f} + {t['factor_gib']:.3g} n^{t['power']:.2f}" for kind, t in table(memory).items()
     )
-    return f"Fitted (GiB): {'; '.join(fits)}.\nOf one frequency and one load; a zone in cubes of third order."
+    more = "; ".join(f"{kind} {t['each_frequency']:.2f}" for kind, t in table(memory).items() if "each_frequency" in t)
+    return (
+        f"Fitted (GiB): {'; '.join(fits)}.\nOf one frequency and one load; a zone in cubes of third order. "
+        f"A frequency more adds this share of what is above the base:\n{more}."
+    )
 
 
 def _table(names: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

@@ -62,18 +62,30 @@ def plane(across: float) -> int:
     return len(data.points)
 
 
-def zone(side: float) -> int:
+def zone(side: float, frequencies: int = 1) -> int:
     """An inversion in space, as of a zone, in so many cubes of third order a side; the number of cubes."""
     cells = round(side)
     data = waves(2 * cells + 1, 4e-3, 3)
+    hertz = HERTZ * (1 + 0.2 * np.arange(frequencies))
+    data = replace(data, displacement=np.repeat(data.displacement, frequencies, axis=0), frequency=hertz)
     block = BallInBlock(8e-3 * cells, (0.0, 0.0, 0.0), 0.0, (MODULUS, MODULUS), HERTZ, 0.0)
     found = invert_in_space(data, block.hexahedra(3, cells, len(data.points)), noise=NOISE, rounds=1)
     return int(found.model["n_elements"])
 
 
-def retraction(size: float) -> int:
+def two_frequencies(side: float) -> int:
+    """The same zone, with two matrices to factorise."""
+    return zone(side, 2)
+
+
+def head(size: float) -> int:
+    """The same as `retraction`, in the head MNI152."""
+    return retraction(size, "demo_fast")
+
+
+def retraction(size: float, scene_name: str = "idealised_fast") -> int:
     """The first steps of a retraction in the idealised head, elements `size` times as large as in its coarse mesh; tetrahedra."""
-    scene = Scene.shipped("idealised_fast")
+    scene = Scene.shipped(scene_name)
     body = replace(scene.body, near=size * scene.body.near, far=size * scene.body.far, site=size * scene.body.site)
     scene = replace(scene, body=body)
     model = Model.of(scene)

@@ -21,9 +21,10 @@ from functools import cache
 
 import ngsolve as ngs
 import numpy as np
-from _command import main, run
+from _command import main, run, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.forward.harmonic import Harmonic, Wave
 from ngbrain.forward.kinematics import AntiPlane
 from ngbrain.forward.points import evaluation
@@ -81,9 +82,9 @@ def spoilt(case: str) -> tuple[WaveData, np.ndarray]:
     return replace(data, displacement=u), wrong
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each case."""
-    return [case(name) for name in (["10 %"] if quick else CASES)]
+    return sweep(case, {name: (name,) for name in (["10 %"] if quick else CASES)}, executor)
 
 
 def case(name: str) -> Record:

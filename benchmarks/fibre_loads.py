@@ -16,9 +16,10 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.phantoms import DRIVE, PHANTOMS, Phantom
 from ngbrain.inverse.unseen import moduli_of_fibres
@@ -35,10 +36,11 @@ FIELDS = {"mu": "μ", "zeta": "ζ", "phi": "φ", "shear_along": "μ(1+φ)", "she
 COLOURS = {"mu": "#0072B2", "zeta": "#D55E00", "phi": "#CC79A7", "shear_along": "#009E73", "shear_stretch": "#56B4E9"}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each body and set of loads."""
     loads = LOADS[:2] if quick else LOADS
-    return [record(bulk, *each, 9 if quick else NODES) for bulk in BULKS for each in loads]
+    every = [(bulk, *each, 9 if quick else NODES) for bulk in BULKS for each in loads]
+    return sweep(record, {str(each): each for each in every}, executor)
 
 
 def record(bulk: float, drives: int, frequencies: tuple[float, ...], nodes: int) -> Record:

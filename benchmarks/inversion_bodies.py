@@ -17,9 +17,10 @@ from itertools import product
 
 import numpy as np
 from _bodies import BULK, waves
-from _command import main
+from _command import main, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.unseen import moduli_of_fibres
 from ngbrain.io.waves import WaveData
@@ -34,14 +35,14 @@ WANTED = {0.0: 0.01, NOISE: 0.04}
 COLOURS = {"waves": "#0072B2", "uniform": "#E69F00", "both": "#009E73"}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """All of them; isotropic compressible bodies where it has to be quick."""
-    records: list[Record] = []
+    every: dict[str, tuple] = {}
     for body in (BODIES[0], BODIES[2]) if quick else BODIES:
         n = 17 if quick else FINE if body in BODIES[:3] else COARSE
         for noise, seed in ((0.0, 0), *((NOISE, seed) for seed in range(1 if quick else SEEDS))):
-            records += rows(body, n, noise, seed)
-    return records
+            every[f"{', '.join(body)}, noise {noise:g}, seed {seed}"] = body, n, noise, seed
+    return [r for found in sweep(rows, every, executor) for r in found]
 
 
 def rows(body: tuple[str, str, str], n: int, noise: float, seed: int) -> list[Record]:

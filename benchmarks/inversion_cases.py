@@ -14,9 +14,10 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.discretise import as_made, in_elements
 from ngbrain.inverse.invert import invert
@@ -38,11 +39,17 @@ SAME, OURS = "ngbrain:invert", "ngbrain:invert, our elements"
 ELEMENTS = {SAME: as_made, OURS: in_elements}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each case and noise."""
     names = ("CV-G",) if quick else tuple(PHANTOMS)
     nodes = 25 if quick else None
-    return [record(name, noise, nodes, method) for name in names for method in ELEMENTS for noise in NOISES]
+    every = {
+        f"{name}, {method}, noise {noise:g}": (name, noise, nodes, method)
+        for name in names
+        for method in ELEMENTS
+        for noise in NOISES
+    }
+    return sweep(record, every, executor)
 
 
 def record(name: str, noise: float, nodes: int | None, method: str) -> Record:

@@ -2,8 +2,9 @@
 
 Each size has a process of its own, on one thread, whose peak of memory counts; sizes that `statics_scaling` and
 `inversion_zones` have on record are taken from there. Fitted is base + factor n^power, where the base is a process without
-work; `error` is that of a size foretold from all others. The library's table (`parallel.predicted_memory`) is made from the
-records.
+work; `error` is that of a size foretold from all others. Work of `HELD_OUT` is in no fit of sizes: zones of two frequencies,
+whose matrices are all kept, and a retraction in another head (open circles in the chart). The library's table
+(`parallel.predicted_memory`) is made from the records.
 
     python benchmarks/memory.py [--quick] [--json]            last line of --json: a list of records
     python benchmarks/memory.py --chart FILE.png < memory.json
@@ -30,12 +31,17 @@ PARTS = HERE.parent / "out" / "bench" / "memory.parts.jsonl"
 TABLE = HERE.parent / "ngbrain" / "parallel" / "memory.json"
 SIZES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
     "statics": ("unknowns", (), (2_000, 4_000, 8_000)),
-    "zone": ("elements", (4, 5), (4,)),
-    "retraction": ("elements", (1.2, 1.0, 0.8), (2.0, 1.7, 1.4)),
+    "zone": ("elements", (4, 5, 7), (4,)),
+    "retraction": ("elements", (1.2, 1.0, 0.8, 0.5, 0.4, 0.3, 0.25), (2.0, 1.7, 1.4)),
     "scan": ("elements", (8, 5, 3.5), (14, 12, 10)),
     "plane": ("points", (15, 21, 41), (9, 11, 13)),
 }
 """Kind → what its size is counted in, what it is called with, and what with --quick."""
+HELD_OUT: dict[str, tuple[str, tuple[float, ...], int]] = {
+    "two_frequencies": ("zone", (5, 7), 2),
+    "head": ("retraction", (1.0, 0.7), 1),
+}
+"""Other work → the kind that it is of, what it is called with, frequencies."""
 QUICK = ("statics", "plane")
 ENOUGH = 0.25
 """Error up to which a prediction is of use."""
@@ -87,9 +93,40 @@ def measure(quick: bool) -> list[dict]:
             factor, power = fitted(n[others], peak[others], base)
             foretold = base + factor * n[i] ** power
             more = {"of": of, "base_gib": base, "foretold_gib": foretold, "error": abs(foretold / peak[i] - 1)}
-            names = {"method": f"ngbrain:{kind}", "order": None, "ndof": record["n"], "converged": True}
-            records.append(record | more | names)
-    return records
+            records.append(record | more | _named(record))
+    return records + ([] if quick else held_out(records))
+
+
+def held_out(records: list[dict]) -> list[dict]:
+    """Of other work, foretold from all sizes of its kind; the smallest of two frequencies says what a frequency takes."""
+    fits, found = table(records), []
+    for work, (kind, sizes, frequencies) in HELD_OUT.items():
+        own = [apart(work, size, False) | {"frequencies": frequencies} for size in sizes]
+        if frequencies > 1:
+            alone = [r for r in records if r["kind"] == kind]
+            fits[kind]["each_frequency"] = share_of_a_frequency(alone, own)
+        fit = fits[kind]
+        for record in own:
+            n, share = record["n"], fit.get("each_frequency", 0.0)
+            foretold = fit["base_gib"] + fit["factor_gib"] * n ** fit["power"] * (1 + share * (frequencies - 1))
+            more = {"kind": kind, "work": work, "of": fit["of"], "base_gib": fit["base_gib"], "held_out": True}
+            more |= {"foretold_gib": foretold, "error": abs(foretold / record["peak_gib"] - 1)}
+            found.append(record | more | _named(record))
+    return found
+
+
+def share_of_a_frequency(alone: list[dict], several: list[dict]) -> float:
+    """What one frequency more adds to what is above the base, as a share of that: by the smallest size with both."""
+    for more in sorted(several, key=lambda r: r["n"]):
+        for one in alone:
+            if one["n"] == more["n"] and "from" not in one:
+                added = (more["peak_gib"] - one["peak_gib"]) / (more["frequencies"] - 1)
+                return round(added / (one["peak_gib"] - one["base_gib"]), 3)
+    raise RuntimeError("no size with one frequency and with more")
+
+
+def _named(record: dict) -> dict:
+    return {"method": f"ngbrain:{record['kind']}", "order": None, "ndof": record["n"], "converged": True}
 
 
 def measured_before(kind: str) -> list[dict]:
@@ -117,7 +154,8 @@ def table(records: list[dict]) -> dict[str, dict]:
     """What the library predicts from: kind → what is counted, base, factor, power, the sizes measured, the largest error."""
     found = {}
     for kind in dict.fromkeys(r["kind"] for r in records):
-        of = [r for r in records if r["kind"] == kind]
+        every = [r for r in records if r["kind"] == kind]
+        of, several = [r for r in every if "held_out" not in r], [r for r in every if r.get("frequencies", 1) > 1]
         n, peak = (np.array([float(r[key]) for r in of]) for key in ("n", "peak_gib"))
         factor, power = fitted(n, peak, of[0]["base_gib"])
         found[kind] = {
@@ -126,8 +164,10 @@ def table(records: list[dict]) -> dict[str, dict]:
             "factor_gib": float(f"{factor:.4g}"),
             "power": round(power, 4),
             "measured": [int(n.min()), int(n.max())],
-            "largest_error": round(max(r["error"] for r in of if r["peak_gib"] >= 1) if peak.max() >= 1 else 0.0, 3),
+            "largest_error": round(max((r["error"] for r in every if r["peak_gib"] >= 1), default=0.0), 3),
         }
+        if several:
+            found[kind]["each_frequency"] = share_of_a_frequency(of, several)
     return found
 
 
@@ -141,7 +181,9 @@ def chart(records: list[dict], png: str) -> None:
         fit = table(of)[kind]
         n = np.geomspace(min(r["n"] for r in of), 2 * max(r["n"] for r in of), 50)
         axes.plot(n, fit["base_gib"] + fit["factor_gib"] * n ** fit["power"], "-", color="#999999")
-        axes.plot([r["n"] for r in of], [r["peak_gib"] for r in of], "o", color="#0072B2")
+        for held, style in ((False, {"color": "#0072B2"}), (True, {"color": "#D55E00", "mfc": "none"})):
+            own = [r for r in of if ("held_out" in r) is held]
+            axes.plot([r["n"] for r in own], [r["peak_gib"] for r in own], "o", **style)
         axes.set(title=kind, xlabel=of[0]["of"], xscale="log", yscale="log", ylim=(0.2, 16))
         ticks = [f"{size:.0e}" for size in n[[0, -1]]]
         axes.set_xticks([float(size) for size in ticks], [f"{float(size):,.0f}" for size in ticks])

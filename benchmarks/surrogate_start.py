@@ -16,10 +16,11 @@ from itertools import product
 from statistics import median
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 from surrogate_error import ACROSS, measured
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
 from ngbrain.inverse.discretise import in_elements
@@ -39,10 +40,11 @@ ROUNDS, NEAR = 10, 1.1
 COLOURS = {"surrogate": "#0072B2", "uniform": "#E69F00"}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """Two records for each sample."""
     samples = product(FAMILIES[:1], range(1)) if quick else product(FAMILIES, range(SAMPLES))
-    return [r for family, index in samples for r in rows(family, index)]
+    every = {f"{family} {index}": (family, index) for family, index in samples}
+    return [r for found in sweep(rows, every, executor) for r in found]
 
 
 def rows(family: str, index: int) -> list[Record]:

@@ -17,11 +17,12 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _coverage import chart as coverage_chart
 from _coverage import coverage, told
 from scipy.special import ndtri
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.inverse.drawn import drawn
 from ngbrain.inverse.gauss_newton import GaussNewton
@@ -74,10 +75,11 @@ METHODS: dict[str, tuple[Callable, type[Policy], Callable]] = {
 }
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each method and noise."""
     number, noises = (12, NOISES[1:2]) if quick else (120, NOISES)
-    return [record(method, noise, number) for noise in noises for method in METHODS]
+    every = {f"{method}, noise {noise:g}": (method, noise, number) for noise in noises for method in METHODS}
+    return sweep(record, every, executor)
 
 
 def record(method: str, noise: float, number: int) -> Record:

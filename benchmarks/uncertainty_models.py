@@ -19,11 +19,12 @@ from collections.abc import Callable, Iterator
 
 import ngsolve as ngs
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _coverage import chart as coverage_chart
 from _coverage import coverage, told
 from ngsolve.meshes import MakeStructured2DMesh
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.contact import Contact
@@ -85,10 +86,16 @@ def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
 CASES: dict[str, Callable[[], tuple[Model, dict[str, Unknown]]]] = {"large strain": large_strain, "relaxing": relaxing}
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """Two records for each case and noise."""
     number, noises = (6, NOISES[:1]) if quick else (200, NOISES)
-    return [r for case in CASES for noise in noises for r in records(case, noise, number)]
+    every = {f"{case}, noise {noise:g}": (case, noise, number) for case in CASES for noise in noises}
+    return [r for found in sweep(listed, every, executor) for r in found]
+
+
+def listed(case: str, noise: float, number: int) -> list[Record]:
+    """The records of a case."""
+    return list(records(case, noise, number))
 
 
 def records(case: str, noise: float, number: int) -> Iterator[Record]:

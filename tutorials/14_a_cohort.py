@@ -25,7 +25,7 @@ from ngbrain.image.contrast import tissue_maps
 ngbrain.set_threads(1)
 FAST = bool(os.environ.get("NGBRAIN_FAST"))
 folder = Path(tempfile.mkdtemp())
-VOXEL, SIZE = 3.0, 24.0 if FAST else 8.0  # mm, of images and elements
+VOXEL, SIZE = 3.0, 24.0 if FAST else 12.0  # mm, of images and elements
 PEOPLE = 8 if FAST else 12
 
 # %% [markdown]
@@ -71,7 +71,7 @@ print({name: round(volume, 1) for name, volume in truth.items()})
 # `ngbrain cohort study.csv --verb mesh -o study` does from a terminal what follows.
 
 # %%
-COLUMNS = ("name", "input", "labels", "names", "size", "age")
+COLUMNS = ("name", "input", "labels", "names", "route", "size", "age")
 NAMES = "1=csf,2=grey,3=white,4=ventricles"
 study = folder / "study.csv"
 
@@ -82,7 +82,7 @@ def write_list(names: list[str]) -> None:
         table = csv.writer(file)
         table.writerow(COLUMNS)
         for name in names:
-            table.writerow([name, f"{name}.nii.gz", "yes", NAMES, SIZE, ages[name]])
+            table.writerow([name, f"{name}.nii.gz", "yes", NAMES, "conforming", SIZE, ages[name]])
 
 
 write_list(["p00"])

@@ -24,6 +24,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Point
 from ngbrain.errors import InputError
 from ngbrain.inverse.band import LEVEL, Band
@@ -262,11 +263,26 @@ class Posterior:
         return Band(float(band.value[0]), float(deviation[0]), float(band.low[0]), float(band.high[0]))  # type: ignore[index]
 
     def sampled(
-        self, function: Callable[[Array], float | Array], level: float = LEVEL, number: int = DRAWS, seed: int = 0
+        self,
+        function: Callable[[Array], float | Array],
+        level: float = LEVEL,
+        number: int = DRAWS,
+        seed: int = 0,
+        executor: parallel.AnyExecutor = None,
     ) -> Band:
-        """Of numbers computed from θ, by as many draws: whatever function it is."""
-        values = np.array([function(self.unknowns.theta(x)) for x in self.draws(number, seed)])
-        return Band.sampled(function(self.unknowns.theta(self.x)), values, level)
+        """Of numbers computed from θ, by as many draws: whatever function it is.
+
+        executor  who calls it, a task for each draw (`parallel.run`); by default this process. Others find functions of modules
+        """
+        every = [self.x, *self.draws(number, seed)]
+        if executor in (None, 1):
+            value, *values = (function(self.unknowns.theta(x)) for x in every)
+        else:
+            tasks = [
+                parallel.Task(f"draw {i}", _called, (function, self.unknowns.theta(x))) for i, x in enumerate(every)
+            ]
+            value, *values = parallel.run(tasks, executor).values()
+        return Band.sampled(value, np.array(values), level)
 
     def _eliminate(self, point: Point) -> None:
         columns = np.empty((len(self.x), len(self._loose)))
@@ -313,6 +329,10 @@ class Posterior:
         """Where a regularised block is among all that are."""
         block = self.blocks[name]
         return (self._held >= block.start) & (self._held < block.stop)
+
+
+def _called(function: Callable[[Array], float | Array], theta: Array, *, tell: parallel.Tell) -> float | Array:
+    return function(theta)
 
 
 def _metric(regular: sp.csr_array) -> Metric:

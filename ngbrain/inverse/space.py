@@ -18,6 +18,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
+from ngbrain.forward.elements import Form
 from ngbrain.forward.sensitivity import BOUNDARY
 from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.discretise import Discretisation
@@ -127,7 +128,8 @@ def invert_in_space(
     common = made, sure, prior, rounds
     ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
     ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
-    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, tell)
+    memory = memory_in_space(experiment.elements.form, experiment.body.mesh.ne, data.frequency)
+    (start, both, problem.weights), *others = side_by_side(experiment, ways, executor, tell, memory)
     history, rows = [*start.history, *both.history], [row("waves", experiment, problem, start)]
     ends = {level: _judged(problem, end) for level, end in zip(multiples, others, strict=True)}
     kept = compared(both, ends)
@@ -150,6 +152,12 @@ def invert_in_space(
         history=history,
         notes=notes,
     )
+
+
+def memory_in_space(form: str, elements: int, frequency: Array) -> float:
+    """Bytes that so many elements will take, where those of their order were measured; else 0."""
+    cubic = Form.named(form).order == 3
+    return parallel.predicted_memory("zone", elements, len(np.unique(frequency))) if cubic else 0.0
 
 
 def _from_waves(

@@ -40,8 +40,11 @@ def side_by_side(
     ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]],
     executor: parallel.AnyExecutor = None,
     tell: parallel.Tell | None = None,
+    memory: float = 0.0,
 ) -> list[Any]:
     """What ways through an experiment find, name → (function, arguments); each is called with the experiment in front and `tell`.
+
+    memory   bytes that each will take, as `parallel.Task` has them
 
     One way alone, or all without an executor, are gone in this process one after the other. An executor goes each on one thread
     with an experiment that is made anew from the same data and elements, to the same bits; what it solves is counted in this one.
@@ -49,7 +52,7 @@ def side_by_side(
     tell = tell or (lambda *_: None)
     if executor in (None, 1) or len(ways) < 2:
         return [function(experiment, *args, tell=tell) for function, args in ways.values()]
-    tasks = [parallel.Task(name, _gone, (experiment, *way)) for name, way in ways.items()]
+    tasks = [parallel.Task(name, _gone, (experiment, *way), memory=memory) for name, way in ways.items()]
     found = parallel.run(tasks, executor, tell=tell).values()
     own = experiment.model.solves
     for _, spent in found:

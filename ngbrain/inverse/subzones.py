@@ -21,7 +21,6 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
-from ngbrain.forward.elements import Form
 from ngbrain.forward.solves import Solves
 from ngbrain.inverse.answer import Answer, told
 from ngbrain.inverse.believable import check_frequency
@@ -37,7 +36,7 @@ from ngbrain.inverse.priors import extent
 from ngbrain.inverse.quality import noise_level, total
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.rough import Rough
-from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space
+from ngbrain.inverse.space import LEAST, ROUNDS, invert_in_space, memory_in_space
 from ngbrain.inverse.together import Together, concluded
 from ngbrain.inverse.zones import FEWEST, PartOfWaves, cut, part
 from ngbrain.io.waves import WaveData
@@ -120,7 +119,7 @@ def invert_by_subzones(
     names = [f"zone {i + 1} of {len(zones)}" for i in range(len(zones))]
     hear = _hearing(tell)
     tasks: list[parallel.Task] = [
-        parallel.Task(name, _alone, (name, own, box, common), memory=_memory(box))
+        parallel.Task(name, _alone, (name, own, box, common), memory=_memory(data, box))
         for name, (own, _, box) in zip(names, parts, strict=True)
     ]
     rough = [Rough(zone.cells, data.points[zone.points]) for zone in zones]
@@ -131,15 +130,14 @@ def invert_by_subzones(
         for name, zone, answer, (own, chosen, box) in zip(names, zones, last.answers, parts, strict=True):
             around = _around(last, zone.points, zone.share, own, chosen)
             args = (f"{name}, pass {i + 1}", own, box, around, answer, common)
-            tasks.append(parallel.Task(name, _among, args, memory=_memory(box)))
+            tasks.append(parallel.Task(name, _among, args, memory=_memory(data, box)))
         found.append(Together(data, zones, rough, list(parallel.run(tasks, executor, tell=hear).values()), found[0]))
     return concluded(found, cells, noise=sure, floor=LEAST, labelled=labelled, notes=[note] if note else [])
 
 
-def _memory(cells: Lattice) -> float:
-    """Bytes that a zone will take, where elements of its order were measured."""
-    cubic = Form.named(cells.form).order == 3
-    return parallel.predicted_memory("zone", int(cells.cells.sum())) if cubic else 0.0
+def _memory(data: WaveData, cells: Lattice) -> float:
+    """Bytes that a zone will take."""
+    return memory_in_space(cells.form, int(cells.cells.sum()), data.frequency)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ def memory_table() -> dict[str, dict[str, Any]]:
     return found
 
 
-def predicted_memory(kind: str, size: float) -> float:
+def predicted_memory(kind: str, size: float, frequencies: int = 1) -> float:
     """Bytes that a process will take at its peak.
 
     Parameters
@@ -31,6 +31,9 @@ def predicted_memory(kind: str, size: float) -> float:
         tetrahedra).
     size : float
         As the table counts it.
+    frequencies : int
+        Of waves in space, whose matrices are all kept: each after the first adds the share `each_frequency` of the table. Other
+        kinds take as much whatever the number.
 
     Returns
     -------
@@ -45,4 +48,5 @@ def predicted_memory(kind: str, size: float) -> float:
     if kind not in table:
         raise InputError("kind of work", repr(kind), nearest(kind, table))
     of = table[kind]
-    return float(GIB * (of["base_gib"] + of["factor_gib"] * max(size, 0.0) ** of["power"]))
+    more = 1 + of.get("each_frequency", 0.0) * (frequencies - 1)
+    return float(GIB * (of["base_gib"] + of["factor_gib"] * max(size, 0.0) ** of["power"] * more))

@@ -222,6 +222,14 @@ def test_waves_and_their_boundary():
     assert band.high == pytest.approx(theta[where] * np.exp(0.99446 * sigma), rel=1e-5)
 
 
+@pytest.mark.one_thread
+def test_numbers_of_draws_are_the_same_in_processes(caplog):
+    posterior = Posterior(settled()[1])
+    here, there = (posterior.sampled(np.linalg.norm, number=20, executor=who) for who in (None, 2))
+    assert here == there and here.low < here.value < here.high
+    assert "in this process" not in caplog.text
+
+
 def test_mean_of_a_label_by_its_slope_and_by_draws():
     inversion, point = settled()
     reduced, truth = inversion.reduced, inversion.measured.truth

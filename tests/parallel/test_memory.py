@@ -40,7 +40,7 @@ def test_the_page_is_that_of_the_records(tmp_path):
 
 @pytest.mark.parametrize("record", [r for r in RECORDS if r["peak_gib"] >= 1], ids=lambda r: f"{r['kind']} {r['n']}")
 def test_what_takes_a_gibibyte_is_foretold_within_a_quarter(record):
-    foretold = parallel.predicted_memory(record["kind"], record["n"]) / 2**30
+    foretold = parallel.predicted_memory(record["kind"], record["n"], record.get("frequencies", 1)) / 2**30
     assert foretold == pytest.approx(record["peak_gib"], rel=0.25)
 
 
@@ -48,5 +48,6 @@ def test_larger_takes_more_and_no_other_kind_is_known():
     for kind, of in parallel.memory_table().items():
         n = of["measured"][1]
         assert parallel.predicted_memory(kind, 2 * n) >= parallel.predicted_memory(kind, n) > 2**27
+    assert parallel.predicted_memory("zone", 343, 2) > 1.4 * parallel.predicted_memory("zone", 343)
     with pytest.raises(InputError, match=r"^kind of work is 'zones'; wanted: did you mean 'zone'"):
         parallel.predicted_memory("zones", 1)
