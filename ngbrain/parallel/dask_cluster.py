@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import socket
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
@@ -108,6 +109,10 @@ def connect(address: str) -> Any:
     """A client of the scheduler at an address. Raises `InputError` where none answers, `MissingExtra` without Dask."""
     distributed = require("distributed", "cluster")
     try:
+        scheme, place = distributed.comm.addressing.parse_address(address)
+        if scheme in ("tcp", "tls"):  # a client that finds none leaves a traceback behind when the program ends
+            host, port = distributed.comm.addressing.parse_host_port(place)
+            socket.create_connection((host, port), PATIENCE).close()
         return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         wanted = f"dask:ADDRESS of a scheduler that answers within {PATIENCE:.0f} s, such as dask:tcp://host:8786"

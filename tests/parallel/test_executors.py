@@ -2,6 +2,7 @@
 
 import logging
 import re
+import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
@@ -179,6 +180,13 @@ def test_an_address_where_no_scheduler_answers(address, monkeypatch):
     words = f"^executor is dask:{address}, where none answers"
     with pytest.raises(InputError, match=words), parallel.open_executor(f"dask:{address}"):
         raise AssertionError("opened")
+
+
+def test_an_address_where_none_answers_leaves_no_traceback():
+    pytest.importorskip("distributed")
+    script = "from ngbrain import parallel\nparallel.open_executor('dask:banana').__enter__()"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.stderr.strip().splitlines()[-1].startswith("ngbrain.errors.InputError: executor is dask:banana")
 
 
 def test_ranks_that_do_not_start(tmp_path, monkeypatch):
