@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from ngbrain.errors import InputError, SolverError, require
-from ngbrain.parallel.remote import call_name, check_identity, identity
+from ngbrain.parallel.remote import OtherVersions, call_name, check_identity, identity
 from ngbrain.parallel.tasks import TaskLost
 from ngbrain.progress import LOG
 
@@ -47,9 +47,12 @@ class DaskExecutor(Executor):
             ) from None
         workers = client.scheduler_info(n_workers=-1)["workers"]
         has = client.run(eval, _HAS_NGBRAIN)
-        versions = client.run(identity, workers=[worker for worker, found in has.items() if found])
+        versions = client.run(identity, workers=[worker for worker, found in has.items() if found], on_error="return")
         for worker in has:
-            check_identity(worker, versions.get(worker))
+            if isinstance(failed := versions.get(worker), Exception):  # such as NGSolve that is not installed there
+                wanted = f"one that `import ngbrain.parallel` ends well in; it said: {failed}"
+                raise OtherVersions(f"worker {worker}", "with an ngbrain that cannot be imported", wanted)
+            check_identity(worker, failed)
         for worker, facts in workers.items():
             if facts["nthreads"] != 1:
                 raise InputError(f"worker {worker}", f"with {facts['nthreads']} threads", "dask worker --nthreads 1")

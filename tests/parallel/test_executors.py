@@ -134,6 +134,22 @@ def test_a_worker_without_ngbrain_is_refused(cluster):
         cluster.run(exec, show, {}, workers=[worker])
 
 
+@pytest.mark.dask
+def test_a_worker_whose_ngbrain_cannot_be_imported_is_refused(cluster):
+    name = "ngbrain.parallel.remote"
+    hide = f"import sys; sys.hidden = sys.modules.get('{name}'); sys.modules['{name}'] = None"
+    show = f"import sys; sys.modules.pop('{name}'); sys.hidden and sys.modules.update({{'{name}': sys.hidden}})"
+    (worker, *_) = cluster.scheduler_info(n_workers=-1)["workers"]
+    cluster.run(exec, hide, {}, workers=[worker])
+    try:
+        with pytest.raises(
+            InputError, match=rf"^worker {worker} is with an ngbrain that cannot be imported; wanted: .*it said"
+        ):
+            parallel.run([("a", lives, (1,))], cluster)
+    finally:
+        cluster.run(exec, show, {}, workers=[worker])
+
+
 @pytest.mark.mpi
 def test_a_killed_rank_ends_the_job_in_one_line_and_the_next_goes_on(tmp_path, capfd):
     pytest.importorskip("mpi4py")
