@@ -86,7 +86,7 @@ def write_list(names: list[str]) -> None:
 
 
 write_list(["p00"])
-one = ngbrain.cohort(study, folder / "study", "mesh")
+one = ngbrain.cohort(study, folder / "study", "mesh", executor=None)  # in this process
 print(one)
 print({key: round(number.value, 2) for key, number in one.rows[0].numbers.items()})
 

@@ -121,10 +121,8 @@ def invert_in_space(
     sure = total(found_noise, LEAST, model_error)
     experiment = Experiment(data, elements, sought, composed(data, elements, labelled), where)
     notes += [experiment.body.device_note] if experiment.body.device_note else []
-    problem, kept_in = (
-        _problem(experiment, made, sure, prior),
-        None if checkpoint is None else Path(checkpoint).absolute(),
-    )
+    problem = _problem(experiment, made, sure, prior)
+    kept_in = None if checkpoint is None else Path(checkpoint).absolute()  # workers elsewhere stand in another folder
     common = made, sure, prior, rounds
     ways: dict[str, Any] = {"from waves": (_from_waves, (*common, kept_in))}
     ways |= {f"from {level:g} times": (_uniform, (*common, _beside(kept_in, level), level)) for level in multiples}
