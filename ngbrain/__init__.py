@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ngbrain import datasets
+    from ngbrain.forward.load_path import LoadPath
+    from ngbrain.forward.material import Material
+    from ngbrain.forward.problem import Problem
+    from ngbrain.forward.time_stepper import TimeStepper
     from ngbrain.scene import Scene
     from ngbrain.scene.loading import Loading
     from ngbrain.threads import set_threads
@@ -19,9 +23,30 @@ if TYPE_CHECKING:
 
 __version__ = version("ngbrain")
 
-__all__ = ["Loading", "Scene", "__version__", "cohort", "datasets", "set_threads", "solve"]
+__all__ = [
+    "LoadPath",
+    "Loading",
+    "Material",
+    "Problem",
+    "Scene",
+    "TimeStepper",
+    "__version__",
+    "cohort",
+    "datasets",
+    "set_threads",
+    "solve",
+]
 
-_HOME = {"Loading": "scene.loading", "cohort": "workflows.cohort", "Scene": "scene", "set_threads": "threads"}
+_HOME = {
+    "LoadPath": "forward.load_path",
+    "Loading": "scene.loading",
+    "Material": "forward.material",
+    "Problem": "forward.problem",
+    "Scene": "scene",
+    "TimeStepper": "forward.time_stepper",
+    "cohort": "workflows.cohort",
+    "set_threads": "threads",
+}
 
 if not TYPE_CHECKING:  # who checks types sees the names above and the package's modules, and no others
 

@@ -16,15 +16,18 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 import ngbrain
-from ngbrain.forward.contact import Contact
+from ngbrain.forward import (
+    Axisymmetric,
+    Contact,
+    ErrorControl,
+    Friction,
+    Inertia,
+    Material,
+    Problem,
+    StepControl,
+    TimeStepper,
+)
 from ngbrain.forward.forced import Press, PressedBody, Pressing
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.inertia import Inertia
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import ErrorControl, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)
