@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from ngbrain.errors import InputError, naming
+from ngbrain.errors import InputError, naming, require
 from ngbrain.image.align import ALIKE, Alignment, align, thinned
 from ngbrain.image.bias import unbiased
 from ngbrain.image.contrast import TISSUES, contrast
@@ -21,6 +21,9 @@ _SURE, _FAR = 6.0, 9.0  # mm inside the template's brain all is brain, mm outsid
 _LEVELS = (0.02, 0.40, 0.85)  # quantiles of the grey values in there that are near fluid, grey and white matter
 _FAT = 0.6  # of the step from grey to white matter: what is brighter than white matter by more is no brain
 _SMOOTH = 0.7  # mm, against noise
+_EDGE = 0.5  # on the way from fluid to grey matter: what is brighter is tissue
+# Brighter edges, at which marrow and orbits come off the brain that hang on it by voxels which share fluid or thin bone.
+_EDGES = (0.55, 0.65, 0.75, 0.85)
 _NECK = 2.5  # mm: half the width of what is cut through between brain and other tissue
 _FOLD = 9.0  # mm: half the width of the widest sulcus that is filled
 _FILM = 1.5  # mm of fluid that goes with the brain
@@ -34,7 +37,10 @@ def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
     The MNI152 brain is laid into the head (`align`), and the field of the coil is taken out (`unbiased`). The template's
     inside tells how bright fluid, grey and white matter are. What is brighter than half way from fluid to grey matter
     and not much brighter than white is tissue: the brain where it hangs on to the inside by bridges wider than 5 mm, so
-    that eyes, muscle and marrow stay out, and within 9 mm of the template. Sulci up to 18 mm wide are filled, and 1.5 mm
+    that eyes, muscle and marrow stay out, and within 9 mm of the template. In coarse voxels thin bone is as bright as
+    grey matter, and marrow hangs on by wide bridges. So pieces that come off at some brighter edge and lie mostly outside
+    the template's brain are taken for other tissue, as fat is, and end where a flood from them and one from the brain,
+    brightest places first, meet (Beucher & Meyer 1993). Sulci up to 18 mm wide are filled, and 1.5 mm
     of fluid around go with it. Nothing of this is learnt; the template is all that it knows.
 
     Raises:
@@ -93,8 +99,11 @@ def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.nda
     smooth = ndimage.gaussian_filter(grey, _SMOOTH / spacing)
     sure = ndimage.distance_transform_edt(prior, sampling=spacing) > _SURE
     fluid, matter, white = np.quantile(smooth[sure], _LEVELS)
-    tissue = (smooth > (fluid + matter) / 2) & (smooth < white + _FAT * (white - matter))
-    tissue = sure | (tissue & _within(prior, _FAR, spacing))
+    position = (smooth - fluid) / (matter - fluid)
+    fat = smooth >= white + _FAT * (white - matter)
+    allowed = _within(prior, _FAR, spacing)
+    tissue = sure | ((position > _EDGE) & ~fat & allowed)
+    tissue &= sure | ~_other_tissue(position, tissue, prior, sure, fat & allowed, spacing)
     deep = ndimage.distance_transform_edt(tissue, sampling=spacing) > _NECK
     pieces, _ = ndimage.label(deep)
     deep = np.isin(pieces, np.setdiff1d(pieces[sure], [0]))
@@ -105,6 +114,28 @@ def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.nda
     full = ndimage.distance_transform_edt(full, sampling=spacing) > _FOLD
     brain |= full[tuple(slice(before, -after) for before, after in margin)]
     return np.asarray(ndimage.binary_fill_holes(brain))
+
+
+def _other_tissue(
+    position: np.ndarray, tissue: np.ndarray, prior: np.ndarray, sure: np.ndarray, fat: np.ndarray, spacing: np.ndarray
+) -> np.ndarray:
+    """Which of the tissue is not brain, though it hangs on it.
+
+    position  of grey values, 0 fluid and 1 grey matter; prior: the template's brain, sure: its inside
+    """
+    flood = require("skimage.segmentation", "mri").watershed
+    marks = np.zeros(tissue.shape, np.int32)
+    for edge in _EDGES:
+        deep = ndimage.distance_transform_edt(sure | (tissue & (position > edge)), sampling=spacing) > _NECK
+        pieces, count = ndimage.label(deep)
+        size, within = (np.bincount(pieces[part].ravel(), minlength=count + 1) for part in (..., prior))
+        apart = within < size / 2
+        brain = np.isin(np.arange(count + 1), pieces[sure])
+        apart[0] = brain[0] = False
+        marks[(apart & ~brain)[pieces]] = 2
+    marks[brain[pieces] & (marks == 0)] = 1
+    marks[fat & ~prior] = 2
+    return np.asarray(flood(-position, marks, mask=tissue | (marks > 0)) == 2)
 
 
 def _beyond(mask: np.ndarray, spacing: np.ndarray) -> np.ndarray:
