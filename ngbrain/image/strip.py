@@ -45,7 +45,7 @@ def strip(scan: Scan, place: Alignment | None = None) -> np.ndarray:
 
     Raises:
         InputError: as `placed` does.
-        MissingExtra: nilearn or SimpleITK is not installed.
+        MissingExtra: nilearn, SimpleITK or scikit-image is not installed.
 
     >>> rng = np.random.default_rng(1)
     >>> affine, noise = np.diag([4e-3, 4e-3, 4e-3, 1]), rng.random((50, 50, 50)).astype(np.float32)
@@ -133,7 +133,7 @@ def _other_tissue(
         brain = np.isin(np.arange(count + 1), pieces[sure])
         apart[0] = brain[0] = False
         marks[(apart & ~brain)[pieces]] = 2
-    marks[brain[pieces] & (marks == 0)] = 1
+    marks[brain[pieces] & (marks == 0)] = 1  # what still hangs on at the brightest edge
     marks[fat & ~prior] = 2
     return np.asarray(flood(-position, marks, mask=tissue | (marks > 0)) == 2)
 
