@@ -70,11 +70,11 @@ def uniform_shear(data: WaveData) -> float:
 def uniform_modulus(data: WaveData) -> UniformModulus:
     """One shear modulus for all tissue, to start from and to choose elements by; a few bad points do not move it.
 
-    In the plane the median of |G| by `helmholtz`. In space it comes from the curl q = ∇×u: at every point
-    1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|², summed over loads and components, and of all points the weighted median of the real and of
-    the imaginary part. 1/G, not G, as noise is in ∇²q rather than in q: for G itself it would count as softness. A point weighs as
-    much as its own ρω² |q|, but no more than the median point: least squares over all points would be decided by the rim, where
-    derivatives of a smooth field are worst. Elastic data have the real part alone.
+    It comes from the curl q = ∇×u (of motion through a plane from u itself): at every point 1/G = -Σ ρω² q*·∇²q / Σ ρ²ω⁴ |q|²,
+    summed over loads and components, and of all points the weighted median of the real and of the imaginary part. 1/G, not G, as
+    noise is in ∇²q rather than in q: for G itself it would count as softness. A point weighs as much as its own ρω² |q|, but no
+    more than the median point: least squares over all points would be decided by the rim, where derivatives of a smooth field are
+    worst. Elastic data have the real part alone.
 
     At rest, and where no wave is left over by noise, it is `STIFF`, and the note says so.
     """
@@ -90,23 +90,15 @@ def _uniform_modulus(data: WaveData) -> UniformModulus:
     kilopascal = f"{STIFF / 1e3:g} kPa"
     if not np.any(data.frequency > 0):
         return UniformModulus(STIFF, f"no load is a wave: the shear modulus starts from {kilopascal}, which is assumed")
-    if data.dim == 2:
-        found = np.abs(helmholtz(data)[data.mask])
-        found = found[np.isfinite(found) & (found > 0)]
-        if len(found):
-            return UniformModulus(complex(np.median(found)))
-    else:
-        softness = _median_softness(data)
-        if np.isfinite(softness) and softness.real > 0:
-            return UniformModulus(
-                complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real)
-            )
+    softness = _median_softness(data)
+    if np.isfinite(softness) and softness.real > 0:
+        return UniformModulus(complex(1 / softness) if data.rheology == "viscoelastic" else complex(1 / softness.real))
     note = "no shear modulus follows from the waves, which do not bend as shear waves do"
     return UniformModulus(STIFF, f"{note}: {kilopascal} is assumed for the start and for the size of elements")
 
 
 def _median_softness(data: WaveData) -> complex:
-    """1/G in space (1/Pa), see `uniform_modulus`; NaN where there is no curl."""
+    """1/G (1/Pa), see `uniform_modulus`; NaN where there is no curl."""
     softness, weight, _ = _softness(data)
     return _complex_median(softness, weight) if len(softness) else complex(np.nan)
 

@@ -69,6 +69,11 @@ class Found:
         """2Φ n/(n - γ)², n data of which γ are used up: smaller for the better of two regularisers, whatever the noise."""
         return self.level.misfit * self.count / self.level.expected**2
 
+    @property
+    def score(self) -> float:
+        """n ln of it: twice a logarithm of likelihoods, so that differences have a size."""
+        return self.count * float(np.log(self.cross_validation))
+
 
 class Ledger:
     """Books of an inversion: levels and weights after each iteration.
@@ -113,4 +118,25 @@ class Ledger:
         determined = dict(self.policy.determined)
         history.append(Iteration(phase, misfit, level.expected, weights, change, step, cpu_s, determined))
         self.tell(history[-1])
-        return (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05)
+        if (change < SETTLED and turned < STEADY) or (change < 10 * SETTLED and turned < 1.05):
+            return True
+        # Where data leave the level of fields open, these creep along what hardly changes the misfit.
+        open_level = getattr(self.reduced.unknowns, "level", None) is not None
+        return turned < STEADY and not open_level and _by_chance(history)
+
+
+def _by_chance(history: list[Iteration]) -> bool:
+    """Whether the last step down, at weights as before it, changed 2Φ by less than the numbers that the data determine scatter it.
+
+    γ numbers scatter 2Φ by √(2γ), or as much more as the misfit is above its level. Where a model leaves much unexplained, steps
+    of Gauss and Newton go on to change what hardly matters.
+    """
+    if len(history) < 2:
+        return False
+    before, now = history[-2:]
+    numbers = sum(now.determined.values())
+    if now.phase != before.phase or now.phase == "waves" or not numbers:
+        return False
+    steady = all(max(now.weights[name] / w, w / now.weights[name]) < STEADY for name, w in before.weights.items())
+    chance = np.sqrt(2 * numbers) * max(1.0, now.misfit / now.expected)
+    return steady and bool(abs(now.misfit - before.misfit) < chance)

@@ -62,6 +62,9 @@ were given."""
 ASTRAY = 100.0
 """Times its expected level that the misfit of a start's fields is, beyond which its level of noise is corrected before any way
 down: nearly exact data are seen from afar first, as those of ten times the noise are, then closer and closer."""
+DECISIVE = 4.0
+"""By how much the score of edges has to be lower than that of smooth fields: a likelihood ratio of e². Far from edges both are
+the same regulariser, and chance would choose."""
 SHORT = 12
 """Rounds from uniform fields: enough to arrive, or to be stuck."""
 EASY = 1e-4
@@ -108,7 +111,7 @@ def invert(
     unknowns     one of `quantities.UNKNOWNS`: moduli (ln storage and ln loss), or polar, ln G* with its phase
     misfit       one of `misfit.MISFITS`, or one of one's own: squares, or huber for what `without_outliers` misses
     start        name → (n,), maps that measured waves start with, see `starts.at_maps`, and nothing else then. In the plane alone
-    rounds       iterations down from a start at most, those from measured waves apart; by default 48 in the plane and 16 in space
+    rounds       iterations down from a start at most, those from measured waves apart; by default 96 in the plane and 16 in space
     dispersion   power: G*(x, ω) = G*₀(x) (ω/ω₀)^a with one exponent a that is found, ω₀ the lowest frequency, at which maps are;
                  none: the same G* at all frequencies, refused where these contradict each other (`dispersion.contradiction`); auto:
                  power for anti-plane waves of several frequencies and where these contradict each other, none otherwise
@@ -216,7 +219,7 @@ def invert(
         f"from waves, {name}": (_from_waves, (*search.made_from, prior, start)) for name, prior in kinds.items()
     }
     tried = dict(zip(kinds, search.gone(from_waves, executor), strict=True))
-    kind = min(tried, key=lambda name: tried[name][0].cross_validation)
+    kind = min(tried, key=lambda name: tried[name][0].score - (DECISIVE if name == next(iter(tried)) else 0.0))
     problem, first = search.problem(kinds[kind]), tried[kind][0]
     problem.weights = tried[kind][1]
     both = search.descend(problem, first)

@@ -25,13 +25,16 @@ NEAR = 1e-8
 """Of the body: points that are the same."""
 HELD = 1e-2
 """Share of the mass matrix that keeps a constant from costing nothing, over the squared size of the body."""
+ROUGHEST = 1.0
+"""Weight of `smooth` and `total_variation` at least: below it logarithms of moduli vary by a factor of about e from place to place,
+more than tissue does, and follow whatever in the data is no wave of the model."""
 
 
 class Quadratic:
-    """½ (x - x̄)·R (x - x̄) of one matrix R."""
+    """½ (x - x̄)·R (x - x̄) of one matrix R; `least` is the weight that no rule of weights goes below."""
 
-    def __init__(self, matrix: sp.csr_array, reference: Array | float) -> None:
-        self._matrix = matrix
+    def __init__(self, matrix: sp.csr_array, reference: Array | float, least: float = 0.0) -> None:
+        self._matrix, self.least = matrix, least
         self.reference = np.broadcast_to(np.asarray(reference, float), (matrix.shape[0],))
 
     def matrix(self, block: Array) -> sp.csr_array:
@@ -66,7 +69,7 @@ def smooth(space: ngs.FESpace, reference: Array | float, weight: CoefficientFunc
 
     `weight` w may be any CoefficientFunction, such as one that is small between labels.
     """
-    return Quadratic(_Gradients(space).matrix(weight), reference)
+    return Quadratic(_Gradients(space).matrix(weight), reference, ROUGHEST)
 
 
 def matern(space: ngs.FESpace, reference: Array | float, length: float) -> Quadratic:
@@ -87,6 +90,8 @@ class Steep:
 
     `energy` is φ, of a CoefficientFunction (1/m²).
     """
+
+    least = ROUGHEST
 
     def __init__(
         self,

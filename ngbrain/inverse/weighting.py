@@ -35,7 +35,7 @@ class Settling:
     """Weights that a policy changes with the fields, in so many `rounds` of a descent at most."""
 
     policy: Callable[[], Policy] = Evidence
-    rounds: int = 4 * ROUNDS
+    rounds: int = 8 * ROUNDS
 
     def from_waves(self, reduced: Reduced, x: Array, waves: Array, tell: Tell) -> Found:
         """`GaussNewton.from_waves`; the weights it ends with stay in `reduced`."""

@@ -67,7 +67,11 @@ class Policy:
 
 @dataclass
 class Evidence(Policy):
-    """Each block's weight from the data; `largest`: factor by which one changes in one iteration at most."""
+    """Each block's weight from the data; `largest`: factor by which one changes in one iteration at most.
+
+    None goes below its regulariser's `least`: evidence takes errors for independent, and those of a model that does not hold,
+    alike over many points, would be taken for fields as rough as it takes.
+    """
 
     largest: float = LARGEST
 
@@ -81,7 +85,8 @@ class Evidence(Policy):
         self.determined = factor.determined_of(blocks, regular, random)
         for name, number in self.determined.items():
             energy = 2 * reduced.regularisers[name].value(x[blocks[name]])
-            wanted = self.noise(level) * max(number, 1.0) / max(energy, 1e-12)
+            least = getattr(reduced.regularisers[name], "least", 0.0)  # one of one's own need not have it
+            wanted = max(self.noise(level) * max(number, 1.0) / max(energy, 1e-12), least)
             factor_of_change = float(np.clip(wanted / reduced.weights[name], 1 / self.largest, self.largest))
             reduced.weights[name] *= factor_of_change
             if number >= 1 or factor_of_change < 1:  # else the field is uniform, and no weight makes it more so

@@ -46,6 +46,17 @@ def test_evidence_finds_the_size_of_what_is_looked_for(rng):
     assert 2 < weight < 8 and turned < 1.001 and level.ratio == pytest.approx(1, abs=0.3)
 
 
+def test_a_weight_stays_above_the_least_of_its_regulariser(rng):
+    """What is no structure of the model can be fitted by fields as rough as it takes."""
+    problem = Diagonal(rng)
+    problem.data *= 100
+    free = problem.run(Evidence(), 60)[0]
+    problem.reduced.regularisers["x"].least = 0.5
+    problem.reduced.weights["x"] = 1e3
+    held, _, turned = problem.run(Evidence(), 60)
+    assert free < 0.01 and held == 0.5 and turned == 1
+
+
 def test_errors_alike_at_many_points_are_no_structure(rng):
     """Noise of 1 and as large an error that ten points share: in their means it is ten times the noise."""
     shared, rest = 10, 200 * N
