@@ -153,12 +153,10 @@ def parts_of(points: np.ndarray) -> list[np.ndarray]:
 
 
 def local_moduli(data: WaveData) -> np.ndarray:
-    """Complex moduli (Pa) at the points (n,), NaN where none follow: by `helmholtz` in the plane, of the curl in space.
+    """Complex moduli (Pa) at the points (n,), NaN where none follow: by 1/G as for `uniform_modulus`.
 
     Raises `InputError` as `smoothed`.
     """
-    if data.dim == 2:
-        return helmholtz(data)
     softness, _, points = _softness(data)
     found = np.full(len(data.points), np.nan, complex)
     found[points] = 1 / softness
