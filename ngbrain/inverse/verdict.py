@@ -19,8 +19,6 @@ MOST = 0.4
 """Part of the waves (rms) that is left over at most: a living brain's, one slice, leave .2."""
 BEYOND, TOLERATED = 4.0, 0.06
 """How many times the stated noise may be left over, and the part of the waves that may be in any case: errors of elements."""
-REAL = 1.0
-"""Times the stated noise that imaginary parts have to be of the displacements, or they are noise alone."""
 
 
 def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, found: float) -> list[str]:
@@ -44,7 +42,6 @@ def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, fo
         reasons.append(
             f"the median modulus is {pascal(shear)}, where soft tissue has {range_}: frequency in Hz? points in m?"
         )
-    moving = np.nan_to_num(data.displacement[data.frequency > 0][:, data.mask])
-    if data.rheology == "viscoelastic" and np.linalg.norm(moving.imag) <= REAL * stated * np.linalg.norm(moving):
+    if data.lacks_imaginary(stated):
         reasons.append("imaginary parts are missing: no loss can be told from real parts; data without any are elastic")
     return reasons

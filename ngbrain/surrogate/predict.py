@@ -95,7 +95,7 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     wider then. Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of
     several loads, logarithms are averaged by inverse variance.
 
-    Raises `InputError` for data of another kind, and where no square of `raster.LEAST` points across is measured, `MissingExtra`
+    Raises `InputError` for data of another kind, for real parts alone of waves with a loss, and where no square of `raster.LEAST` points across is measured, `MissingExtra`
     without onnxruntime.
     """
     if data.symmetry != "isotropic":
@@ -108,6 +108,9 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     name = "waves" if moving.any() else "compression"
     if name == "compression" and data.rheology != "elastic":
         raise InputError("rheology", f"{data.rheology}, at rest", "elastic: nothing at rest shows a loss")
+    if data.lacks_imaginary(0.0 if data.noise is None else float(np.max(data.noise))):
+        wanted = "complex displacements, or elastic data: the operator reads a loss of next to nothing from real parts"
+        raise InputError("displacement", "without imaginary parts", wanted)
     raster, views, notes, data = _views(data, name)
     operator = operator or Operator.shipped(name)
     if operator.kind.name != name:

@@ -306,6 +306,12 @@ class WaveData:
         """The same waves from the other time convention, e^{-iωt}: complex conjugates of the displacement."""
         return replace(self, displacement=np.conj(self.displacement))
 
+    def lacks_imaginary(self, noise: float) -> bool:
+        """Whether imaginary parts of waves with a loss are no more than noise, relative to their rms: real parts tell no loss."""
+        moving = np.nan_to_num(self.displacement[self.frequency > 0][:, self.mask])
+        lacking = np.linalg.norm(moving.imag) <= noise * np.linalg.norm(moving)
+        return self.rheology == "viscoelastic" and moving.size > 0 and bool(lacking)
+
     def with_noise(self, sigma: float | np.ndarray, seed: int) -> WaveData:
         """The same data with η = σ · rms(component) · (a + ib)/√2 added to every measured value, boundary included.
 
