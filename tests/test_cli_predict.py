@@ -72,11 +72,11 @@ def test_waves_of_the_other_time_convention_are_refused(tmp_path, capsys):
     assert status == 2 and "gain energy" in errors[-1] and "--conjugate" in errors[-1]
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_real_parts_of_waves_with_a_loss_are_refused(tmp_path, capsys, noise):
+@pytest.mark.parametrize(("noise", "phase"), [(0.0, 1.0), (0.01, 1.0), (0.01, 0.6 + 0.8j)])
+def test_real_parts_of_waves_with_a_loss_are_refused(tmp_path, capsys, noise, phase):
     """The operator made a loss of -.3 Pa of them, beside 10 kPa, and trusted it."""
     data = Phantom.named("CV-G", 33).measured().data()
-    data = replace(data, displacement=data.displacement.real + 0j)
+    data = replace(data, displacement=data.displacement.real * phase)
     write_waves(tmp_path / "waves.npz", data.with_noise(noise, 0) if noise else data)
     status, _, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out")
     assert status == 2 and "displacement is without imaginary parts" in errors[-1]

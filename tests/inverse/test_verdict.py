@@ -36,6 +36,8 @@ def of_nonsense(data, kind, other):
         return replace(data, displacement=u[:, :, ::-1])
     if kind == "real":
         return replace(data, displacement=u.real)
+    if kind == "imaginary":
+        return replace(data, displacement=1j * u.imag)
     if kind == "conjugated":
         return data.conjugated()
     if kind == "mm for m":
@@ -48,7 +50,7 @@ def of_nonsense(data, kind, other):
     return replace(data, displacement=np.where(chosen, u, other.displacement))
 
 
-KINDS = ["shuffled", "noise", "swapped", "real", "conjugated", "mm for m", "phase", "half of another"]
+KINDS = ["shuffled", "noise", "swapped", "real", "imaginary", "conjugated", "mm for m", "phase", "half of another"]
 
 
 def test_good_waves_are_usable(data):
