@@ -95,8 +95,8 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
     wider then. Grids that are no square are looked at in squares half over one another. Where several speak of a point, and of
     several loads, logarithms are averaged by inverse variance.
 
-    Raises `InputError` for data of another kind, for real parts alone of waves with a loss, and where no square of `raster.LEAST` points across is measured, `MissingExtra`
-    without onnxruntime.
+    Raises `InputError` for data of another kind, for real parts alone of waves with a loss, and where no square of
+    `raster.LEAST` points across is measured, `MissingExtra` without onnxruntime.
     """
     if data.symmetry != "isotropic":
         raise InputError("symmetry", data.symmetry, "isotropic: the operator has learnt no fibres; `invert` knows them")

@@ -20,10 +20,8 @@ class Factor:
 class Steady:
     """Weights that change by a factor, and 50 numbers."""
 
-    determined = {"x": 50.0}
-
     def __init__(self, turned):
-        self.turned = turned
+        self.turned, self.determined = turned, {"x": 50.0}
 
     def update(self, *_):
         return self.turned

@@ -310,7 +310,9 @@ class WaveData:
         """Whether waves with a loss are in phase everywhere but for noise, relative to their rms: real parts alone tell no loss."""
         moving = np.nan_to_num(self.displacement[self.frequency > 0][:, self.mask])
         size = np.sum(np.abs(moving) ** 2, axis=(1, 2))
-        out_of_phase = (size - np.abs(np.sum(moving**2, axis=(1, 2)))) / 2  # of each load, at the phase that leaves the least
+        out_of_phase = (
+            size - np.abs(np.sum(moving**2, axis=(1, 2)))
+        ) / 2  # of each load, at the phase that leaves the least
         lacking = np.sum(out_of_phase) <= (noise**2 + 1e-12) * np.sum(size)  # and round-off
         return self.rheology == "viscoelastic" and moving.size > 0 and bool(lacking)
 
