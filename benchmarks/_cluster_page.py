@@ -64,7 +64,7 @@ def page(records: list[dict], memory: list[dict]) -> str:
 
 def _made(made: dict) -> str:
     return (
-        f"Measured on one machine ({made['machine']}; commit {made['commit']}, {made['date']}) that other work shared:\n"
+        f"Measured on one machine ({made['machine']}; commit {made['commit']}, {made['date']}) that did nothing else:\n"
         "[records](../throughput.json), [of memory](../memory.json). `throughput` writes this page from them, `memory` the table\n"
         "that the library foretells memory from."
     )
@@ -80,8 +80,8 @@ def _short(kinds: list[dict], memory: list[dict]) -> str:
         "**What falls short.** Nothing here ran on a cluster: Dask, MPI and submitit are local, two workers each, and the cohort",
         "below is computed by a model, not run.",
         f"In a second two workers did {slow['throughput_gain']:.2f} ({KINDS[slow['kind']]}) to {fast['throughput_gain']:.2f}",
-        f"({KINDS[fast['kind']]}) times the tasks of one, by the clock of a machine whose two cores others used too, so that the",
-        "clock says little, of overheads as well; CPU time a task on two workers was that of one within "
+        f"({KINDS[fast['kind']]}) times the tasks of one; CPU time a task on two workers was that of one within "
+        ""
         f"{max(abs(r['cpu_two_s'] / r['cpu_s'] - 1) for r in kinds):.0%}.",
     ]
     if off:
