@@ -81,7 +81,6 @@ def _short(kinds: list[dict], memory: list[dict]) -> str:
         "below is computed by a model, not run.",
         f"In a second two workers did {slow['throughput_gain']:.2f} ({KINDS[slow['kind']]}) to {fast['throughput_gain']:.2f}",
         f"({KINDS[fast['kind']]}) times the tasks of one; CPU time a task on two workers was that of one within "
-        ""
         f"{max(abs(r['cpu_two_s'] / r['cpu_s'] - 1) for r in kinds):.0%}.",
     ]
     if off:

@@ -276,9 +276,9 @@ def table(found: dict[tuple[str, str, str], str]) -> str:
     for ingredient in INGREDIENTS:
         cells = []
         for controller in CONTROLLERS:
-            of = {kind: found[ingredient, controller, kind] for kind in MESHES}
-            refused = {kind: said for kind, said in of.items() if said not in (WORKS, "—")}
-            if set(of.values()) == {"—"}:
+            of = {kind: said for kind in MESHES if (said := found[ingredient, controller, kind]) != "—"}
+            refused = {kind: said for kind, said in of.items() if said != WORKS}
+            if not of:
                 cells.append("—")
             elif not refused:
                 cells.append("yes")
@@ -286,14 +286,10 @@ def table(found: dict[tuple[str, str, str], str]) -> str:
                 said = next(iter(refused.values()))
                 if said not in notes:
                     notes.append(said)
-                where = (
-                    ""
-                    if len(refused) == len(MESHES)
-                    else f" ({', '.join(kind for kind in MESHES if kind not in refused)})"
-                )
+                where = "" if len(refused) == len(of) else f" ({', '.join(kind for kind in of if kind not in refused)})"
                 cells.append(f"{'refused' if not where else 'yes' + where} [{notes.index(said) + 1}]")
         rows.append(f"| {ingredient} | {' | '.join(cells)} |")
-    return "\n".join([*rows, "", *(f"{i}. `{said}`" for i, said in enumerate(notes, 1))])
+    return "\n".join([*rows, "", *(f"{i}. ``{said}``" for i, said in enumerate(notes, 1))])
 
 
 if __name__ == "__main__":
