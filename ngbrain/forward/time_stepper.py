@@ -1,4 +1,4 @@
-"""Motion of a relaxing body against moving rigid bodies: time steps that land on events and can be redone."""
+"""A problem through time: steps that land on touch and events, are as long as their error allows, and can be redone."""
 
 from __future__ import annotations
 
