@@ -203,6 +203,7 @@ class Pressing(TimeStepper):
 
     Raises `ContactError` where the force takes the rigid body beyond the limit; and what `TimeStepper` raises.
 
+    >>> from ngbrain.forward.material import Material
     >>> from ngbrain.forward.steps import StepControl
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block

@@ -64,7 +64,7 @@ class PrestressedModel:
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
     >>> mu = ngs.Parameter(2e3)
-    >>> body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, form="Q2/Q1")
+    >>> body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, element="Q2/Q1")
     >>> model = PrestressedModel(body, [Wave(30.0, {"top": (1e-3, 0)})], [[0.05, 0.05]], {"mu": mu}, loss=0.2)
     >>> there = model.at(model.theta)
     >>> there.data.shape, there.gradient(there.data).shape

@@ -320,7 +320,7 @@ def test_bad_input():
         of.at(np.ones(2))
     with pytest.raises(ConvergenceError, match="a step too far"):
         of.at(np.array([1e3, np.inf, 1.0]))
-    with pytest.raises(InputError, match="without friction, inertia"):
+    with pytest.raises(InputError, match="body is with inertia"):
         Replay(
             Problem(mesh, materials, {"bottom": 0}, [Inertia({".*": 1000.0}, GeneralizedAlpha(0.8))], element="P2/P1"),
             drive,
