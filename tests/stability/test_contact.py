@@ -7,7 +7,7 @@ steeper than it can follow. Ours: the same.
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward import body as forward_body
+from ngbrain.forward import problem as forward_problem
 from ngbrain.forward.contact import Contact, offsets
 from ngbrain.forward.material import Material
 from ngbrain.forward.problem import Problem
@@ -69,7 +69,7 @@ def stamped(penalty):
 def test_an_offset_of_the_displacements_order_follows_round_edges(monkeypatch):
     exact, _ = stamped(1e8)
     ours, depth = stamped(5e6)
-    monkeypatch.setattr(forward_body, "offsets", lambda mesh, contacts, order: offsets(mesh, contacts, order - 1))
+    monkeypatch.setattr(forward_problem, "offsets", lambda mesh, contacts, order: offsets(mesh, contacts, order - 1))
     poorer, deeper = stamped(5e6)
     assert deeper > 1.3 * depth
     assert abs(poorer / exact - 1) > 0.02 > 0.015 > abs(ours / exact - 1)
