@@ -14,12 +14,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from _ball_waves import BallInBlock
-from _command import main
+from _command import main, sweep
 from _front import figure
 
+from ngbrain import parallel
 from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.inverse.space import invert_in_space
@@ -38,16 +40,28 @@ COLOURS = {
 }
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each way."""
-    data = BLOCK.waves(*((2, 4e-3) if quick else (4, 2e-3)), NOISE)
-    records = [
-        direct(data, "algebraic", lambda each: helmholtz_of_curl(each, smoothed(each), 5e-3)),
-        direct(data, "local frequency", local_frequency),
-    ]
-    for order, cells in CELLS[:1] if quick else CELLS:
-        records.append(inverted(data, order, cells, 1 if quick else 16))
-    return records
+    ways = [*DIRECT, *(CELLS[:1] if quick else CELLS)]
+    return sweep(way, {str(each): (each, quick) for each in ways}, executor)
+
+
+def way(which: str | tuple[int, int], quick: bool) -> Record:
+    """By the name of a direct method, or by order and cells of the elements."""
+    data = _waves(quick)
+    return direct(data, which, DIRECT[which]) if isinstance(which, str) else inverted(data, *which, 1 if quick else 16)
+
+
+@cache
+def _waves(quick: bool) -> WaveData:
+    return BLOCK.waves(*((2, 4e-3) if quick else (4, 2e-3)), NOISE)
+
+
+def _algebraic(data: WaveData) -> np.ndarray:
+    return helmholtz_of_curl(data, smoothed(data), 5e-3)
+
+
+DIRECT = {"algebraic": _algebraic, "local frequency": local_frequency}
 
 
 def direct(data: WaveData, method: str, answer: Callable[[WaveData], np.ndarray]) -> Record:

@@ -9,7 +9,7 @@ authors' method: what that has is the file's convention and the pixels, what the
 `wavelengths` says what the displacements themselves have, without any inversion: half of their energy is in waves longer than
 `median_mm` in the plane, `shorter` of it in waves as short as the authors' modulus has, `authors_mm`, or shorter.
 
-    python benchmarks/living_slice.py FILE [--only HZ|all ...] [--json]      last line of --json: a list of records
+    python benchmarks/living_slice.py FILE [--only HZ|all ...] [--json] [--executor WHO]      last line of --json: a list of records
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 import scipy.io
-from _command import run
+from _command import add_executor, executor_of, run, sweep
 from scipy import ndimage
 from scipy.stats import spearmanr
 
+from ngbrain import parallel
 from ngbrain.cli import main as ngbrain
 from ngbrain.inverse.direct import helmholtz, local_frequency
 from ngbrain.io.waves import read_waves
@@ -102,10 +103,10 @@ def smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:
     return ndimage.gaussian_filter(values, SMOOTH / PIXEL) / np.maximum(weight, 1e-9)
 
 
-def measure(path: Path, names: list[str]) -> list[Record]:
+def measure(path: Path, names: list[str], executor: parallel.AnyExecutor = None) -> list[Record]:
     """One record for each of `CHOICES` that is named."""
     known = Slice(path)
-    return [record(known, CHOICES[name]) for name in names]
+    return sweep(record, {name: (known, CHOICES[name]) for name in names}, executor)
 
 
 def record(known: Slice, chosen: list[int]) -> Record:
@@ -162,11 +163,13 @@ if __name__ == "__main__":
     parser.add_argument("file", type=Path, metavar="FILE")
     parser.add_argument("--only", nargs="+", choices=CHOICES, default=list(CHOICES), metavar="HZ")
     parser.add_argument("--json", action="store_true")
+    add_executor(parser)
     arguments = parser.parse_args()
     if not arguments.file.exists():
         print(f"skipped: {arguments.file.name} is not there")
         sys.exit()
     set_threads(1)
     ngs.ngsglobals.msg_level = 0
-    records, made = measure(arguments.file, arguments.only), run()
+    with executor_of(parser, arguments.executor) as workers:
+        records, made = measure(arguments.file, arguments.only, workers), run()
     print(json.dumps([r | {"run": made} for r in records]) if arguments.json else "\n".join(map(line, records)))

@@ -19,14 +19,15 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 from _front import figure
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
+from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import NgbrainError
 from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
@@ -205,21 +206,32 @@ SLOW = {
 }
 
 
-def measure(quick: bool) -> list[Record]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[Record]:
     """A record for each method, sample and noise."""
     many, few = (2, 1) if quick else (MANY, FEW)
-    records = []
+    cases = {}
     for modality in QUICK:
-        of_surrogate(measured(modality, "sinc", 0, 0.01))  # loads what it needs
         for family, (noise, grain), index in product(FAMILIES, conditions(modality, quick), range(many)):
-            data = measured(modality, family, index, noise, grain)
-            methods = dict(QUICK[modality])
             slow = family in SLOW_FAMILIES[: 1 if quick else None] and noise in SLOW_NOISES and index < few
-            if slow and not grain:
-                methods |= {k: v for k, v in SLOW.items() if noise == SLOWEST or v is not inverted}
-            told = {"modality": modality, "family": family, "noise": noise, "grain": grain, "sample": index}
-            records += [row(told, data, *each) for each in methods.items()]
-    return records
+            told = (modality, family, noise, grain, index)
+            cases[" ".join(map(str, told))] = (*told, slow and not grain)
+    return [r for found in sweep(case, cases, executor) for r in found]
+
+
+def case(modality: str, family: str, noise: float, grain: float, index: int, slow: bool) -> list[Record]:
+    """A record for each method."""
+    _ready(modality)
+    data, methods = measured(modality, family, index, noise, grain), dict(QUICK[modality])
+    if slow:
+        methods |= {k: v for k, v in SLOW.items() if noise == SLOWEST or v is not inverted}
+    told = {"modality": modality, "family": family, "noise": noise, "grain": grain, "sample": index}
+    return [row(told, data, *each) for each in methods.items()]
+
+
+@cache
+def _ready(modality: str) -> None:
+    """Load what the surrogate needs, once in a process: it is no part of a method's time."""
+    of_surrogate(measured(modality, "sinc", 0, 0.01))
 
 
 def conditions(modality: str, quick: bool) -> list[tuple[float, float]]:

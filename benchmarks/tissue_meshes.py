@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
-from _command import main
+from _command import main, sweep
 
+from ngbrain import parallel
 from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
@@ -86,26 +88,30 @@ def record(method: str, size: str, make: Callable[[], Elements], labels: LabelMa
         return found | {"cpu_s": time.process_time() - start, "reason": str(error)[:160]}
 
 
-def measure(quick: bool) -> list[dict]:
+def measure(quick: bool, executor: parallel.AnyExecutor = None) -> list[dict]:
     """All records; `quick` stays under a minute."""
-    labels = LabelMap(tissues(mni152()), TISSUES)
     even = {"lattice": (7,), "conforming": (8,)} if quick else {"lattice": (6, 4, 3.1, 2.5), "conforming": (6, 4, 2.5)}
-    records = []
+    cases: list[tuple[str, float | None]] = []
     for route, sizes in even.items():
-        make = ROUTES[route].make
-        for size in sizes:
-            field = Graded(size * 1e-3, size * 1e-3)
-            records.append(
-                record(f"ngbrain:{route}", f"{size:g} mm", lambda m=make, f=field: m(labels, f).elements, labels, False)
-            )
-        if not quick:
-            field = Graded(2e-3, 8e-3, SITE, radius=ROUTES[route].radius)
-            records.append(
-                record(f"ngbrain:{route}", "2 to 8 mm", lambda m=make, f=field: m(labels, f).elements, labels, True)
-            )
-    for stride in (4,) if quick else (4, 3, 2):
-        records.append(record("voxels in six", f"{stride} mm", lambda s=stride: voxels(labels, s), labels, False))
-    return records
+        cases += [(route, size) for size in sizes] + ([] if quick else [(route, None)])
+    cases += [("voxels", stride) for stride in ((4,) if quick else (4, 3, 2))]
+    return sweep(case, {f"{route} {size}": (route, size) for route, size in cases}, executor)
+
+
+def case(route: str, size: float | None) -> dict:
+    """A route's mesh of even elements (mm), or graded without a size; or of voxels of so many cells."""
+    labels = _labels()
+    if route == "voxels":
+        return record("voxels in six", f"{size} mm", lambda: voxels(labels, size), labels, False)
+    made = ROUTES[route]
+    field = Graded(2e-3, 8e-3, SITE, radius=made.radius) if size is None else Graded(size * 1e-3, size * 1e-3)
+    name = "2 to 8 mm" if size is None else f"{size:g} mm"
+    return record(f"ngbrain:{route}", name, lambda: made.make(labels, field).elements, labels, size is None)
+
+
+@cache
+def _labels() -> LabelMap:
+    return LabelMap(tissues(mni152()), TISSUES)
 
 
 def chart(records: list[dict], path: str) -> None:

@@ -48,3 +48,12 @@ def test_a_load_is_felt_by_its_own_boundary_alone():
     assert body.force("top")[2] == pytest.approx(50 * 0.02**2, rel=1e-6)
     assert np.abs(body.force("left")).max() == 0
     assert body.force("bottom")[2] == pytest.approx(-50 * 0.02**2, rel=1e-6)
+
+
+def test_a_support_does_not_bear_what_a_load_puts_on_its_nodes():
+    """A traction beside the foot: the foot bears all of it, and the loaded side what is put on it."""
+    mesh = block((0.02, 0.02, 0.02), 0.01)
+    pull = Traction("right", (50.0, 0, 0))
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, [pull], element="P2")
+    LoadPath(body).solve()
+    assert body.force("bottom")[0] == pytest.approx(-50 * 0.02**2, rel=1e-6)

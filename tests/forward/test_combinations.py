@@ -14,7 +14,7 @@ NEVER_REFUSED = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["plane strain, triangles", "axisymmetric, quadrilaterals", "space, tetrahedra"])
+@pytest.mark.parametrize("kind", ["plane strain, triangles", "axisymmetric, quadrilaterals", "space, hexahedra"])
 @pytest.mark.parametrize("ingredient", INGREDIENTS)
 def test_an_ingredient_works_or_is_refused_in_one_line(ingredient, kind):
     for controller in CONTROLLERS:
