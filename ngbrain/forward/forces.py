@@ -80,9 +80,10 @@ class Forces:
         self._form = ngs.LinearForm(gfu.space)
         self._form += kinematics.weight() * work * ngs.dx(intrules=space.GetIntegrationRules())
 
-    def leave_out(self, elements: np.ndarray) -> None:
-        """Do not evaluate some elements (a mask) from now on; what they would add is 0."""
-        self._moving = np.repeat(~elements, self._moving.size // elements.size)
+    def leave_out(self, points: np.ndarray) -> None:
+        """Do not evaluate some points (their numbers) from now on; what they would add is 0."""
+        self._moving = np.ones(self._moving.size, bool)
+        self._moving[points] = False
         self._values[:] = 0
 
     @property

@@ -71,7 +71,7 @@ class TimeSteps(Assembled):
         """Go back to a state x and what the energy (`frozen`) was made of there."""
         if self.tissue.history is not None:
             self.history.frozen = energy
-        self.tissue.relaxed_at(x, stiff=True)
+        self.tissue.rests_at(x)
         self.friction.frozen = energy
         self.state = x
         if self.inertia is not None:

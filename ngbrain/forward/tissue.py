@@ -106,7 +106,7 @@ class Tissue:
         assert self._forces is not None
         for term in self.terms:  # `dx(definedonelements=…)` is not heard by an energy; its integrator is
             term.SetDefinedOnElements(ngs.BitArray(~elements))
-        self._forces.leave_out(elements)
+        self._forces.leave_out(self.points_in(elements))
 
     def forces(self) -> Array:
         """Nodal forces (N) and what the pressures' equations miss, at the current state, one number for each unknown."""
@@ -158,9 +158,9 @@ class Tissue:
         if len(self._relaxed):
             self._relaxed = x.copy()
 
-    def relaxed_at(self, x: Array, stiff: bool = False) -> None:
-        """Say that the branches rest at the state x."""
-        self._relaxed, self._stiff = x.copy(), stiff or self._stiff
+    def rests_at(self, x: Array) -> None:
+        """Say that the branches rest at the state x, where their stiffness is known."""
+        self._relaxed, self._stiff = x.copy(), True
 
 
 def history_order(mesh: ngs.Mesh, k: int) -> int:
