@@ -8,8 +8,8 @@ import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.materials.linear import OfSmallStrain

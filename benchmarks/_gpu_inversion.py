@@ -22,9 +22,9 @@ import numpy as np
 from _ball_waves import BallInBlock
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.harmonic import Harmonic
-from ngbrain.forward.sensitivity import BOUNDARY, Linearised
-from ngbrain.forward.slopes import Slope
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.sensitivity.harmonic.slopes import Slope
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt

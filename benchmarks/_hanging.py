@@ -10,12 +10,12 @@ import scipy.sparse as sp
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.implicit import Case, Nodes, StaticModel
-from ngbrain.forward.loads import Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements
-from ngbrain.forward.positions import Positions
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements
+from ngbrain.forward.sensitivity.reference_shape import Positions
+from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares

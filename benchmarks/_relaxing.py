@@ -11,11 +11,11 @@ import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import Control, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import Control, StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

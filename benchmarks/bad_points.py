@@ -25,9 +25,9 @@ from _command import main, run, sweep
 from _front import figure
 
 from ngbrain import parallel
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.kinematics import AntiPlane
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.common.kinematics import AntiPlane
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
 from ngbrain.io.waves import WaveData, read_waves

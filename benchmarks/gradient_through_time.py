@@ -22,12 +22,12 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements, Force
-from ngbrain.forward.step_forms import Parameter
-from ngbrain.forward.through_time import Replayed, RunModel
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.sensitivity.transient.run_model import Replayed, RunModel
+from ngbrain.forward.sensitivity.transient.step import Parameter
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Law, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

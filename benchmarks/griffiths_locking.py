@@ -24,9 +24,9 @@ from _command import main
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.errors import CollapseWarning, SolverError, StabilityWarning
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import Deformation, constants
 from ngbrain.surgery.injury import von_mises
 from ngbrain.tensors import deformation_gradient

@@ -32,7 +32,7 @@ from _command import main
 from protocols_compared import half_time
 
 from ngbrain.errors import RangeWarning, SolverError
-from ngbrain.forward.steps import Control
+from ngbrain.forward.transient.step_control import Control
 from ngbrain.materials import constants
 from ngbrain.scene import Scene
 from ngbrain.surgery.column import Column, Course

@@ -25,7 +25,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.materials import Shearing
 
 HERTZ, RHO, LENGTH, BULK = 50.0, 1000.0, 0.1, 1e5

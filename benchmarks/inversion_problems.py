@@ -37,10 +37,10 @@ from _hanging import NOISE, SIDE, Hanging, meshed, rms
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares

@@ -30,11 +30,11 @@ from _front import figure
 from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 
 from ngbrain.errors import NgbrainError
-from ngbrain.forward.contact import Contact, Sliding
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements, Force
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.parameters import Bounded, Transform, Unknown
 from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg

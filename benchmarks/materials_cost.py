@@ -20,7 +20,7 @@ import numpy as np
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.history import History
+from ngbrain.forward.solid.internal_variables import History
 from ngbrain.materials import (
     Deformation,
     Demiray,

@@ -22,9 +22,9 @@ import scipy.sparse.linalg as sparse
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES

@@ -25,7 +25,7 @@ from typing import Any
 from _command import main
 
 from ngbrain.errors import require
-from ngbrain.forward.steps import Control
+from ngbrain.forward.transient.step_control import Control
 from ngbrain.look import STYLE
 from ngbrain.scene import Scene
 from ngbrain.surgery.answers import answer

@@ -42,7 +42,7 @@ from _relaxing import (
 )
 
 from ngbrain.errors import require
-from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.surgery.protocols import Protocol, continuous
 
 PROTOCOL, HALF_AN_HOUR = continuous(3e-3, 4.0, 40.0), continuous(3e-3, 4.0, 1800.0, "half an hour")

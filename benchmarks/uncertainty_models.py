@@ -27,13 +27,13 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Force as Pressed
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.readings import Force as Pressed
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.curvature import Metric
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares

@@ -26,8 +26,8 @@ from netgen.csg import CSGeometry, OrthoBrick, Pnt
 from scipy.special import ndtri
 
 from ngbrain import parallel
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.inverse.discretise import Discretisation, in_elements
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.phantoms import Phantom

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ngbrain import datasets
-    from ngbrain.forward.load_path import LoadPath
-    from ngbrain.forward.material import Material
-    from ngbrain.forward.problem import Problem
-    from ngbrain.forward.time_stepper import TimeStepper
+    from ngbrain.forward.common.material import Material
+    from ngbrain.forward.solid.problem import Problem
+    from ngbrain.forward.statics.load_path import LoadPath
+    from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.scene import Scene
     from ngbrain.scene.loading import Loading
     from ngbrain.threads import set_threads
@@ -38,12 +38,12 @@ __all__ = [
 ]
 
 _HOME = {
-    "LoadPath": "forward.load_path",
+    "LoadPath": "forward.statics.load_path",
     "Loading": "scene.loading",
-    "Material": "forward.material",
-    "Problem": "forward.problem",
+    "Material": "forward.common.material",
+    "Problem": "forward.solid.problem",
     "Scene": "scene",
-    "TimeStepper": "forward.time_stepper",
+    "TimeStepper": "forward.transient.time_stepper",
     "cohort": "workflows.cohort",
     "set_threads": "threads",
 }

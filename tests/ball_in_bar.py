@@ -4,8 +4,8 @@ import ngsolve as ngs
 import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.inverse.labels import by_label, shares
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing

@@ -13,19 +13,19 @@ import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Closing, Contact, Sliding
-from ngbrain.forward.forced import Press, PressedBody, Pressing
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.inertia import Inertia
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityVolume, Pressure, RigidFace, Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Force
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.through_time import RunModel
-from ngbrain.forward.time_stepper import LoadHistory, TimeStepper, run_load_history
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityVolume, Pressure, RigidFace, Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+from ngbrain.forward.sensitivity.readings import Force
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.inertia import Inertia
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import LoadHistory, TimeStepper, run_load_history
 from ngbrain.materials import Maxwell, NeoHooke, Prony, Viscous
 
 SIDE, GAP, MU, BULK = 0.02, 0.004, 1e3, 2e4

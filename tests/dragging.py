@@ -3,12 +3,12 @@
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.contact import Contact, Sliding
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

@@ -8,11 +8,11 @@ import numpy as np
 from statics import square
 
 from ngbrain.adjoint.check import dot, taylor
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.load_path import newton_for
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force, Functional
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements, Force, Functional
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import newton_for
 from ngbrain.materials import (
     Compressible,
     Demiray,

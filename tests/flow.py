@@ -3,11 +3,11 @@
 import ngsolve as ngs
 from statics import square
 
-from ngbrain.forward.elements import Form
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import LinearElastic
 from ngbrain.solvers.newton import Newton
 

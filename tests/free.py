@@ -4,8 +4,8 @@ import netgen.occ as occ
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 
 LENGTH, RADIUS = 0.02, 0.005
 

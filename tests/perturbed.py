@@ -58,12 +58,12 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     import ngsolve as ngs
     from netgen import meshing
 
-    from ngbrain.forward.forced import Press
-    from ngbrain.forward.harmonic import Harmonic
-    from ngbrain.forward.history import History
-    from ngbrain.forward.inertia import GeneralizedAlpha
-    from ngbrain.forward.problem import Problem
-    from ngbrain.forward.time_stepper import TimeStepper
+    from ngbrain.forward.contact.force_control import Press
+    from ngbrain.forward.harmonic.problem import Harmonic
+    from ngbrain.forward.solid.inertia import GeneralizedAlpha
+    from ngbrain.forward.solid.internal_variables import History
+    from ngbrain.forward.solid.problem import Problem
+    from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.materials.lab.relaxing import _March
     from ngbrain.parallel import processes
     from ngbrain.surgery.protocols import Protocol

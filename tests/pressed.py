@@ -8,8 +8,8 @@ import ngsolve as ngs
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import Failure
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
 
 PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))

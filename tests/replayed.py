@@ -6,12 +6,12 @@ import ngsolve as ngs
 import numpy as np
 from netgen.occ import Box, Glue, OCCGeometry, Z
 
-from ngbrain.forward.contact import Contact, Sliding
-from ngbrain.forward.loads import Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements, Force
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 from _bodies import sampled, waves
 
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

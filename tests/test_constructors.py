@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Demiray, MooneyRivlin, NeoHooke, Prony, Shearing
 from ngbrain.mesh import Sizes, block, cleft_to
 from ngbrain.mesh.grid import boxes, rectangles

@@ -8,9 +8,9 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.expressions import LONGEST, MOST, ways
-from ngbrain.forward.loads import Traction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.scene import Tissue

@@ -12,9 +12,9 @@ from netgen import occ
 from perturbed import DRAWN, moved
 
 from ngbrain import parallel
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles

@@ -4,9 +4,9 @@ import ngsolve as ngs
 import numpy as np
 from waves import cube, square
 
-from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
 

@@ -13,8 +13,8 @@ import ngsolve as ngs
 import numpy as np
 
 import ngbrain
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.bonded import Bonded
 from ngbrain.materials import (
     CATALOGUE,

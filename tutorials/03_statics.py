@@ -16,12 +16,12 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityPressure, CavityVolume, Spring, Traction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.stability import softest
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Spring, Traction
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.statics.stability import softest
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import block
 

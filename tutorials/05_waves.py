@@ -17,8 +17,8 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
-from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.materials.modulus import shear_wave
 

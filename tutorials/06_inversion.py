@@ -18,7 +18,7 @@ import numpy as np
 
 import ngbrain
 from ngbrain.datasets import load_waves
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.inverse.answers import answers, of_shear
 from ngbrain.inverse.direct import navier
 from ngbrain.inverse.discretise import in_elements

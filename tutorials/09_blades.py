@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import ngbrain
-from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Observer

@@ -21,13 +21,13 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 import ngbrain
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Force as ForceOverTime
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.readings import Force as ForceOverTime
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.base import Law

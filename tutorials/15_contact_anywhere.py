@@ -27,7 +27,7 @@ from ngbrain.forward import (
     StepControl,
     TimeStepper,
 )
-from ngbrain.forward.forced import Press, PressedBody, Pressing
+from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)

@@ -11,14 +11,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ngbrain.forward.contact import Closing, Contact, Sliding
-    from ngbrain.forward.friction import Friction
-    from ngbrain.forward.harmonic import Harmonic, Wave
-    from ngbrain.forward.implicit import Case, StaticModel
-    from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
-    from ngbrain.forward.kinematics import AntiPlane, Axisymmetric, PlaneStrain
-    from ngbrain.forward.load_path import LoadPath
-    from ngbrain.forward.loads import (
+    from ngbrain.forward.common.kinematics import AntiPlane, Axisymmetric, PlaneStrain
+    from ngbrain.forward.common.loads import (
         CavityPressure,
         CavityVolume,
         Pressure,
@@ -28,32 +22,38 @@ if TYPE_CHECKING:
         Traction,
         Weight,
     )
-    from ngbrain.forward.material import Material
-    from ngbrain.forward.prestressed import PrestressedModel
-    from ngbrain.forward.problem import Problem
-    from ngbrain.forward.sensitivity import WaveModel
-    from ngbrain.forward.steps import ErrorControl, GivenSteps, StepControl
-    from ngbrain.forward.through_time import RunModel
-    from ngbrain.forward.time_stepper import LoadHistory, TimeStepper, run_load_history
+    from ngbrain.forward.common.material import Material
+    from ngbrain.forward.contact.friction import Friction
+    from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+    from ngbrain.forward.harmonic.problem import Harmonic, Wave
+    from ngbrain.forward.sensitivity.harmonic.prestressed import PrestressedModel
+    from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
+    from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+    from ngbrain.forward.sensitivity.transient.run_model import RunModel
+    from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+    from ngbrain.forward.solid.problem import Problem
+    from ngbrain.forward.statics.load_path import LoadPath
+    from ngbrain.forward.transient.step_control import ErrorControl, GivenSteps, StepControl
+    from ngbrain.forward.transient.time_stepper import LoadHistory, TimeStepper, run_load_history
 
 _HOME = {
-    "contact": ("Closing", "Contact", "Sliding"),
-    "friction": ("Friction",),
-    "harmonic": ("Harmonic", "Wave"),
-    "implicit": ("Case", "StaticModel"),
-    "inertia": ("GeneralizedAlpha", "Inertia"),
-    "kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
-    "load_path": ("LoadPath",),
-    "loads": (
+    "contact.rigid": ("Closing", "Contact", "Sliding"),
+    "contact.friction": ("Friction",),
+    "harmonic.problem": ("Harmonic", "Wave"),
+    "sensitivity.static_model": ("Case", "StaticModel"),
+    "solid.inertia": ("GeneralizedAlpha", "Inertia"),
+    "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
+    "statics.load_path": ("LoadPath",),
+    "common.loads": (
         "CavityPressure", "CavityVolume", "Pressure", "RigidBody", "RigidFace", "Spring", "Traction", "Weight",
     ),
-    "material": ("Material",),
-    "prestressed": ("PrestressedModel",),
-    "problem": ("Problem",),
-    "sensitivity": ("WaveModel",),
-    "steps": ("ErrorControl", "GivenSteps", "StepControl"),
-    "through_time": ("RunModel",),
-    "time_stepper": ("LoadHistory", "TimeStepper", "run_load_history"),
+    "common.material": ("Material",),
+    "sensitivity.harmonic.prestressed": ("PrestressedModel",),
+    "solid.problem": ("Problem",),
+    "sensitivity.harmonic.wave_model": ("WaveModel",),
+    "transient.step_control": ("ErrorControl", "GivenSteps", "StepControl"),
+    "sensitivity.transient.run_model": ("RunModel",),
+    "transient.time_stepper": ("LoadHistory", "TimeStepper", "run_load_history"),
 }  # fmt: skip
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 

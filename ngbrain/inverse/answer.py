@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.lattice import Lattice

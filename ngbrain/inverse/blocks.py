@@ -21,11 +21,11 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import SolverError
-from ngbrain.forward.factors import sparse
-from ngbrain.forward.harmonic import Harmonic
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
-from ngbrain.forward.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.factors import sparse
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
 
 Array = np.ndarray
 Apply = Callable[[Array], Array]

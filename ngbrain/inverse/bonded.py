@@ -17,11 +17,11 @@ from itertools import pairwise
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.implicit import Case, Equilibria, StaticModel
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Force
+from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve, checked_curves
 from ngbrain.materials.lab.fit import Bounds, CurveFit, Fit

@@ -23,8 +23,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment

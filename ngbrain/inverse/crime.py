@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngbrain.forward.elements import Form
-from ngbrain.forward.harmonic import Harmonic
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.io.waves import WaveData
 
 ELEMENTS = {"q4": Form.named("Q1"), "q4p0": Form.named("Q1/L2(0)")}

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from ngbrain.errors import InputError
-from ngbrain.forward.elements import Form
-from ngbrain.forward.points import inside as in_mesh
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.interpolation import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.driven import ALL, driven
 from ngbrain.inverse.lattice import Lattice, lattice, over_points

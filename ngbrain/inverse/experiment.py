@@ -14,11 +14,11 @@ from ngsolve import CoefficientFunction
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Harmonic, LawOfFrequency, Wave
-from ngbrain.forward.kinematics import AntiPlane
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
-from ngbrain.forward.stiffness import definite, elastic
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.common.kinematics import AntiPlane
+from ngbrain.forward.harmonic.problem import Harmonic, LawOfFrequency, Wave
+from ngbrain.forward.harmonic.stiffness import definite, elastic
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.composition import Composition, Whole
 from ngbrain.inverse.discretise import Discretisation, all_measured, without_scale
 from ngbrain.inverse.parameters import Fields, Scaled, Transform, Unknown

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.solves import spent_on
+from ngbrain.forward.common.solve_counts import spent_on
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.weights import Determined, Evidence, Level, Policy
 

@@ -16,8 +16,8 @@ import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
 from ngbrain.inverse.found import Found, Iteration, Ledger
 from ngbrain.inverse.optimality import Optimality
 from ngbrain.inverse.parameters import Fields

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from ngbrain.adjoint.reduced import Reduced
-    from ngbrain.forward.sensitivity import WaveModel
+    from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.inverse.misfit import LeastSquares
 
 Array = np.ndarray

@@ -9,8 +9,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived, median_shear, shear_of
 from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
 from ngbrain.inverse.crime import committed

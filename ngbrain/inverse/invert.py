@@ -18,7 +18,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError, nearest
-from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.composition import composed
 from ngbrain.inverse.discretise import Discretisation, as_made, in_elements
 from ngbrain.inverse.dispersion import contradiction

@@ -19,8 +19,8 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Harmonic
-from ngbrain.forward.sensitivity import Linearised
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.inverse.blocks import Extensions
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
@@ -230,7 +230,7 @@ def expected(body: Harmonic) -> Cost:
 
     Measured on one core: 20 million entries, 4.7 s and .13 s with 45 000 unknowns, 143 million, 81 s and .79 s with 131 000.
 
-    >>> from ngbrain.forward.harmonic import Wave
+    >>> from ngbrain.forward.harmonic.problem import Wave
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))

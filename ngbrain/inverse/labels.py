@@ -15,7 +15,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.points import quadrature_field, quadrature_points
+from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 
 Array = np.ndarray
 

@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 from scipy.spatial import KDTree
 
-from ngbrain.forward.elements import Form
+from ngbrain.forward.common.elements import Form
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import boxes, rectangles

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.sensitivity import BOUNDARY
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.composition import composed, elements_on
 from ngbrain.inverse.consistent import fields_at, fitted
 from ngbrain.inverse.experiment import Experiment

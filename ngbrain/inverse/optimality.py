@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.sensitivity import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.inverse.curvature import Metric
 
 Array = np.ndarray

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage
 
 from ngbrain.errors import InputError, NgbrainError
-from ngbrain.forward.factors import Factorised
+from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.image.align import largest
 from ngbrain.image.wavefield import gradient_noise, octahedral_amplitude, strain_snr
 from ngbrain.inverse.smoothing import smoothed

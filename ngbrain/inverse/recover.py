@@ -15,8 +15,8 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.implicit import StaticModel
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.sensitivity.static_model import StaticModel
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
@@ -73,10 +73,10 @@ def recover(
     is not among `unknowns`; `ConvergenceError` where no step lowers the misfit; what the model raises at its start.
 
     >>> import ngsolve as ngs
-    >>> from ngbrain.forward.implicit import Case
-    >>> from ngbrain.forward.material import Material
-    >>> from ngbrain.forward.observations import Force
-    >>> from ngbrain.forward.problem import Problem
+    >>> from ngbrain.forward.sensitivity.static_model import Case
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.forward.sensitivity.observations import Force
+    >>> from ngbrain.forward.solid.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
     >>> mu = ngs.Parameter(1e3)

@@ -17,8 +17,8 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
-from ngbrain.forward.factors import sparse
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.harmonic.factors import sparse
 
 Array = np.ndarray
 NEAR = 1e-8

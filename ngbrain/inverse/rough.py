@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.forward.points import evaluation, inside
+from ngbrain.forward.common.interpolation import evaluation, inside
 from ngbrain.inverse.consistent import fitted
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.regularise import smooth

@@ -15,7 +15,7 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.inversion import Inversion, Row
 from ngbrain.inverse.quality import Strain, noise_of, overall
 from ngbrain.io.waves import WaveData

@@ -18,8 +18,8 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.elements import Form
-from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.consistent import fields_at, fitted
 from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.experiment import Experiment

@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, naming
-from ngbrain.forward.points import quadrature_field, quadrature_points
+from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image.maps import measured, read_map, sampled
 from ngbrain.image.volume import Volume
 from ngbrain.materials.modulus import of_stiffness

@@ -21,7 +21,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Regulariser
 from ngbrain.errors import ConvergenceError, InputError, NgbrainError, SolverError
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.answer import Answer, told
 from ngbrain.inverse.believable import check_frequency
 from ngbrain.inverse.composition import elements_on

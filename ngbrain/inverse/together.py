@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.answers import median_shear
 from ngbrain.inverse.believable import of_frequency, of_size, of_tissue

@@ -25,7 +25,7 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.inverse.answers import derived, shear_of
 from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.evidence import best_prior

@@ -15,14 +15,14 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.held import check_held
-from ngbrain.forward.inertia import Inertia
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Load, RigidFace, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.supports import Support
-from ngbrain.forward.time_stepper import run_load_history
+from ngbrain.forward.common.dirichlet import Support
+from ngbrain.forward.common.loads import Load, RigidFace, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.solid.inertia import Inertia
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.edges import torn
 from ngbrain.ladder.local import SHARE, chosen, shares

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
 from ngbrain.ladder.quantities import State, embedded
 from ngbrain.solvers.linear import Solve

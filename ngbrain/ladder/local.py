@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.material import stiffness
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import stiffness
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.quantities import State, answer, embedded, slope
 from ngbrain.scene.loading import Ask
 

@@ -8,8 +8,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.scene.loading import Ask
 
 Array = np.ndarray

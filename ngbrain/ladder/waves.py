@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.ladder.quantities import Measured, along, percentile, point_in, within
 from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing

@@ -18,10 +18,10 @@ import numpy as np
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.points import inside
-from ngbrain.forward.readings import Displacements, Force, Reading
-from ngbrain.forward.replay import times_of
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.interpolation import inside
+from ngbrain.forward.sensitivity.readings import Displacements, Force, Reading
+from ngbrain.forward.sensitivity.transient.replay import times_of
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.found import Found, Iteration
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt

@@ -13,9 +13,9 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import Control, Progress, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import Control, Progress, StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import write_json
 from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.elements import centres

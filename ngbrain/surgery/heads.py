@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.points import quadrature_field, quadrature_points
+from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
 from ngbrain.image import Scan, Volume, check_extracted, mni152, read_scan
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES

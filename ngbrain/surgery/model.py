@@ -10,13 +10,13 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.forward.contact import Closing, Contact, Sliding, Touch
-from ngbrain.forward.forced import Press, PressedBody, Pressing
-from ngbrain.forward.friction import Friction, Moves
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import Control, ErrorControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
+from ngbrain.forward.contact.friction import Friction, Moves
+from ngbrain.forward.contact.rigid import Closing, Contact, Sliding, Touch
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import Control, ErrorControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen

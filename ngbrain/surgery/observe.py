@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.contact import SURFACE_ORDER, Contact, current_normal_area
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact, current_normal_area
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.scene import FACED
 from ngbrain.surgery.blades import Blade, patch
 

@@ -10,7 +10,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.forced import Press
+from ngbrain.forward.contact.force_control import Press
 from ngbrain.scene.programs import CLEAR
 
 NUDGE = 1e-5

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.stability import CREASE
-from ngbrain.forward.steps import Control, Progress
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.stability import CREASE
+from ngbrain.forward.transient.step_control import Control, Progress
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.parallel import Tell
 from ngbrain.solvers.record import NewtonRecord

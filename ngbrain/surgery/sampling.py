@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.points import evaluated
 from ngbrain.mesh.cleft import Cleft
 from ngbrain.surgery.injury import Strain, stretching_rate, von_mises

@@ -27,7 +27,7 @@ from scipy.ndimage import map_coordinates
 
 from ngbrain import parallel
 from ngbrain.errors import InputError, naming, nearest
-from ngbrain.forward.harmonic import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.io.finished import FinishedWork
 from ngbrain.io.versions import versions
 from ngbrain.io.whole import hdf5_image, whole

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.io.waves import WaveData
 from ngbrain.surrogate.looking import Answered, View, answered
 from ngbrain.surrogate.raster import UPRIGHT, Raster

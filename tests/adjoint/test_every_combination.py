@@ -7,7 +7,7 @@ from wavemodels import MODELS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.inverse.consistent import Drawn
 from ngbrain.inverse.misfit import Huber, LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown

@@ -3,9 +3,9 @@
 import ngsolve as ngs
 import pytest
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Traction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

@@ -7,9 +7,9 @@ from waves import number, square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
-from ngbrain.forward.kinematics import AntiPlane
-from ngbrain.forward.sensitivity import WaveModel
+from ngbrain.forward.common.kinematics import AntiPlane
+from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 
 G, FREQUENCY, SIDE = 2000 + 800j, 60.0, 0.05

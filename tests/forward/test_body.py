@@ -5,8 +5,8 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

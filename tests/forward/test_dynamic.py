@@ -8,11 +8,11 @@ from pressing import PRESS, Failing, run
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.inertia import GeneralizedAlpha, Inertia, Pace
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import ErrorControl, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia, Pace
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import ErrorControl, StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import QuadraticGrid, load, save
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block

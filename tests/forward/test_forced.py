@@ -5,13 +5,13 @@ import pytest
 from pressing import Failing, force
 
 from ngbrain.errors import ContactError, ConvergenceError, InputError
-from ngbrain.forward.contact import Contact, Sliding
-from ngbrain.forward.forced import CLOSE, Press, PressedBody, Pressing
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import ErrorControl, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.force_control import CLOSE, Press, PressedBody, Pressing
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact, Sliding
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import ErrorControl, StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Prony, Viscous, lab
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

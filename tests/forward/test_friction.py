@@ -6,11 +6,11 @@ import pytest
 from dragging import Drag, transient
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import Breakdown, ConvergenceError, Failure, InputError, InvertedElementError, SolverError, gave_up
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Spring, Traction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.time_stepper import run_load_history
+from ngbrain.forward.common.loads import Spring, Traction
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles

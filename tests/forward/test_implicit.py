@@ -8,11 +8,11 @@ from statics import cube, square
 
 from ngbrain import materials
 from ngbrain.adjoint.check import dot, taylor
-from ngbrain.forward.elements import Form
-from ngbrain.forward.implicit import Case, Equilibria, StaticModel
-from ngbrain.forward.load_path import newton_for
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import newton_for
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 

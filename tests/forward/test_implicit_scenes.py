@@ -9,14 +9,14 @@ from statics import cube, square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError, InvertedElementError, SolverError
-from ngbrain.forward.elements import Form
-from ngbrain.forward.implicit import Case, Equilibria, Held, Nodes, StaticModel
-from ngbrain.forward.implicit_equilibrium import Equilibrium
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium
+from ngbrain.forward.sensitivity.static_model import Case, Equilibria, Held, Nodes, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden
 
 MESH, SOFT = square(2, size=SIDE), NeoHooke(1e3)
@@ -309,7 +309,7 @@ def observation_forgotten(patch):
 
 
 def not_transposed(patch):
-    patch.setattr("ngbrain.forward.implicit_solve.Inverses.transposed", lambda self, r: self.solve(r))
+    patch.setattr("ngbrain.forward.sensitivity.tangent_inverse.Inverses.transposed", lambda self, r: self.solve(r))
 
 
 BUGS = {

@@ -4,8 +4,8 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import (
     Branch,
     Compressible,

@@ -7,12 +7,12 @@ from statics import square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
-from ngbrain.forward.implicit import Case, Nodes, StaticModel
-from ngbrain.forward.loads import Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.positions import Positions
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.reference_shape import Positions
+from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 
 SEEN = np.array([[0.02, 0.05], [0.05, 0.0], [0.08, 0.07]])

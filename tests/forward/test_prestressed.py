@@ -10,17 +10,17 @@ from statics import cube, square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.elements import Form
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.implicit import Equilibria, Held, Nodes
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityVolume, Pressure, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.prestressed import Prestressed, PrestressedModel
-from ngbrain.forward.prestressed_factor import Factor
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityVolume, Pressure, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.sensitivity.harmonic.prestressed import Prestressed, PrestressedModel
+from ngbrain.forward.sensitivity.harmonic.prestressed_factor import Factor
+from ngbrain.forward.sensitivity.static_model import Equilibria, Held, Nodes
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
 from ngbrain.materials import NeoHooke, Ogden, Shearing

@@ -5,10 +5,10 @@ import pytest
 from equilibria import SIDE, field, seen, tight, verify, weights
 from statics import cube, square
 
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.loads import Pressure, RigidFace, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Pressure, RigidFace, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import LinearElastic
 
 MESHES = {"plane": lambda: square(2, size=SIDE), "space": lambda: cube(2, size=SIDE)}

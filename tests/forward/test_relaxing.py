@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.load_path import newton_for
-from ngbrain.forward.loads import Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements
-from ngbrain.forward.through_time import RunModel
-from ngbrain.forward.time_stepper import run_load_history
+from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.readings import Displacements
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import newton_for
+from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.materials import Maxwell, NeoHooke, Ogden, Prony, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

@@ -10,10 +10,10 @@ from waves import square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward import sensitivity
-from ngbrain.forward.factors import Factorised
-from ngbrain.forward.harmonic import Absorbing, Harmonic
-from ngbrain.forward.sensitivity import BOUNDARY, Linearised, WaveModel
+from ngbrain.forward.harmonic.factors import Factorised
+from ngbrain.forward.harmonic.problem import Absorbing, Harmonic
+from ngbrain.forward.sensitivity.harmonic import wave_model as sensitivity
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials import Shearing
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from waves import square
 
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.sensitivity import WaveModel
-from ngbrain.forward.slopes import alike
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.sensitivity.harmonic.slopes import alike
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 
 OMEGA = 2 * np.pi * 60

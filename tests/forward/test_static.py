@@ -9,12 +9,12 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain import adjoint
 from ngbrain.errors import CollapseWarning, ConvergenceError, InputError
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityPressure, CavityVolume, RigidBody, RigidFace, Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.stability import softest
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, RigidBody, RigidFace, Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.statics.stability import softest
 from ngbrain.materials import Branch, NeoHooke, UnsplitNeoHooke, Viscous, logarithmic
 from ngbrain.mesh import block
 from ngbrain.solvers import linear
@@ -274,7 +274,7 @@ def test_a_reused_factor_leads_to_the_same_state(monkeypatch):
 
     monkeypatch.setattr(linear, "reused", spy)
     for worth in (10**9, 0):
-        monkeypatch.setattr("ngbrain.forward.problem.WORTH_REUSING", worth)
+        monkeypatch.setattr("ngbrain.forward.solid.problem.WORTH_REUSING", worth)
         pressing = {"bottom": 0, "top": (0, 0, -0.02)}
         body = Problem(graded(4, 1.0), {".*": Material(NeoHooke(1e3), 1e5)}, pressing, element="P2/P1")
         LoadPath(body).solve(newton=Newton(rtol=1e-10, xtol=1e-9, keep=0.0, worth=0, max_factorisations=40))
@@ -414,7 +414,7 @@ def test_the_softest_motion_of_few_unknowns_is_found_whole(monkeypatch):
     body = Problem(block((0.02, 0.025, 0.03), 0.015), tissue, down, element="P2")
     LoadPath(body).solve()
     nearest, motion = softest(body)
-    monkeypatch.setattr("ngbrain.forward.stability.FEW", body.fes.ndof)
+    monkeypatch.setattr("ngbrain.forward.statics.stability.FEW", body.fes.ndof)
     whole, same = softest(body)
     assert nearest == pytest.approx(whole, rel=1e-8)
     a, b = (each.vec.FV().NumPy() for each in (motion, same))

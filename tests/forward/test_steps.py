@@ -7,8 +7,8 @@ import pytest
 from pressing import PRESS, run
 
 from ngbrain.errors import InputError
-from ngbrain.forward.steps import ErrorControl, Progress, StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.transient.step_control import ErrorControl, Progress, StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 
 LAWS = {

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.loads import Pressure
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.loads import Pressure
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

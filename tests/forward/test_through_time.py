@@ -7,20 +7,24 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward import flow_forms, step_curvature, step_forms, tangents, through_time
-from ngbrain.forward.contact import Closing
-from ngbrain.forward.implicit import Nodes
-from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements, Force
-from ngbrain.forward.replay import Replay, times_of
-from ngbrain.forward.step_forms import StepForms
-from ngbrain.forward.step_turned import Shifted
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.tangents import FEW, MOST, Tangents
-from ngbrain.forward.through_time import Replayed, RunModel
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Closing
+from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.sensitivity.static_model import Nodes
+from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
+from ngbrain.forward.sensitivity.transient import run_model as through_time
+from ngbrain.forward.sensitivity.transient import step as step_forms
+from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
+from ngbrain.forward.sensitivity.transient import tangents
+from ngbrain.forward.sensitivity.transient.replay import Replay, times_of
+from ngbrain.forward.sensitivity.transient.run_model import Replayed, RunModel
+from ngbrain.forward.sensitivity.transient.step import StepForms
+from ngbrain.forward.sensitivity.transient.step_turned import Shifted
+from ngbrain.forward.sensitivity.transient.tangents import FEW, MOST, Tangents
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.flow import Flow
 from ngbrain.mesh import block

@@ -6,10 +6,10 @@ import pytest
 from replayed import HOLD, SIDE, plate, two_layers
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Displacements, Force
-from ngbrain.forward.through_time import RunModel
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Bounded, Fields, Log, Unknown

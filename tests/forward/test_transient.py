@@ -5,8 +5,8 @@ import pytest
 from pressing import PRESS, Failing, run
 
 from ngbrain.errors import ContactError, ConvergenceError, Failure, InvertedElementError
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
 from ngbrain.solvers.newton import Newton
 
@@ -152,8 +152,8 @@ def test_doubling_every_modulus_doubles_every_force(make_body, plate):
 
 def test_forces_after_a_step_are_those_that_balanced_in_it(plate):
     # A dashpot pulls with the flow within the step, which is gone as soon as the next one begins.
-    from ngbrain.forward.material import Material
-    from ngbrain.forward.problem import Problem
+    from ngbrain.forward.common.material import Material
+    from ngbrain.forward.solid.problem import Problem
     from ngbrain.mesh import block
 
     drive = plate((0, 4), (0, 2e-3))

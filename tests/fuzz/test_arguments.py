@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import ngbrain.materials as materials
 from ngbrain.errors import NgbrainError
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import modulus
 from ngbrain.mesh import Sizes, block, cleft_to

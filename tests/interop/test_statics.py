@@ -10,10 +10,10 @@ from statics import square
 from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
-from ngbrain.forward.implicit import Case, Held, StaticModel
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Force
+from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.interop import jax as to_jax
 from ngbrain.interop import torch as to_torch
 from ngbrain.interop import umbridge as to_umbridge

@@ -8,7 +8,7 @@ from differentiable import MODULUS, SIDE
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import ConvergenceError, InputError, MissingExtra
-from ngbrain.forward.sensitivity import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.interop.torch import function
 
 SIZE = 1e3

@@ -11,7 +11,7 @@ import pytest
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import MissingExtra
-from ngbrain.forward.sensitivity import Linearised
+from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.interop.umbridge import BEYOND, model
 
 HERE = Path(__file__).parent

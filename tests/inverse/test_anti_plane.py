@@ -7,8 +7,8 @@ from planewaves import grid, wave_number
 from waves import square
 
 from ngbrain.errors import InputError
-from ngbrain.forward.harmonic import Harmonic, Wave
-from ngbrain.forward.kinematics import AntiPlane
+from ngbrain.forward.common.kinematics import AntiPlane
+from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.uncertainty import uncertainty

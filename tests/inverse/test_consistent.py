@@ -4,7 +4,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.points import evaluation
+from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.inverse.consistent import Drawn, fitted
 from ngbrain.inverse.regularise import smooth
 from ngbrain.mesh.grid import boxes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.composition import ByLabel
 from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.experiment import Experiment

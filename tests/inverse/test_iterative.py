@@ -10,8 +10,8 @@ from ball_in_block import MIDDLE, RADIUS, SOFT, STIFF, body, cube, label_at, mea
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
-from ngbrain.forward.points import evaluation
-from ngbrain.forward.sensitivity import BOUNDARY, WaveModel
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners, regulariser_alone
 from ngbrain.inverse.iterative import Iterative
 from ngbrain.inverse.labels import by_label, shares

@@ -9,10 +9,10 @@ from replayed import model as run
 from statics import square
 
 from ngbrain.errors import InputError
-from ngbrain.forward.implicit import Case, StaticModel
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.parameters import Log, Scaled, Unknown
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import Ogden

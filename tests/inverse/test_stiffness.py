@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("nibabel", reason='nibabel is not installed; get it with: pip install "ngbrain[mri]"')
 
 from ngbrain.errors import InputError  # noqa: E402
-from ngbrain.forward.points import quadrature_points  # noqa: E402
+from ngbrain.forward.common.interpolation import quadrature_points  # noqa: E402
 from ngbrain.image.niftifile import write_nifti  # noqa: E402
 from ngbrain.image.volume import Volume  # noqa: E402
 from ngbrain.inverse.stiffness import read_stiffness  # noqa: E402

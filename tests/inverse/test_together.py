@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planewaves import grid, waves
 
-from ngbrain.forward.solves import Solves
+from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.rough import Rough

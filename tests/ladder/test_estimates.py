@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import SolverError
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import estimate
 from ngbrain.ladder.estimates import Estimate, in_section, neighbour, relative, roughly

@@ -9,9 +9,9 @@ import ngsolve as ngs
 import pytest
 from ngsolve.meshes import MakeStructured3DMesh
 
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import Ogden
 
 SIZE, EDGE, WAY = (36e-3, 24e-3, 48e-3), 9e-3, 1e-3

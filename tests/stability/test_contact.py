@@ -7,12 +7,12 @@ steeper than it can follow. Ours: the same.
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward import problem as forward_problem
-from ngbrain.forward.contact import Contact, offsets
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact, offsets
+from ngbrain.forward.solid import problem as forward_problem
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Ogden
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

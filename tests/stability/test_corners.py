@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ngbrain.forward.steps import StepControl
+from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.scene import Scene
 from ngbrain.surgery.checks import orders
 from ngbrain.surgery.model import Model

@@ -14,9 +14,9 @@ from ngsolve.meshes import MakeStructured2DMesh
 from statics import square
 
 from ngbrain.errors import StabilityWarning
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke
 
 BIOT = 1 - 0.5437

@@ -4,9 +4,9 @@ import ngsolve as ngs
 import numpy as np
 from free import even, stored, swing
 
-from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 

@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 from ball_in_block import MIDDLE, wave_data
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.sensitivity import BOUNDARY
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.blocks import Extensions, by_blocks, preconditioners
 from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.experiment import Experiment

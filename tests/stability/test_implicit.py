@@ -9,12 +9,12 @@ from statics import cube, square
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
-from ngbrain.forward import implicit_solve
-from ngbrain.forward.implicit import Case, Equilibria, StaticModel
-from ngbrain.forward.loads import Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Displacements, Force
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
+from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown

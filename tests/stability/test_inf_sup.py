@@ -9,8 +9,8 @@ from flow import STIFF, error, moved, pressure
 from statics import CUBE, cube, square
 
 from ngbrain.errors import InputError
-from ngbrain.forward.elements import Form, inf_sup
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form, inf_sup
+from ngbrain.forward.solid.problem import Problem
 
 # β for n = 2, 4, 8 on squares cut in two, and pressures that no displacement sees beyond the constant.
 STABLE = {"P2/P1": (0.367, 0.368, 0.366), "P3/P2": (0.271, 0.273, 0.273)}

@@ -14,10 +14,10 @@ from ngsolve.solvers import Newton as NgsolveNewton
 from statics import bonded, cube, square, tight
 
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityPressure
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import CavityPressure
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 
 ENERGIES = {0.1: 0.029547, 0.2: 0.131091, 0.3: 0.324616, 0.35: 0.463975}

@@ -11,10 +11,10 @@ import pytest
 from flow import STIFF, error, moved
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Traction
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Traction
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import LinearElastic
 from ngbrain.solvers.newton import Newton
 

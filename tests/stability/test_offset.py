@@ -8,10 +8,10 @@ import ngsolve as ngs
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke
 
 SIDE, DEPTH, HALF, ROUND = 0.02, 1e-3, 4e-3, 1e-3

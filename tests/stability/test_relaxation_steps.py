@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import SolverError
-from ngbrain.forward import history
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid import internal_variables as history
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, continuous

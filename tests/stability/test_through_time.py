@@ -6,13 +6,13 @@ import pytest
 from replayed import SIDE, plate
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.readings import Force
-from ngbrain.forward.replay import TIGHT, times_of
-from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.through_time import RunModel
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.readings import Force
+from ngbrain.forward.sensitivity.transient.replay import TIGHT, times_of
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import ErrorControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from planewaves import grid, wave_number
 
-from ngbrain.forward import harmonic
+from ngbrain.forward.harmonic import problem as harmonic
 from ngbrain.inverse import experiment
 from ngbrain.inverse.invert import invert
 from ngbrain.io.waves import WaveData

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from ngsolve.comp import IntegrationRuleSpace
 
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import CATALOGUE, Demiray, NeoHooke, Ogden, constants
 from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block

@@ -6,11 +6,11 @@ from pressing import force
 from scipy.integrate import solve_ivp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import ErrorControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column, Course, dose_left

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pressing import force
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import ErrorControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import ErrorControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import constants
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column

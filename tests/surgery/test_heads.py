@@ -10,8 +10,8 @@ from regridded import slanted, thick
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.image import Volume
 from ngbrain.image.segment import WHITE
 from ngbrain.image.tissues import template_place

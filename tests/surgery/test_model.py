@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ngbrain.errors import ContactError
-from ngbrain.forward.steps import ErrorControl, StepControl
+from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Steps, Tissue
 from ngbrain.surgery import model as surgery_model

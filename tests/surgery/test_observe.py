@@ -4,9 +4,9 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
 from ngbrain.scene import FACED

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from netgen.occ import Box, OCCGeometry
 
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import Cleft, block
 from ngbrain.surgery.runs import Peak

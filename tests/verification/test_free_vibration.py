@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from free import LENGTH, bar, even, stored, swing, turned, twist
 
-from ngbrain.forward.inertia import GeneralizedAlpha, Inertia
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous, fourier
 
 MU, RHO, RATE = 1000.0, 1000.0, 1e-2

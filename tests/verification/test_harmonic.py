@@ -8,11 +8,11 @@ from netgen.geom2d import SplineGeometry
 from scipy.special import jv
 from waves import cube, displacement, error, number, plane_wave, square
 
-from ngbrain.forward.harmonic import Absorbing, Harmonic, Wave
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.materials.modulus import Springpot
 

@@ -8,11 +8,11 @@ import pytest
 from equilibria import field, tight
 from statics import SIDE, cube, square
 
-from ngbrain.forward.implicit import Case, Held, StaticModel
-from ngbrain.forward.loads import Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.observations import Force, Functional
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.loads import Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.observations import Force, Functional
+from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden, density
 from ngbrain.materials.base import Deformation
 

@@ -7,14 +7,14 @@ import pytest
 from netgen.geom2d import SplineGeometry
 from pressing import force
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import RigidBody
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import RigidBody
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

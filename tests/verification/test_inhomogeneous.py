@@ -18,8 +18,8 @@ from finite_strain import (
     twisted,
 )
 
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke
 from ngbrain.solvers.newton import Newton
 

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.contact import Contact
-from ngbrain.forward.friction import Friction
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper, run_load_history
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper, run_load_history
 from ngbrain.materials import NeoHooke, Prony
 
 SIDE, MU = 0.02, 1e3

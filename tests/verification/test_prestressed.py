@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured3DMesh
 
-from ngbrain.forward.harmonic import Wave
-from ngbrain.forward.implicit import Held
-from ngbrain.forward.material import Material
-from ngbrain.forward.prestressed import PrestressedModel
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.harmonic.problem import Wave
+from ngbrain.forward.sensitivity.harmonic.prestressed import PrestressedModel
+from ngbrain.forward.sensitivity.static_model import Held
+from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke, Ogden
 
 LENGTH, WIDTH, MU, RHO, FREQUENCY, ETA = 0.1, 0.02, 2e3, 1000.0, 24.0, 0.15

@@ -8,11 +8,11 @@ import pytest
 from scipy.optimize import brentq
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact import Closing, Contact, Sliding
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
-from ngbrain.forward.steps import StepControl
-from ngbrain.forward.time_stepper import TimeStepper
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.step_control import StepControl
+from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive, Protocol

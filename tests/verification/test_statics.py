@@ -9,11 +9,11 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from scipy.optimize import brentq
 from statics import CUBE, SIDE, bonded, cook, cube, tight
 
-from ngbrain.forward.elements import Form
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import Spring, Traction, Weight
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke, squared_log
 from ngbrain.mesh import load
 from ngbrain.solvers.newton import Newton

@@ -11,11 +11,11 @@ import pytest
 from finite_strain import CAVITY, eighth_of_a_shell, quarter_of_a_ring, refined
 from statics import tight
 
-from ngbrain.forward.kinematics import Axisymmetric
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.loads import CavityPressure, CavityVolume, Pressure
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import MooneyRivlin, NeoHooke
 
 # Stretch of the cavity → pressure.

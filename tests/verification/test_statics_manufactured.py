@@ -12,9 +12,9 @@ import pytest
 from finite_strain import orders
 from statics import square, tight
 
-from ngbrain.forward.load_path import LoadPath
-from ngbrain.forward.material import Material
-from ngbrain.forward.problem import Problem
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import UnsplitNeoHooke, squared_log
 
 BULK, A = 10.0, 0.1

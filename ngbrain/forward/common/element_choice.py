@@ -1,0 +1,75 @@
+"""Which form a scene needs: the cheapest adequate one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.common.boundaries import sides, wall
+from ngbrain.forward.common.elements import Form
+
+COMPRESSIBLE = 20.0
+"""K/μ up to which displacements alone do."""
+LARGE = 20_000
+"""Elements from which on P4/L2(2) is no longer cheap: 700 000 unknowns in space."""
+STEEP = 220.0
+"""Degrees inside a body beyond which an edge is taken for re-entrant, not for a curve cut into facets."""
+
+
+def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[Form, str]:
+    """The cheapest adequate form, and why: by K/μ, and by whether solutions can be smooth on this mesh.
+
+    ratio   largest K/μ
+    held    boundary pattern → components that are held there
+    """
+    if ratio <= COMPRESSIBLE:
+        return Form(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
+    reason = rough(mesh, held)
+    if reason:
+        return Form(2, 1), f"{reason}: order 4 would gain little on it for its cost"
+    return Form(4, 2, False), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
+
+
+def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:
+    """Why a solution is not smooth on a mesh; nothing if it can be."""
+    regions = set(mesh.GetMaterials())
+    if len(regions) > 1:
+        return f"{len(regions)} regions"
+    if mesh.ne > LARGE:
+        return f"{mesh.ne} elements"
+    faces, meeting, angles = _edges(mesh)
+    if np.any(angles > STEEP):
+        return f"{np.sum(angles > STEEP)} re-entrant edges"
+    names = mesh.GetBoundaries()
+    count = [0] * len(names)
+    for pattern, components in held.items():
+        for i, match in enumerate(mesh.Boundaries(pattern).Mask()):
+            count[i] |= sum(1 << c for c in components) if match else 0
+    bits = np.array(count)[faces]
+    full = (1 << mesh.dim) - 1
+    first, second = bits[meeting[:, 0]], bits[meeting[:, 1]]
+    if np.any(((first == full) & (second == 0)) | ((second == full) & (first == 0))):
+        return "a clamped boundary meets a free one"
+    return ""
+
+
+def _edges(mesh: ngs.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boundary number of each surface element, pairs of neighbours among them, the angle (°) of the body between each two."""
+    elements, middles, outwards = wall(mesh, ".*")
+    corners = np.array([vertex.point for vertex in mesh.vertices])
+    normals = np.array([_normal(corners[[v.nr for v in e.vertices]]) for e in elements])
+    normals *= np.sign(np.sum(normals * outwards, axis=1))[:, None]
+    pairs = np.array([both for both in sides(mesh, elements).values() if len(both) == 2])
+    a, b = pairs.T
+    turn = np.degrees(np.arccos(np.clip(np.sum(normals[a] * normals[b], axis=1), -1, 1)))
+    convex = np.sum((middles[b] - middles[a]) * (normals[b] - normals[a]), axis=1) >= 0
+    return np.array([e.index for e in elements]), pairs, 180 + np.where(convex, -turn, turn)
+
+
+def _normal(points: np.ndarray) -> np.ndarray:
+    along = points[1] - points[0]
+    normal = np.array([along[1], -along[0]]) if points.shape[1] == 2 else np.cross(along, points[2] - points[0])
+    return normal / np.linalg.norm(normal)

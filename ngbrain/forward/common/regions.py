@@ -1,0 +1,60 @@
+"""Names and patterns of regions and boundaries, checked before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import ngsolve as ngs
+
+from ngbrain.arguments import of_type
+from ngbrain.errors import InputError, nearest
+from ngbrain.expressions import MOST, REPEATS, ways
+from ngbrain.forward.common.material import Material
+
+
+def check_types(mesh: ngs.Mesh, materials: Mapping[str, Material], supports: Mapping[str, object]) -> None:
+    """Raise `InputError` unless a body's arguments are a mesh, materials by pattern and supports by pattern."""
+    of_type("mesh", mesh, ngs.Mesh)
+    of_type("materials", materials, Mapping)
+    of_type("supports", supports, Mapping)
+    for pattern, material in materials.items():
+        of_type(f"materials[{pattern!r}]", material, Material)
+
+
+def check_regions(mesh: ngs.Mesh, patterns: Iterable[str], kind: str = "tissue") -> None:
+    """Raise `InputError` unless every region has one tissue (or other `kind` of thing); none of the patterns may be unknown."""
+    names, covered = mesh.GetMaterials(), set[int]()
+    for pattern in patterns:
+        found = _matches(f"{kind} region", pattern, mesh.Materials, names)
+        if twice := {names[i] for i in found & covered}:
+            wanted = f"a pattern without {', '.join(sorted(twice))}, which has a {kind} already"
+            raise InputError(f"{kind} region", repr(pattern), wanted)
+        covered |= found
+    if bare := {name for i, name in enumerate(names) if i not in covered}:
+        raise InputError(kind, f"not given for {', '.join(sorted(bare))}", f"a {kind} for every region of the mesh")
+
+
+def boundaries(mesh: ngs.Mesh, pattern: str) -> set[int]:
+    """Which boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    return _matches("boundary", pattern, mesh.Boundaries, mesh.GetBoundaries())
+
+
+def check_apart(mesh: ngs.Mesh, held: str, touched: Iterable[str]) -> None:
+    """Raise `InputError` if a boundary is both held ("": none is) and touched by a rigid body."""
+    names, loose = mesh.GetBoundaries(), set[int]().union(*(boundaries(mesh, t) for t in touched))
+    if both := boundaries(mesh, held) & loose if held else set():
+        wanted = f"a pattern without {', '.join(sorted({names[i] for i in both}))}, which a rigid body touches"
+        raise InputError("boundary", repr(held), wanted)
+
+
+def _matches(kind: str, pattern: str, find: Callable[[str], ngs.Region], names: Sequence[str]) -> set[int]:
+    """Which regions or boundaries a pattern matches; `InputError` if none, or if it is no pattern."""
+    if ways(pattern) > MOST:  # NGSolve would try for minutes, deaf to Ctrl-C
+        raise InputError(kind, repr(pattern), f"a name or a regular expression with {REPEATS}")
+    try:
+        found = {i for i, match in enumerate(find(pattern).Mask()) if match}
+    except RuntimeError as error:
+        raise InputError(kind, repr(pattern), f"a name or a regular expression ({error})") from error
+    if not found:
+        raise InputError(kind, repr(pattern), nearest(pattern, set(names)))
+    return found

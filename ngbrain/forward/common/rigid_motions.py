@@ -1,0 +1,125 @@
+"""Rigid motions that no support of a body prevents: seen from the supports and the mesh, before anything is assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import ngsolve as ngs
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.dirichlet import Supports
+from ngbrain.forward.common.kinematics import Axisymmetric, Solid
+from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Load, Pressure, Traction, Weight
+
+NO_HOLD = (CavityPressure, CavityVolume, Pressure, Traction, Weight)
+"""Loads that push and do not hold; of any other nothing is known, and it may."""
+ALMOST = 1e-6
+"""Singular value, of motions of length 1, below which a motion is not prevented."""
+
+
+def check_held(supports: Supports, loads: Sequence[Load], kinematics: Solid, axes: str = "xyz") -> None:
+    """Refuse a body that can move without straining.
+
+    Parameters
+    ----------
+    supports : Supports
+        What is held, of which mesh.
+    loads : sequence of Load
+        Those that act; where one of them may hold the body, nothing is refused.
+    kinematics : Solid
+        What the mesh stands for.
+    axes : str
+        What the mesh's axes are called in messages.
+
+    Raises
+    ------
+    InputError
+        Nothing prevents a motion; the message names all of them, or the region that hangs loose.
+    """
+    if not all(isinstance(load, NO_HOLD) for load in loads) or isinstance(kinematics, Axisymmetric):
+        return
+    mesh = supports.mesh
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    parts, materials = _components(mesh)
+    held = _held(supports)
+    for part in range(parts.max() + 1):
+        motions = _free(points, held & (parts == part)[:, None], parts == part, axes)
+        if not motions:
+            continue
+        where = "" if parts.max() == 0 else f"; region {' and '.join(materials[part])} hangs loose"
+        raise InputError(
+            "supports", f"without a hold against {', '.join(motions)}{where}", "supports that hold the whole body"
+        )
+
+
+def _components(mesh: ngs.Mesh) -> tuple[np.ndarray, list[list[str]]]:
+    """Of each vertex the number of the connected part that it is in, and the materials of each part."""
+    elements = [(element.mat, [vertex.nr for vertex in element.vertices]) for element in mesh.Elements(ngs.VOL)]
+    pairs = np.array([(vertices[0], other) for _, vertices in elements for other in vertices[1:]])
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(mesh.nv, mesh.nv))
+    count, parts = connected_components(graph, directed=False)
+    materials = [set[str]() for _ in range(count)]
+    for material, vertices in elements:
+        materials[parts[vertices[0]]].add(material)
+    used = [i for i, names in enumerate(materials) if names]  # the others are vertices of no element
+    numbers = np.full(count, -1)
+    numbers[used] = np.arange(len(used))
+    return numbers[parts], [sorted(materials[i]) for i in used]
+
+
+def _held(supports: Supports) -> np.ndarray:
+    """Which components of which vertices are held (nv, dim)."""
+    mesh = supports.mesh
+    found = np.zeros((mesh.nv, mesh.dim), bool)
+    for pattern, components in supports.held.items():
+        vertices = {vertex.nr for element in mesh.Boundaries(pattern).Elements() for vertex in element.vertices}
+        found[np.ix_(sorted(vertices), components)] = True
+    return found
+
+
+def _free(points: np.ndarray, held: np.ndarray, mine: np.ndarray, axes: str) -> list[str]:
+    """Names of the rigid motions of some points that none of them is held against."""
+    middle = points[mine].mean(axis=0)
+    x = (points - middle) / max(float(np.abs(points[mine] - middle).max()), 1e-300)
+    dim = points.shape[1]
+    turns = [(0, 1)] if dim == 2 else [(1, 2), (2, 0), (0, 1)]
+    modes = np.zeros((len(points), dim, dim + len(turns)))
+    modes[:, range(dim), range(dim)] = 1
+    for k, (i, j) in enumerate(turns, start=dim):
+        modes[:, i, k], modes[:, j, k] = -x[:, j], x[:, i]
+    rows = modes[held]
+    _, values, ways = np.linalg.svd(rows.T @ rows / max(len(rows), 1))
+    free = ways[values < ALMOST**2 * max(1.0, values[0])] if len(rows) else ways
+    if not len(free):
+        return []
+    along = [i for i in range(dim) if np.linalg.norm(free[:, i]) > 1 - 1e-6]
+    names = [f"translation along {axes[i]}" for i in along]
+    # What is left beside these: oblique translations and turns, each by the turn in it or, without one, by its way.
+    rest = free - free[:, along] @ np.eye(dim + len(turns))[along]
+    left = np.linalg.svd(rest)[2][: len(free) - len(along)]
+    _, sizes, spins = np.linalg.svd(left[:, dim:], full_matrices=True)
+    count = int(np.sum(sizes > 1e-6))
+    if dim == 2:
+        names += ["rotation"] * min(count, 1)
+    else:
+        names += _about(spins[:count], axes)
+    if extra := len(left) - count:
+        names.append("an oblique translation" if extra == 1 else f"{extra} oblique translations")
+    return names
+
+
+def _about(spins: np.ndarray, axes: str) -> list[str]:
+    """Names of rotations, by their axes: those of the mesh where these span them."""
+    own = [i for i in range(3) if len(spins) and np.linalg.norm(spins[:, i]) > 1 - 1e-6]
+    names = [f"rotation about {axes[i]}" for i in own]
+    if len(own) == len(spins) - 1:
+        rest = spins - spins[:, own] @ np.eye(3)[own]
+        way = np.linalg.svd(rest)[2][0]
+        way = way * np.sign(way[np.abs(way).argmax()]) + 0.0
+        names.append(f"rotation about ({', '.join(f'{c:.2g}' for c in way)})")
+    elif len(own) < len(spins):
+        names.append("rotations about two oblique axes")
+    return names

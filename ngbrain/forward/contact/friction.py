@@ -1,0 +1,244 @@
+"""Coulomb friction between a wall and a rigid body: one more boundary energy in every time step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpaceSurface
+
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.unknowns import Fields, Layout
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
+from ngbrain.materials.base import checked, positive
+
+TINY = 1e-14
+"""Keeps roots and quotients of numbers about 1 finite at zero."""
+
+Moves = Callable[[CoefficientFunction], CoefficientFunction]
+"""x ↦ how far (m) a rigid body's surface at x moves per metre of its way, a vector."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb friction in a `Contact`: the wall sticks to the body up to a traction μP, and slides with that.
+
+    With the elastic slip e and the displacement u₀ at the start of a time step, the body's own displacement b since then, and
+    the contact's normal n = ∇φ, the traction per reference area on the wall is -τ,
+
+        g = (1 - n⊗n)(e + u - u₀ - b),   τ = μP s(|g|/r) g/|g|,   s(y) = (3y - y³)/2 up to y = 1, and 1 beyond,
+
+    from an energy per area in g, which is convex and twice continuously differentiable. At the end of a step the elastic slip is
+    what of g is no longer than r, or none without a pressure: a wall that sticks goes no further than r, however many steps there
+    are, and comes back. P and n are those of the end of the step too, but are not varied: the tangent is symmetric and positive
+    semi-definite, and misses only what a change of P changes in τ.
+
+    contact      whose pressure P presses; it has to act on the same body
+    coefficient  μ
+    slip         r (m), by which a wall gives before it slides
+    moves        x ↦ b per metre of the contact's way; None: the body's surface stays, or moves along its normal
+
+    Raises `InputError` for a coefficient below 0 and a slip that is not above it. Source, with a penalty in place of the slip:
+    Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G.
+
+    >>> plate = Contact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
+    >>> Friction(plate, 0.1, 1e-5).wall
+    'top'
+    """
+
+    contact: Contact
+    coefficient: float
+    slip: float
+    moves: Moves | None = None
+
+    def __post_init__(self) -> None:
+        checked(self.coefficient, "friction coefficient", lambda mu: mu >= 0, "a number of at least 0")
+        positive(self.slip, "slip of friction")
+
+    @property
+    def wall(self) -> str:
+        """The contact's."""
+        return self.contact.wall
+
+    def energy(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
+        """Energy per reference area (J/m²)."""
+        square = ngs.InnerProduct(g, g) / self.slip**2
+        sticks, slides = square * (6 - square) / 8, _root(square) - 3 / 8
+        return self.coefficient * self.slip * pressure * ngs.IfPos(square - 1, slides, sticks)
+
+    def elastic(self, g: CoefficientFunction, pressure: CoefficientFunction) -> CoefficientFunction:
+        """What of g comes back (m)."""
+        square = ngs.InnerProduct(g, g) / self.slip**2
+        return ngs.IfPos(pressure, ngs.IfPos(square - 1, 1 / _root(square), 1), 0) * g
+
+
+class Grip:
+    """The frictions of a body in its present time step.
+
+    layout     what the unknowns are
+    fes        the problem's space
+    frictions  what rubs, if anything
+
+    `begin` a step, `hold` the state at which pressures and normals are taken, `finish` it. Attributes: `form`, the energies alone.
+    """
+
+    def __init__(self, layout: Layout, fes: ngs.FESpace, frictions: Sequence[Friction], kinematics: Solid) -> None:
+        self.layout, self.frictions = layout, frictions
+        self.form = ngs.BilinearForm(fes, symmetric=True)
+        self._rubs: list[_Rub] = []
+        if frictions:
+            self._now, self._start = ngs.GridFunction(fes), ngs.GridFunction(fes)
+            self._vec = self._now.vec.CreateVector()
+            self._rubs = [
+                _Rub(friction, layout.fields(self._now), layout.fields(self._start).u, kinematics)
+                for friction in frictions
+            ]
+            self.join(self.form)
+        self.finish()
+
+    def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
+        """Add the energies to a form of the body's, and give it back."""
+        for rub in self._rubs:
+            energy = rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)
+            form += ngs.Variation(energy.Compile() * rub.measure)
+        return form
+
+    def forms(self) -> list[tuple[str, ngs.BilinearForm]]:
+        """The energies one after the other, with their walls."""
+        found = []
+        for rub in self._rubs:
+            form = ngs.BilinearForm(self.form.space, symmetric=True)
+            form += ngs.Variation(
+                (rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)) * rub.measure
+            )
+            found.append((rub.friction.wall, form))
+        return found
+
+    def begin(self, x: np.ndarray) -> None:
+        """Begin a step at a state x, with the bodies where they are."""
+        if self.frictions:
+            self.frozen = {"start": x, "ways": [rub.way for rub in self._rubs], "slips": self.slips}
+
+    def hold(self, x: ngs.BaseVector) -> None:
+        """Take pressures and normals at a state."""
+        if self.frictions:
+            self._now.vec.data = x
+
+    def finish(self) -> None:
+        """End the step begun at the state held; forces can still be read."""
+        self.slips = [rub.end() for rub in self._rubs]
+
+    def forces(self) -> np.ndarray | float:
+        """Nodal forces at the state held, one for each unknown; 0 for all without friction."""
+        if not self.frictions:
+            return 0.0
+        self.form.Apply(self._now.vec, self._vec)
+        return self._vec.FV().NumPy().copy()
+
+    def work(self) -> float:
+        """What went into friction (J) from the start of the step to the state held, by the trapezoidal rule.
+
+        As the tissue's work is measured; in a step that turns back it is too little, and may be negative.
+        """
+        return sum((rub.integral(rub.work) for rub in self._rubs), 0.0)
+
+    def driving(self) -> float:
+        """∂(energy)/∂way (J/m) at the state held: what friction adds to `Contact.driving`."""
+        return sum((rub.integral(rub.driving) for rub in self._rubs), 0.0)
+
+    # Restart.
+
+    @property
+    def frozen(self) -> dict[str, Any]:
+        """All that the energies of the present step are made of, but for the state held."""
+        if not self.frictions:
+            return {}
+        slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self._rubs]
+        return {"start": _values(self._start).copy(), "ways": [rub.start.Get() for rub in self._rubs], "slips": slips}
+
+    @frozen.setter
+    def frozen(self, saved: dict[str, Any]) -> None:
+        if self.frictions:
+            _values(self._start)[:] = saved["start"]
+            for rub, way, slip in zip(self._rubs, saved["ways"], saved["slips"], strict=True):
+                rub.start.Set(way)
+                _values(rub.slip)[:], _values(rub.before)[:] = slip
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come."""
+        return {"slips": self.slips} if self.frictions else {}
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        if self.frictions:
+            self.slips = [np.array(slip) for slip in saved["slips"]]
+
+
+class _Rub:
+    """One friction: its fields on the wall.
+
+    slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
+    """
+
+    def __init__(self, friction: Friction, now: Fields, start: ngs.GridFunction, kinematics: Solid) -> None:
+        self.friction, contact = friction, friction.contact
+        mesh, u = now.u.space.mesh, now.u
+        self.weight = kinematics.weight()
+        self._on = mesh.Boundaries(friction.wall)
+        # Its rule is the contact's: of the same order, at whose points fields on it can be read.
+        points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self._on)
+        self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
+        self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, mesh.dim)) for _ in range(4))
+        self.start = ngs.Parameter(self.way)
+        x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u).MakeVariable()
+        self._normal = contact.distance(x).Diff(x)
+        self._pressure, self._before = contact.pressure(u, now.offset), start
+        moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * mesh.dim)
+        self._moved = (0.0 if contact.way is None else contact.way - self.start) * moves
+        gone = self._along(self._gone(u))
+        g = (gone + self._along(self.slip)).MakeVariable()
+        traction = friction.energy(g, self._pressure).Diff(g)
+        self._elastic, self._traction = friction.elastic(g, self._pressure).Compile(), traction.Compile()
+        self.work = (ngs.InnerProduct(traction + self.before, gone) / 2).Compile()
+        self.driving = (-ngs.InnerProduct(traction, moves)).Compile()
+
+    @property
+    def way(self) -> float:
+        """Of the contact, now (m)."""
+        way = self.friction.contact.way
+        return 0.0 if way is None else float(way.Get())
+
+    def energy(self, u: CoefficientFunction) -> CoefficientFunction:
+        """Energy per reference area (J/m²)."""
+        return self.friction.energy(self._along(self._gone(u) + self.slip), self._pressure)
+
+    def _gone(self, u: CoefficientFunction) -> CoefficientFunction:
+        return u - self._before - self._moved
+
+    def _along(self, v: CoefficientFunction) -> CoefficientFunction:
+        n = self._normal
+        return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
+
+    def end(self) -> np.ndarray:
+        """Elastic slip and traction at the state held."""
+        for field, value in zip(self._ends, (self._elastic, self._traction), strict=True):
+            field.Interpolate(value, definedon=self._on)
+        return np.array([_values(field) for field in self._ends])
+
+    def integral(self, value: CoefficientFunction) -> float:
+        """Over the wall."""
+        return float(ngs.Integrate(self.weight * value * self.measure, self.slip.space.mesh))
+
+
+def _root(square: CoefficientFunction) -> CoefficientFunction:
+    """Of what may be 0 where it is not needed."""
+    return ngs.sqrt(square + TINY)
+
+
+def _values(field: ngs.GridFunction) -> Any:
+    return field.vec.FV().NumPy()

@@ -1,0 +1,90 @@
+"""How stiff a body is, element by element, and the elastic energy that smooths its displacements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain
+from ngbrain.forward.harmonic.factors import sparse
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.materials.linear import OfSmallStrain
+
+Array = np.ndarray
+NEARLY = 100.0
+"""K/g at most: elements of low order are too stiff beyond."""
+
+
+def shear_stiffness(body: Harmonic, omega: float) -> ngs.CoefficientFunction:
+    """g (Pa, complex): twice the energy of a unit shear, the mean over the planes that coordinates span."""
+    law = law_of(body, omega)
+    n = 2 if body.mesh.dim == 2 and isinstance(body.kinematics, PlaneStrain) else 3
+    planes = [(i, j) for i in range(n) for j in range(i)]
+    total = ngs.CF(0.0)
+    if isinstance(body.kinematics, AntiPlane):
+        planes = [(2, 0), (2, 1)]
+    for i, j in planes:
+        total = total + 2 / len(planes) * law.energy(unit(n, (i, j), 0.5) + unit(n, (j, i), 0.5))
+    return total
+
+
+def law_of(body: Harmonic, omega: float) -> OfSmallStrain:
+    """The law at an angular frequency (rad/s)."""
+    return body.law if isinstance(body.law, OfSmallStrain) else body.law(omega)
+
+
+def unit(n: int, entry: tuple[int, int], value: float) -> ngs.CoefficientFunction:
+    """(n, n) with one entry that is not 0."""
+    values = np.zeros((n, n))
+    values[entry] = value
+    return ngs.CF(tuple(values.ravel()), dims=(n, n))
+
+
+def element_means(body: Harmonic, integrand: ngs.CoefficientFunction) -> ngs.GridFunction:
+    """Size of the mean over each element: enough to precondition with, and an integrand is evaluated once at each point."""
+    space = ngs.L2(body.mesh, order=0, complex=True)
+    sums, sizes = (ngs.LinearForm(space) for _ in range(2))
+    sums += (integrand + 0j * ngs.x).Compile() * space.TestFunction() * ngs.dx(intrules=body.rules)
+    sizes += (1 + 0j) * space.TestFunction() * ngs.dx(intrules=body.rules)
+    sums.Assemble()
+    sizes.Assemble()
+    mean = ngs.GridFunction(ngs.L2(body.mesh, order=0))
+    mean.vec.FV().NumPy()[:] = np.abs(sums.vec.FV().NumPy() / sizes.vec.FV().NumPy())
+    return mean
+
+
+def elastic(body: Harmonic, load: int, order: int) -> sp.csr_array:
+    """The matrix of 1/(ρω² V) ∫ K (tr ε)² + 2 g ε:ε dx for displacements of an order, V the volume of the body.
+
+    At 0 Hz with the frequency of the slowest wave of shear that fits in.
+    """
+    omega, mesh = body.waves[load].omega, body.mesh
+    shear = element_means(body, shear_stiffness(body, omega))
+    bulk = NEARLY * shear if body.bulk is None else element_means(body, ngs.CF(body.bulk))
+    bulk = ngs.IfPos(bulk - NEARLY * shear, NEARLY * shear, bulk)
+    slowest = np.pi**2 * ngs.Integrate(shear, mesh) / ngs.Integrate(1.0, mesh) ** (2 / mesh.dim)
+    inertia = max(omega**2 * ngs.Integrate(ngs.CF(body.density), mesh), slowest)
+    space = ngs.H1(mesh, order=order) if body.axes == "z" else ngs.VectorH1(mesh, order=order)
+    trial, test = space.TnT()
+    strain = body.strain(trial, ngs.Grad(trial)).MakeVariable()
+    energy = bulk / 2 * ngs.Trace(strain) ** 2 + shear * ngs.InnerProduct(strain, strain)
+    form = ngs.BilinearForm(space)
+    form += body.kinematics.weight() * energy.Diff(strain, body.strain(test, ngs.Grad(test))) * ngs.dx
+    form.Assemble()
+    return sparse(form.mat) / inertia
+
+
+def definite(matrix: sp.coo_array) -> Callable[[Array], Array]:
+    """Solves with a symmetric, positive definite matrix."""
+    made = ngs.la.SparseMatrixd.CreateFromCOO(*matrix.coords, matrix.data, *matrix.shape)
+    inverse, given, found = made.Inverse(inverse="sparsecholesky"), made.CreateColVector(), made.CreateColVector()
+
+    def solve(r: Array) -> Array:
+        given.FV().NumPy()[:] = r
+        found.data = inverse * given
+        return found.FV().NumPy().copy()
+
+    return solve

@@ -1,0 +1,133 @@
+"""How the matrix of a body changes with its fields, between waves; and along which fields it changes alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.forward.harmonic.problem import Change, Harmonic, derivative, vanishes
+
+Array = np.ndarray
+Pair = tuple[Array, Array]
+SAME = 1e-10
+"""Part of a slope up to which another one's multiple is the same."""
+APART = 0.1
+"""Part of their values by which fields are changed to see what holds for any."""
+
+
+def along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
+    """From an integrand to its derivative along a change of a field."""
+    return lambda work: derivative(work, field, direction, "density or absorbing")
+
+
+def complexified(space: ngs.FESpace) -> ngs.FESpace:
+    """The space over the complex numbers, where forms with complex waves live."""
+    return type(space)(space.mesh, order=space.globalorder, complex=True)
+
+
+class Slope:
+    """Σ vᵀ (∂A/∂θ_i) u over so many pairs of waves u, v, for each unknown θ_i of a field: complex, by one linear form.
+
+    The form is made once: compiled, at the fields' values when it is called. `turn` changes ∂A/∂θ_i, into its derivative say.
+    """
+
+    def __init__(
+        self,
+        body: Harmonic,
+        omega: float,
+        field: ngs.GridFunction,
+        pairs: int,
+        turn: Change = lambda work: work,
+    ) -> None:
+        space = complexified(field.space)
+        self._form = ngs.LinearForm(space)
+        self._pairs = [(ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)) for _ in range(pairs)]
+        change = along(field, space.TestFunction())
+
+        def compiled(work: CoefficientFunction) -> CoefficientFunction:
+            changed = change(work)
+            changed = changed if vanishes(changed) else turn(changed)
+            return changed if vanishes(changed) else changed.Compile()
+
+        for u, v in self._pairs:
+            work = body.terms(omega, u, v, compiled)
+            if work is not None:
+                self._form += work
+
+    def __call__(self, pairs: Sequence[Pair]) -> Array:
+        """Of these waves (ndof,) each."""
+        for functions, waves in zip(self._pairs, pairs, strict=True):
+            for function, wave in zip(functions, waves, strict=True):
+                function.vec.FV().NumPy()[:] = wave
+        self._form.Assemble()
+        return np.asarray(self._form.vec.FV().NumPy().copy())
+
+
+def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, tuple[str, complex]]:
+    """Field → the first one, and the r, with ∂A/∂field = r ∂A/∂first whatever the fields are; else itself and 1.
+
+    So r = i for the loss modulus in G' + iG'', and iω for a viscosity. Tried, not deduced: between random waves, of two sets of
+    random values around the fields' own, which stay as they are.
+
+    >>> from ngbrain.forward.harmonic.problem import Wave
+    >>> from ngbrain.materials import Shearing
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
+    >>> storage, loss = ngs.GridFunction(ngs.H1(mesh)), ngs.GridFunction(ngs.H1(mesh))
+    >>> storage.Set(2000.0), loss.Set(800.0)
+    (None, None)
+    >>> body = Harmonic(mesh, Shearing(storage + 1j * loss), [Wave(50.0)], bulk=1e5, form="P2")
+    >>> found = alike(body, {"storage": storage, "loss": loss}, body.waves[0].omega)
+    >>> [(first, complex(np.round(r, 6))) for first, r in found.values()]
+    [('storage', (1+0j)), ('storage', 1j)]
+    """
+    if len(fields) < 2:
+        return {name: (name, 1.0) for name in fields}
+    slopes = _tried(body, fields, omega)
+    firsts: list[str] = []
+    found: dict[str, tuple[str, complex]] = {}
+    for name, mine in slopes.items():
+        for first in firsts:
+            other = slopes[first]
+            if len(other) == len(mine):
+                r = complex(np.vdot(other, mine) / np.vdot(other, other))
+                if np.linalg.norm(mine - r * other) <= SAME * np.linalg.norm(mine):
+                    found[name] = (first, r)
+                    break
+        else:
+            found[name] = (name, 1.0)
+            if mine.any():
+                firsts.append(name)
+    return found
+
+
+def _tried(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) -> dict[str, Array]:
+    rng = np.random.default_rng(0)
+    kept = {name: field.vec.FV().NumPy().copy() for name, field in fields.items()}
+    parts: dict[str, list[Array]] = {name: [] for name in fields}
+    try:
+        for _ in range(2):
+            for name, field in fields.items():
+                field.vec.FV().NumPy()[:] = _changed(kept[name], rng)
+            pair = _random(body, rng), _random(body, rng)
+            for name, field in fields.items():
+                parts[name].append(Slope(body, omega, field, 1)([pair]))
+    finally:
+        for name, field in fields.items():
+            field.vec.FV().NumPy()[:] = kept[name]
+    return {name: np.concatenate(each) for name, each in parts.items()}
+
+
+def _changed(values: Array, rng: np.random.Generator) -> Array:
+    """Of the same sign; what is nothing becomes something, of the others' size."""
+    size = np.abs(values).mean() or 1.0
+    return np.where(
+        values, values * (1 + APART * rng.uniform(-1, 1, len(values))), APART * size * rng.random(len(values))
+    )
+
+
+def _random(body: Harmonic, rng: np.random.Generator) -> Array:
+    return np.asarray(rng.normal(size=body.fes.ndof) + 1j * rng.normal(size=body.fes.ndof))

@@ -1,0 +1,80 @@
+"""Where points of bodies are when they are loaded, while the shape without loads is what is looked for."""
+
+from __future__ import annotations
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.sensitivity.parameter_blocks import Nodes
+from ngbrain.forward.sensitivity.static_model import Equilibria, StaticModel
+
+Array = np.ndarray
+
+
+class Positions:
+    """From θ to x = X + s(X) + u(X): positions (m) under loads of points X of the mesh as it was made, s its nodes' shift.
+
+    model   of bodies on one mesh, of which nothing but `Displacements(points)` is seen, in each case
+    nodes   the name of its parameter `Nodes`
+    points  X (n, 2 or 3) m; all components of the first point first, as there
+
+    Raises `InputError` where the model has no such parameter or sees something else.
+
+    >>> from ngbrain.forward.sensitivity.static_model import Case
+    >>> from ngbrain.forward.common.loads import Weight
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.forward.sensitivity.observations import Displacements
+    >>> from ngbrain.forward.solid.problem import Problem
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh.grid import rectangles
+    >>> mesh = rectangles(np.linspace(0, 0.1, 3), np.linspace(0, 0.1, 3))
+    >>> nodes, seen = Nodes(mesh), [[0.05, 0.0]]
+    >>> body = Problem(mesh, {".*": Material(NeoHooke(1e3), 1e4)}, {"top": 0}, [Weight((0, -1e3))], element="P2")
+    >>> model = Positions(StaticModel([Case(body, [Displacements(seen)])], {"nodes": nodes}), "nodes", seen)
+    >>> hanging = model.at(np.zeros(nodes.size)).data
+    >>> bool(abs(hanging[0] - 0.05) < 1e-9 and -0.01 < hanging[1] < 0)
+    True
+    """
+
+    def __init__(self, model: StaticModel, nodes: str, points: Array) -> None:
+        part, points = model.parts.get(nodes), np.asarray(points, float)
+        if not isinstance(part, Nodes):
+            raise InputError("nodes", repr(nodes), "the name of a parameter Nodes(mesh)")
+        n, dim = points.shape
+        if any(each.size != n * dim or not each.linear for each in model.equilibria):
+            raise InputError("model", "other observations", f"Displacements of the {n} points alone, in each case")
+        self.model, self.points = model, points
+        scalar = evaluation(ngs.H1(part.mesh, order=1), points)
+        by_point = np.arange(n * dim).reshape(dim, n).T.ravel()
+        one = sp.csr_array(sp.block_diag([scalar] * dim, format="csr")[by_point])
+        shifted = sp.vstack([one] * len(model.equilibria), format="csr")
+        chosen = sp.eye_array(model.size, format="csr")[model.blocks[nodes]]
+        self.shifts = sp.csr_array(shifted @ chosen)
+        """∂s/∂θ at the points of all cases."""
+
+    def at(self, theta: Array) -> Placed:
+        """Positions at θ, and their derivatives."""
+        return Placed(self, self.model.at(theta))
+
+
+class Placed:
+    """Positions at one θ; as `Equilibria`."""
+
+    def __init__(self, of: Positions, there: Equilibria) -> None:
+        self._shifts, self._there = of.shifts, there
+        self.data = np.tile(of.points.ravel(), len(there.states)) + self._shifts @ there.theta + there.data
+
+    def push(self, direction: Array) -> Array:
+        """J δθ."""
+        return np.asarray(self._there.push(direction) + self._shifts @ direction)
+
+    def pull(self, w: Array) -> Array:
+        """Jᵀ w."""
+        return np.asarray(self._there.pull(w) + self._shifts.T @ w)
+
+    def gradient(self, w: Array) -> Array:
+        """The same, cheaper for a single product."""
+        return np.asarray(self._there.gradient(w) + self._shifts.T @ w)

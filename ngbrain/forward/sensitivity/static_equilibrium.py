@@ -1,0 +1,188 @@
+"""One body in equilibrium for any θ: how it gets there, and the forms that its derivatives are made of.
+
+With a state u, data d = B(u, θ), weights w of the data and an adjoint λ, all derivatives are those of one functional,
+
+    L(u, θ; w, λ) = w · B(u, θ) - R(u; θ)[λ] ,    ∂L/∂u = 0 is what λ has to solve, ∂L/∂θ the gradient of w · d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import gave_up
+from ngbrain.forward.sensitivity.observations import Observation
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
+from ngbrain.forward.sensitivity.virtual_work import Motion, Terms, Work, slope, vector
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import newton_for
+from ngbrain.solvers import continuation
+from ngbrain.solvers.linear import Solve
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import Work as Done
+
+Array = np.ndarray
+RTOL, XTOL = 1e-10, 1e-9
+"""Of Newton's method: derivatives are of equilibria, and as exact as these."""
+SHORTEST = 1 / 16
+"""Part of a way from one θ to the next below which it is not cut further."""
+FACTORISATIONS = 5
+"""That a step along such a way may take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A body under its loads, and what is seen of it."""
+
+    body: Problem
+    observations: Sequence[Observation]
+
+
+class Equilibrium:
+    """A case's body as θ changes.
+
+    blocks   name → what the body may be made of
+    newton   settings of Newton's method
+    steps    load steps from rest
+    """
+
+    def __init__(self, case: Case, blocks: Mapping[str, Block], newton: Newton | None, steps: int) -> None:
+        self.body, self.blocks, self.steps = case.body, blocks, steps
+        self.newton = newton or newton_for(self.body, rtol=RTOL, xtol=XTOL)
+        self.seen = [observation.on(self.body) for observation in case.observations]
+        self.slices = places([seen.size for seen in self.seen])
+        self.size = sum(seen.size for seen in self.seen)
+        self.linear = all(seen.matrix is not None for seen in self.seen)
+        """Whether all data are B u."""
+        self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
+        self.inverse: Solve | None = None
+        """The last factor, which Newton's method begins with."""
+        self.work = Done()
+        self._work, self._now = Work(self.body), self.body.gfu
+        self._trial, self._test = self.body.fes.TnT()
+
+    # How it gets there.
+
+    def reach(self, put: Callable[[float], None], last: Array | None) -> Array:
+        """Equilibrium at `put(1)`, from the one at `put(0)`: along the way between if need be, and last from rest.
+
+        Raises `InvertedElementError` or `ConvergenceError`.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # a law that overflows is an energy that is not finite
+            reached = None if last is None else self._along(put, last)
+            return self._from_rest(put) if reached is None else reached
+
+    def _from_rest(self, put: Callable[[float], None]) -> Array:
+        put(1.0)
+        self.body.changed()
+        newton = replace(self.newton, inverse=None, largest=0.0)
+        reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
+        self.work += record.work
+        self.inverse = newton.inverse
+        if not record.converged:
+            said = f"no equilibrium: {record.reason}; try parameters nearer to the last that had one"
+            raise gave_up(said, record.failure)
+        return reached
+
+    def _along(self, put: Callable[[float], None], x: Array) -> Array | None:
+        at, step = 0.0, 1.0
+        while step >= SHORTEST:
+            goal = min(1.0, at + step)
+            put(goal)
+            self.body.changed()
+            newton = replace(self.newton, inverse=self.inverse, max_factorisations=FACTORISATIONS)
+            found, record = newton.solve(self.body, self.body.load(x, 1.0))
+            self.work += record.work
+            self.inverse = newton.inverse
+            if not record.converged:
+                step /= 2
+                continue
+            x, at = found, goal
+            if at >= 1:
+                return x
+        return None
+
+    # What is seen, and its derivatives. All at the body's state.
+
+    def values(self) -> Array:
+        """Data (size,)."""
+        return np.concatenate([seen.values() for seen in self.seen])
+
+    def weigh(self, w: Array) -> None:
+        """Set the weights of L."""
+        for seen, where in zip(self.seen, self.slices, strict=True):
+            seen.weigh(w[where])
+
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """L at a state, and its derivative along each motion; of what is no matrix."""
+        parts = [term for seen in self.seen for term in seen.functional(state, *along)]
+        return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
+
+    @cached_property
+    def by_state(self) -> Callable[[], Array]:
+        """∂L/∂u (ndof,)."""
+        return slope(self.body, self.functional(self._trial))
+
+    @cached_property
+    def by_theta(self) -> Callable[[], Array]:
+        """∂L/∂θ, all blocks one after the other."""
+        return self._slopes(self.functional(self._now))
+
+    @cached_property
+    def stretched(self) -> Callable[[], Array]:
+        """K times `change` (ndof,)."""
+        return vector(self.body.fes, self._work(self._now, self._test, self.change))
+
+    @cached_property
+    def quadratic(self) -> bool:
+        """Whether the energy is so in the state, as in linear elasticity: the tangent is the same at all states."""
+        forces, tangent = self._work(self._trial, self.adjoint), self._work(self._trial, self.adjoint, self.change)
+        # Forces do follow the state: where that is not seen, nothing that is not seen is believed.
+        return any(term.follows_trial for term in forces) and not any(term.follows_trial for term in tangent)
+
+    def turned(self) -> tuple[Array, Array]:
+        """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
+        by_state, by_theta = (of() for of in self._turned_slopes)
+        for block in self.blocks.values():
+            if isinstance(block, Nodes):
+                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]))
+                by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
+        return by_state, by_theta
+
+    @cached_property
+    def _turned_slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
+        return slope(self.body, self._turned(self._trial)), self._slopes(self._turned(self._now))
+
+    def _turned(self, state: Motion) -> Terms:
+        return self.functional(state, self.change) + self._along_blocks(self.functional(state))
+
+    def sensitivity(self) -> sp.csr_array:
+        """∂R/∂θ (ndof, blocks)."""
+        return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
+
+    @cached_property
+    def _columns(self) -> list[Callable[[], sp.csr_array]]:
+        parts = self._work(self._now, self._test)
+        return [block.columns(self.body.fes, parts) for block in self.blocks.values()]
+
+    def _along_blocks(self, parts: Terms) -> Terms:
+        return [term for b in self.blocks.values() if not isinstance(b, Nodes) for term in b.along(parts)]
+
+    def _slopes(self, parts: Terms) -> Callable[[], Array]:
+        slopes = [block.slope(parts, self.body.mesh) for block in self.blocks.values()]
+        return lambda: np.concatenate([slope() for slope in slopes])
+
+    # Observations that are matrices are left out of L.
+
+    def spread(self, w: Array) -> Array:
+        """Bᵀ w of the matrices (ndof,)."""
+        b = np.zeros(self.body.fes.ndof)
+        for seen, where in zip(self.seen, self.slices, strict=True):
+            if seen.matrix is not None:
+                b += seen.matrix.T @ w[where]
+        return b

@@ -1,0 +1,328 @@
+"""How bodies in equilibrium change with anything that their energy is made of, as a model for inversions.
+
+Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
+
+    J δθ = B_u δu + B_θ δθ ,   K δu = -R_θ δθ - K δg        one solve for each body
+    Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
+    (w·d)'' δθ:                two solves more, `Equilibria.second`
+
+R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `implicit_work`; second ones by
+node positions from differences of first ones, see `differences`.
+Source: Plessix 2006, 10.1111/j.1365-246X.2006.02978.x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Parameter, block, places
+from ngbrain.forward.sensitivity.static_equilibrium import Case, Equilibrium
+from ngbrain.forward.sensitivity.tangent_inverse import Inverses
+from ngbrain.forward.sensitivity.virtual_work import Term
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.solvers.newton import Newton
+
+__all__ = ["Case", "Equilibria", "Held", "Nodes", "StaticModel"]
+
+Array = np.ndarray
+
+
+class StaticModel:
+    """From a vector θ to what is seen of bodies in equilibrium (real).
+
+    cases       bodies under their loads, which share parameters, each with its observations
+    parameters  name → what is θ, one after the other: a GridFunction (all its unknowns) or a `Parameter` that materials or
+                loads are made of, `Held(body, boundary)`, what is prescribed there, or `Nodes(mesh)`, where its nodes are
+    newton      settings; by default so tight that derivatives are exact to ten digits
+    steps       load steps from rest, which the first equilibrium and one that is lost begin with
+
+    A θ without an equilibrium raises `ConvergenceError` or `InvertedElementError`, which optimisers take for a step too far.
+    Equilibria are looked for from the last one: the same θ may have others. Raises `InputError` for a parameter of no use.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.forward.sensitivity.observations import Displacements, Force
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> cube = block((0.1, 0.1, 0.1), 0.1)
+    >>> mu = ngs.GridFunction(ngs.L2(cube, order=0)); mu.Set(1e3)
+    >>> body = Problem(cube, {".*": Material(NeoHooke(mu), 5e3)}, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2")
+    >>> model = StaticModel([Case(body, [Displacements([[0.05, 0.05, 0.05]]), Force("top")])], {"mu": mu})
+    >>> there = model.at(model.theta)
+    >>> len(there.data), len(there.gradient(there.data)) == cube.ne
+    (6, True)
+    """
+
+    def __init__(
+        self,
+        cases: Sequence[Case],
+        parameters: Mapping[str, Parameter],
+        newton: Newton | None = None,
+        steps: int = 1,
+    ) -> None:
+        if not cases or not all(case.observations for case in cases):
+            raise InputError("cases", "nothing that is seen", "one body or more, each with an observation or more")
+        self.parts = {name: block(name, of) for name, of in parameters.items()}
+        sizes = [part.size for part in self.parts.values()]
+        self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
+        for name, part in self.parts.items():
+            for case in cases:
+                if not isinstance(part, Nodes):
+                    _check_supports(name, part, case.body)
+        self.equilibria = [Equilibrium(case, self.parts, newton, steps) for case in cases]
+        self.slices = places([each.size for each in self.equilibria])
+        self.observed = places([seen.size for each in self.equilibria for seen in each.seen])
+        """Where each observation is in the data."""
+        self.solves = Solves()
+        self._now: Equilibria | None = None
+        self._last: Equilibria | None = None
+
+    @property
+    def theta(self) -> Array:
+        """θ as the bodies have it now."""
+        return np.concatenate([part.value for part in self.parts.values()])
+
+    def at(self, theta: Array) -> Equilibria:
+        """Equilibria at θ, and their derivatives."""
+        theta = np.array(theta, float)
+        if theta.shape != (self.size,):
+            raise InputError("theta", f"of shape {theta.shape}", f"{self.size} numbers")
+        if not np.all(np.isfinite(theta)):
+            raise ConvergenceError("parameters that are not finite have no equilibrium: a step too far")
+        last, states = self._last, []
+        if last is not None and last is self._now:
+            last.hand_over()
+        self._now = None
+
+        def put(s: float) -> None:
+            self.put(theta if s == 1 or last is None else last.theta + s * (theta - last.theta))
+
+        for k, each in enumerate(self.equilibria):
+            done = each.work.factorisations
+            try:
+                states.append(each.reach(put, None if last is None else last.states[k]))
+            finally:
+                self.solves.factorisations += each.work.factorisations - done
+        self.solves.count("forward", len(states))
+        self._now = self._last = Equilibria(self, theta, states)
+        return self._now
+
+    def forget(self) -> None:
+        """Look for the next equilibrium from rest."""
+        self._last = None
+        for each in self.equilibria:
+            each.inverse = None
+
+    def put(self, theta: Array) -> None:
+        """Give θ to the bodies."""
+        for name, part in self.parts.items():
+            part.put(theta[self.blocks[name]])
+
+    def bring(self, there: Equilibria) -> None:
+        """Back to equilibria of before, if others were looked for since."""
+        if self._now is there:
+            return
+        changed = self._now is None or not np.array_equal(self._now.theta, there.theta)
+        self.put(there.theta)
+        for each, x in zip(self.equilibria, there.states, strict=True):
+            each.body.state = each.body.load(x, 1.0)
+            if changed:
+                each.body.changed()
+        there.assemble()
+        self._now = there
+
+    def split(self, data: Array) -> list[list[Array]]:
+        """Data by case and observation."""
+        return [[data[of][s] for s in each.slices] for of, each in zip(self.slices, self.equilibria, strict=True)]
+
+
+class Equilibria:
+    """Equilibria at one θ: `data` (m,), all cases one after the other, and the products of J, Jᵀ and the second derivatives.
+
+    states  all unknowns of each body
+    """
+
+    def __init__(self, model: StaticModel, theta: Array, states: list[Array]) -> None:
+        self.model, self.theta, self.states = model, theta, states
+        self.data = np.concatenate([each.values() for each in model.equilibria])
+        self._inverses: dict[int, Inverses] = {}
+        self._adjoints: tuple[Array, list[Array]] | None = None
+
+    def push(self, direction: Array) -> Array:
+        """J δθ, as `data`."""
+        changes = []
+        for change, (by_state, by_theta) in zip(self.along(direction), self.observed, strict=True):
+            changes.append(by_state @ change + by_theta @ direction)
+        return np.concatenate(changes)
+
+    def along(self, direction: Array) -> list[Array]:
+        """How the bodies' states change."""
+        return [self._along(k, direction) for k in self._cases()]
+
+    def pull(self, w: Array) -> Array:
+        """Jᵀ w, by the matrices that `push` uses."""
+        total = np.zeros(self.model.size)
+        shaped("w", np.shape(w), self.data.shape)
+        for k in self._cases():
+            by_state, by_theta = self.observed[k]
+            part = w[self.model.slices[k]]
+            b = by_state.T @ part
+            adjoint = self._inverse(k).transposed(b)
+            total += by_theta.T @ part - self.sensitivities[k].T @ adjoint
+            self._add_held(k, total, lambda k=k, b=b, a=adjoint: b + self._by_state(k, a))  # type: ignore[misc]
+        self.model.solves.count("incremental", len(self.states))
+        return total
+
+    def gradient(self, w: Array) -> Array:
+        """The same as `pull` by one linear form for each block: cheaper for a single product."""
+        total, adjoints = np.zeros(self.model.size), self._solved(w)
+        for k in self._cases():
+            each = self.model.equilibria[k]
+            self._set(k, w, adjoints[k])
+            total += each.by_theta()
+            self._add_held(k, total, lambda k=k, each=each: each.spread(w[self.model.slices[k]]) + each.by_state())  # type: ignore[misc]
+        return total
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(w · d)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope."""
+        total, adjoints = np.zeros(self.model.size), self._solved(w)
+        for name, part in self.model.parts.items():
+            part.turn(direction[self.model.blocks[name]])
+        for k in self._cases():
+            each = self.model.equilibria[k]
+            _put(each.change, self._along(k, direction))
+            self._set(k, w, adjoints[k])
+            b, slopes = each.turned()
+            total += slopes
+            adjoint = self._inverse(k).transposed(b)
+            self._set(k, None, adjoint)
+            total += each.by_theta()
+            self._add_held(k, total, lambda each=each, b=b: b + each.by_state())  # type: ignore[misc]
+        self.model.solves.count("incremental", len(self.states))
+        return total
+
+    def influence(self, seed: int = 0) -> dict[str, float]:
+        """Parameter → how much data change with it, both relative to their sizes, over the most that they do with any.
+
+        By one adjoint solve of random weights (`seed`). Of what has 1e-8 or less, data tell nothing.
+        """
+        observed = [part for case in self.model.split(self.data) for part in case]
+        sizes = np.concatenate([np.full(len(part), np.abs(part).max() or 1.0) for part in observed])
+        slope = self.gradient(np.random.default_rng(seed).normal(size=len(sizes)) / sizes) * self.theta
+        found = {name: float(np.linalg.norm(slope[where])) for name, where in self.model.blocks.items()}
+        most = max(found.values()) or 1.0
+        return {name: size / most for name, size in found.items()}
+
+    @cached_property
+    def sensitivities(self) -> Sequence[sp.csr_array]:
+        """∂R/∂θ of each body (ndof, size), assembled when first asked for."""
+        return [self.model.equilibria[k].sensitivity() for k in self._cases()]
+
+    @cached_property
+    def observed(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
+        """∂B/∂u and ∂B/∂θ of each body."""
+        return [self._rows(k) for k in self._cases()]
+
+    def hand_over(self) -> None:
+        """Give factors to Newton's method, which begins with them at the next θ."""
+        for k, inverses in self._inverses.items():
+            self.model.equilibria[k].inverse = inverses.factor or self.model.equilibria[k].inverse
+
+    def assemble(self) -> None:
+        """Make what the inverses use anew, at the bodies' states."""
+        for inverses in self._inverses.values():
+            inverses.assemble()
+
+    def _cases(self) -> range:
+        self.model.bring(self)
+        return range(len(self.states))
+
+    def _inverse(self, k: int) -> Inverses:
+        if k not in self._inverses:
+            each = self.model.equilibria[k]
+            self._inverses[k] = Inverses(each.body, self.model.solves, each.quadratic)
+        return self._inverses[k]
+
+    def _along(self, k: int, direction: Array) -> Array:
+        each = self.model.equilibria[k]
+        b, driven = -(self.sensitivities[k] @ direction), np.zeros(len(self.states[k]))
+        for part, where in self._held(k):
+            driven[part.places] = direction[where]
+        if driven.any():
+            _put(each.change, driven)
+            b -= each.stretched()
+        self.model.solves.count("incremental")
+        return self._inverse(k).solve(b) + driven
+
+    def _solved(self, w: Array) -> list[Array]:
+        """Adjoints of weights of the data; those of the last ones are kept."""
+        shaped("w", np.shape(w), self.data.shape)
+        if self._adjoints is None or not np.array_equal(self._adjoints[0], w):
+            found = []
+            for k in self._cases():
+                each = self.model.equilibria[k]
+                b = each.spread(w[self.model.slices[k]])
+                if not each.linear:
+                    self._set(k, w, None)
+                    b += each.by_state()
+                found.append(self._inverse(k).transposed(b))
+            self.model.solves.count("adjoint", len(found))
+            self._adjoints = np.array(w), found
+        return self._adjoints[1]
+
+    def _rows(self, k: int) -> tuple[sp.csr_array, sp.csr_array]:
+        each = self.model.equilibria[k]
+        by_state, by_theta = [], []
+        for seen, where in zip(each.seen, each.slices, strict=True):
+            if seen.matrix is not None:
+                by_state.append(seen.matrix)
+                by_theta.append(sp.csr_array((seen.size, self.model.size)))
+                continue
+            for i in range(where.start, where.stop):
+                _put(each.adjoint, 0.0)
+                each.weigh(np.eye(each.size)[i])
+                by_state.append(sp.csr_array(each.by_state()[None]))
+                by_theta.append(sp.csr_array(each.by_theta()[None]))
+        return sp.csr_array(sp.vstack(by_state)), sp.csr_array(sp.vstack(by_theta))
+
+    def _by_state(self, k: int, adjoint: Array) -> Array:
+        """-Kᵀ λ."""
+        self._set(k, None, adjoint)
+        return self.model.equilibria[k].by_state()
+
+    def _set(self, k: int, w: Array | None, adjoint: Array | None) -> None:
+        each = self.model.equilibria[k]
+        each.weigh(np.zeros(each.size) if w is None else w[self.model.slices[k]])
+        _put(each.adjoint, 0.0 if adjoint is None else adjoint)
+
+    def _held(self, k: int) -> list[tuple[Held, slice]]:
+        body = self.model.equilibria[k].body
+        parts = self.model.parts.items()
+        return [(part, self.model.blocks[name]) for name, part in parts if isinstance(part, Held) and part.body is body]
+
+    def _add_held(self, k: int, total: Array, left: Callable[[], Array]) -> None:
+        """What is left of ∂L/∂u at unknowns that are held."""
+        if held := self._held(k):
+            rest = left()
+            for part, where in held:
+                total[where] += rest[part.places]
+
+
+def _put(gfu: ngs.GridFunction, values: Array | float) -> None:
+    gfu.vec.FV().NumPy()[:] = values
+
+
+def _check_supports(name: str, part: Block, body: Problem) -> None:
+    """Supports are interpolated once: what they are made of is no parameter."""
+    for pattern, components in body.supports.values.items():
+        made = [Term(ngs.CF(value), ngs.ds) for value in components if value is not None]
+        if part.along(made):
+            wanted = f"Held(body, {pattern!r}), what is prescribed there, as a parameter of its own"
+            raise InputError(f"parameters.{name}", f"part of the support of {pattern!r}", wanted)

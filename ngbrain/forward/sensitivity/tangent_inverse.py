@@ -1,0 +1,111 @@
+"""K⁻¹ and K⁻ᵀ of a body's tangent at its state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import SolverError
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.solvers import linear
+from ngbrain.solvers.condensed import free as free_of
+from ngbrain.solvers.linear import Direct, Iterative, Solve
+
+Array = np.ndarray
+TIGHT = 1e-11
+"""Where an iterative solver stops: derivatives are as exact as it is."""
+FEW, AT_MOST = 2, 20
+"""In space, without pressures, solutions by the last factor of Newton's method as preconditioner before a factor is made for more
+of them, and the iterations each may take. (14 739 displacements: 6 to 11 of them and half the time of a factor; with pressures
+there are more than 20.)"""
+
+
+class Inverses:
+    """Of the tangent at a body's state; of use as long as the body's form is assembled there. Factors are counted in `solves`.
+
+    quadratic  whether the tangent is the same at all states: what Newton's method has of it serves
+
+    They raise `SolverError` where the tangent is singular.
+    """
+
+    def __init__(self, body: Problem, solves: Solves, quadratic: bool) -> None:
+        self.body, self._form, self._solves = body, body.form, solves
+        self._symmetric = body.symmetric
+        worth = self._symmetric and (quadratic or (body.mesh.dim == 3 and body.element.pressure is None))
+        self._old = body.kept if worth else None
+        self._few = FEW
+        self.factor = self._old if quadratic and body.factored else None
+        """The factor, once there is one."""
+        if not (quadratic and body.assembled):
+            self.assemble()
+
+    def assemble(self) -> None:
+        """Make the form what it was, at the body's state."""
+        self._form.AssembleLinearization(self.body.gfu.vec)
+
+    def solve(self, r: Array) -> Array:
+        """K⁻¹ r."""
+        if self.factor is None and self._old is not None and self._few:
+            self._few -= 1
+            if solve := linear.reused(self._form, self._old, r, TIGHT, AT_MOST):
+                return solve(r)
+        return self._refined(r)
+
+    def transposed(self, r: Array) -> Array:
+        """K⁻ᵀ r."""
+        return self.solve(r) if self._symmetric else self._turned(r)
+
+    @cached_property
+    def _refined(self) -> Solve:
+        """To the last digits: a factor without pivots, or with a pressure, leaves some of them to one refinement."""
+        solve = self.factor = self.factor or self._made()
+        if isinstance(solve, Iterative):
+            return replace(solve, rtol=TIGHT)
+        if not isinstance(solve, Direct):
+            return solve
+        condensed, core = solve.condensed, solve.core
+
+        def twice(r: Array) -> Array:
+            x = core(r)
+            return x + core(r * condensed.free - condensed.apply(x))
+
+        return lambda r: condensed.solve(twice, r)
+
+    def _made(self) -> Solve:
+        self._solves.factorisations += 1
+        try:
+            return self.body.new_factor()
+        except FloatingPointError:
+            return self._with_pivots()
+
+    def _with_pivots(self) -> Solve:
+        try:
+            return linear.prepare("umfpack", self._form)()
+        except FloatingPointError as error:
+            raise SolverError(f"equilibrium has no derivative: {error}") from error
+
+    @cached_property
+    def _turned(self) -> Solve:
+        """The same with all of it turned: M⁻¹ = (1 + E) S⁻¹ (1 + E') + D with what condensation leaves, S."""
+        form, free = self._form, free_of(self._form)
+        unfixed = np.fromiter(form.space.FreeDofs(), bool, len(free))
+        inverse = form.mat.Inverse(form.space.FreeDofs(form.condense), inverse="umfpack").T
+        vec = form.mat.CreateColVector()
+        self._solves.factorisations += 1
+
+        def times(matrix: ngs.BaseMatrix, x: Array) -> Array:
+            vec.FV().NumPy()[:] = x
+            return np.array((matrix * vec).Evaluate().FV().NumPy())
+
+        def solve(r: Array) -> Array:
+            r = r * unfixed
+            if not form.condense:
+                return times(inverse, r) * free
+            x = times(inverse, (r + times(form.harmonic_extension.T, r)) * free) * free
+            return (x + times(form.harmonic_extension_trans.T, x) + times(form.inner_solve.T, r)) * unfixed
+
+        return solve

@@ -1,0 +1,220 @@
+"""A run of a body taken again on a given grid of times, tightly converged, with what any of its steps started from.
+
+Of N steps' histories every `every`-th is kept; those between are made again from there when they are asked for: with √N, the
+default, 2√N are held at most. States, each a small part of a history, are all kept, so that nothing is solved twice and a run at
+other parameters starts from what is known; without, it is √N of them too, for one more run.
+
+Source: Griewank 1992, 10.1080/10556789208805505 (recomputation for memory).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import Failure, InputError, gave_up
+from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.solvers.newton import Newton
+
+Array = np.ndarray
+TIGHT = Newton(rtol=1e-10, xtol=1e-10, max_iter=80)
+"""Derivatives are those of the converged step: what is left of the residual is an error of theirs."""
+SHORTEST = 1e-2
+"""Part of a step's way that the rigid bodies go at once, at least, where Newton's method does not reach its end so."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The n-th step: from a history (`Problem.memory`) at grid[n] to the state x at grid[n + 1]."""
+
+    n: int
+    memory: dict[str, Any]
+    x: Array
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where a run stood at grid[n]: state, the state a step before, history."""
+
+    n: int
+    x: Array
+    before: Array
+    memory: dict[str, Any]
+
+
+def times_of(transient: TimeStepper) -> Array:
+    """Run it to its end; times (s) at which its accepted steps start and end, the grid for a `Replay`."""
+    grid = [transient.progress.t]
+    transient.run(lambda body, at, record: grid.append(at.t))
+    return np.array(grid)
+
+
+class Replay:
+    """Steps of a quasi-static body without friction under a motion, on a grid of times (s) that starts at 0.
+
+    newton  tight settings
+    every   how many steps apart histories are kept; None: √N, 1: all of them
+    states  whether the states of all steps are kept
+
+    `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
+    on what is differentiated. `solved` counts the steps that Newton's method took.
+    """
+
+    def __init__(
+        self,
+        body: Problem,
+        motion: Motion,
+        grid: Array,
+        newton: Newton = TIGHT,
+        every: int | None = None,
+        states: bool = True,
+    ) -> None:
+        refused = {
+            "with friction": bool(body.friction.frictions),
+            "with inertia": body.inertia is not None,
+            "with a tool of given force": type(body) is not Problem,
+        }
+        for what, there in refused.items():
+            if there:
+                raise InputError("body", what, "one without, for derivatives of a run")
+        if body.form.condense:
+            raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
+        grid = np.asarray(grid, float)
+        if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
+            raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
+        self.body, self.motion, self.grid, self.newton = body, motion, grid, newton
+        self.every = max(1, round(np.sqrt(len(grid) - 1))) if every is None else every
+        if self.every < 1:
+            raise InputError("every", self.every, "a number of steps, at least 1")
+        self.solved = 0
+        body.factor.Set(1.0)
+        self.kept: list[Kept] = []
+        self._last: list[Step] = []
+        self._keeping, self._states, self._known = states, list[Array](), list[Array]()
+
+    @property
+    def held(self) -> int:
+        """How many histories are in memory."""
+        return len(self.kept) + len(self._last)
+
+    def run(self, seen: Callable[[Step], None]) -> None:
+        """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
+        body = self.body
+        body.history.rest()
+        body.state = np.zeros(len(body.weights))
+        self._newton = replace(self.newton, inverse=None, largest=0.0)
+        rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
+        self._near = replace(self._newton, rtol=rtol, xtol=xtol)
+        self.kept, self._last = [], []
+        if len(self._states) == len(self.grid) - 1:
+            self._known = self._states
+        self._states = []
+        here = Kept(0, body.state, body.state, deepcopy(body.memory))
+        while here.n < len(self.grid) - 1:
+            self.kept.append(here)
+            here = self._segment(here, seen)
+
+    def forwards(self) -> Iterator[Step]:
+        """All steps, with the body at the end of each, its history not yet moved on."""
+        for start in self.kept:
+            for step in self._steps(start):
+                yield self.stand(step)
+
+    def backwards(self) -> Iterator[Step]:
+        """The same from the last one to the first."""
+        for steps in self.segments():
+            yield from map(self.stand, reversed(steps))
+
+    def segments(self) -> Iterator[list[Step]]:
+        """Steps from one kept history to the next, the last of them first."""
+        return map(self._steps, reversed(self.kept))
+
+    def _steps(self, start: Kept) -> list[Step]:
+        if not self._last or self._last[0].n != start.n:
+            self._segment(start, lambda step: None)
+        return self._last
+
+    def _segment(self, start: Kept, seen: Callable[[Step], None]) -> Kept:
+        """Steps from one kept to where the next is to be kept."""
+        body, steps = self.body, list[Step]()
+        self._last = []
+        x, before, memory = start.x, start.before, start.memory
+        for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
+            body.memory, body.state = memory, x
+            body.begin(self.grid[n + 1] - self.grid[n])
+            new = self._state(n, x, before)
+            self._flow(new)
+            steps.append(Step(n, memory, new))
+            seen(steps[-1])
+            body.finish()
+            x, before, memory = new, x, deepcopy(body.memory)
+        self._last = steps
+        return Kept(steps[-1].n + 1, x, before, memory)
+
+    def _state(self, n: int, x: Array, before: Array) -> Array:
+        """The end of a step from x: known, or solved for."""
+        if n < len(self._states):
+            self.motion.set(self.grid[n + 1])
+            return self._states[n]
+        new = self._solved(n, x, self._guess(n, x, before))
+        self.solved += 1
+        if self._keeping:
+            self._states.append(new)
+        return new
+
+    def _guess(self, n: int, x: Array, before: Array) -> Array:
+        """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
+        if self._known:
+            guess = self._known[n] + (x - self._known[n - 1] if n else 0.0)
+        else:
+            travel = self.motion.travel(self.grid[n], self.grid[n + 1])
+            last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
+            guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
+        return guess if self.body.min_det(guess) > self.newton.min_det else x
+
+    def _solved(self, n: int, x: Array, guess: Array) -> Array:
+        """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
+        start, end = self.grid[n], self.grid[n + 1]
+        done, part = 0.0, 1.0
+        while done < 1:
+            reached, reason, failure = self._newton_at(start + (end - start) * (done + part), guess)
+            if reached is not None:
+                done, x, guess = done + part, reached, reached
+                part = min(2 * part, 1 - done)
+            elif part > SHORTEST:
+                part, guess = part / 4, x
+            else:
+                said = f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}"
+                raise gave_up(said, failure)
+        return x
+
+    def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str, Failure | None]:
+        """Near an end with settings that let contact come and go, then the end itself."""
+        self.motion.set(t)
+        x, record = self._near.solve(self.body, guess)
+        if record.converged:
+            self._newton.inverse = self._near.inverse
+            x, record = self._newton.solve(self.body, x)
+        return (x if record.converged else None), record.reason, record.failure
+
+    def stand(self, step: Step) -> Step:
+        """Go to the end of a step, with the history not yet moved on."""
+        body = self.body
+        body.memory = step.memory
+        body.state = step.x
+        body.begin(self.grid[step.n + 1] - self.grid[step.n])
+        self.motion.set(self.grid[step.n + 1])
+        self._flow(step.x)
+        return step
+
+    def _flow(self, x: Array) -> None:
+        """Go to a state; what Maxwell branches settle on there is wanted too."""
+        self.body.state = x
+        if self.body.history.flows:
+            self.body.residual(x)

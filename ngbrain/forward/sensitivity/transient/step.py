@@ -1,0 +1,337 @@
+"""How one time step of a relaxing body changes with the history it starts from, with its parameters and with its end.
+
+A step from a history h has inner variables m = P(h; θ) (what its Maxwell branches are made of), finds x with R(x; h, m, θ) = 0 and
+ends with the history h⁺ = U(x, h, m; θ), all but x at quadrature points. With a motion λ and weights Λ and M, densities at these
+points, everything that an adjoint needs is a derivative of two integrands,
+
+    ℓ = W'(x; h, m, θ)[λ] + Λ · U(x, h, m; θ)        and        M · P(h; θ) ,    M = ∂ℓ/∂m ,
+
+by h, θ and x; what a linearisation needs are the directional derivatives of W', U and P. W, U and P are the material's own, with
+e_k and β_k as functions of Δt/τ_k, so that parameters may stand anywhere in them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import reduce
+from operator import add, attrgetter
+from typing import Any, TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.transient.maxwell_step import Begun, Ended, Moved, step_factors
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import Block, Expressions, Part, put, values, weighed
+from ngbrain.forward.solid.internal_forces import Density, Forces
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials.base import Deformation, density
+from ngbrain.materials.viscous import overstress
+from ngbrain.tensors import of_six, six
+
+Array = np.ndarray
+Parameter: TypeAlias = ngs.GridFunction | ngs.Parameter
+"""A scalar real GridFunction or an `ngs.Parameter` that materials are made of."""
+Seen: TypeAlias = Callable[[Block], CoefficientFunction]
+STILL, MOVED = attrgetter("variable"), attrgetter("moved")
+"""Blocks as what adjoints derive by, and as what changes along a direction."""
+
+
+class StepForms:
+    """Derivatives of a step of `body` by its history and by `parameters` (name → GridFunction or Parameter).
+
+    A history is one array (size, points): S̄_k and H_k of each hereditary branch, then, where there are Maxwell branches, C̄ and each
+    G. Call `begin` for a step at whose end the body stands, and ask; all sums over points carry their quadrature weights. Raises
+    `InputError` for a parameter of another kind.
+    """
+
+    def __init__(self, body: Problem, parameters: Mapping[str, Parameter]) -> None:
+        self.body, self.parameters = body, dict(parameters)
+        history, space = body.history, body.history.space
+        self.points, self.dt = history.points, ngs.Parameter(1.0)
+        flows = range(len(history.flows.flows))
+        self._s = ngs.Parameter(0.0)
+        self._pairs = [(Block(space, 6, self._s), Block(space, 6, self._s)) for _ in range(history.n_branches)]
+        self._strain = [Block(space, 6, self._s)] if flows else []
+        self._G, self._half, self._settled = ([Block(space, size, self._s) for _ in flows] for size in (9, 10, 5))
+        self.blocks = [block for pair in self._pairs for block in pair] + self._strain + self._G
+        self.size = sum(block.size for block in self.blocks)
+        self.strains = slice(12 * len(self._pairs), self.size)
+        """Where C̄ and the G are in a history."""
+        self._directions = {name: _direction(name, p) for name, p in self.parameters.items()}
+        for material in body.materials.values():
+            self._check(material)
+        self.measure()
+        self._motion, self._moving = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
+        materials, of = body.materials, body.mesh.MaterialCF
+        self._changed = self.forces({p: self._changing(m) for p, m in materials.items()})
+        self._remembered = self.forces({p: self._weighted(m) for p, m in materials.items()})
+        self._back = of({p: self._backward(m) for p, m in materials.items()})
+        self._forth = of({p: self._forward(m) for p, m in materials.items()})
+        self._before = of({p: self._inner_backward(m) for p, m in materials.items()})
+        self._begun = of({p: self._inner_forward(m) for p, m in materials.items()})
+        self._forms = {name: self._slope(p) for name, p in self.parameters.items() if isinstance(p, ngs.GridFunction)}
+
+    def measure(self) -> None:
+        """Take the points' quadrature weights from the mesh as it is."""
+        test, rules = self.body.history.space.TestFunction(), self.body.history.rules
+        self.quadrature = values(
+            ngs.LinearForm(self.body.kinematics.weight() * test * ngs.dx(intrules=rules)).Assemble()
+        ).copy()
+
+    def forces(self, densities: dict[str, Density]) -> Forces:
+        """Nodal forces of energy densities (region → `Density`) at the body's state."""
+        body = self.body
+        return Forces(body.layout, body.gfu, densities, body.history.space, body.kinematics)
+
+    def gradient(self, u: CoefficientFunction) -> CoefficientFunction:
+        """F of a displacement."""
+        return self.body.kinematics.gradient(u, ngs.Grad(u))
+
+    @property
+    def p(self) -> CoefficientFunction | None:
+        """The pressure as an expression, if there is one."""
+        return None if self.body.p is None else 1.0 * self.body.p
+
+    def moved_state(
+        self, F: CoefficientFunction, p: CoefficientFunction | None, *ways: tuple[ngs.Parameter, Any]
+    ) -> tuple[Deformation, CoefficientFunction | None]:
+        """A state moved by numbers along motions."""
+        for number, motion in ways:
+            way = self.body.layout.fields(motion)
+            F = F + number * self.body.kinematics.change(way.u, ngs.Grad(way.u))
+            p = None if p is None else p + number * way.p
+        return Deformation.of(F), p
+
+    # What is asked of a step.
+
+    def begin(self, memory: Mapping[str, Any], dt: float) -> None:
+        """A step of `dt` seconds from a `History.memory`, at whose end the body stands."""
+        self.dt.Set(dt)
+        history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
+        if self._strain:
+            history += [memory["strain"], *(G.reshape(-1, 9).T for G in memory["inner"])]
+        self.history = np.vstack([np.zeros((0, len(self.quadrature))), *history])
+        put(self.blocks, "value", self.history)
+        self.flowed()
+
+    def flowed(self) -> None:
+        """Take from the Maxwell branches what they began the step with, and where they settled."""
+        for flow, half, settled in zip(self.body.history.flows.flows, self._half, self._settled, strict=True):
+            put([half], "value", flow.begun)
+            put([settled], "value", flow.settled)
+
+    def changed(self, history: Array, theta: Mapping[str, Array]) -> Array:
+        """R_h δh + R_m δm + R_θ δθ, one number for each unknown of the body."""
+        self.aim(history, theta)
+        return self._changed()
+
+    def moved(self, x: Array) -> Array:
+        """δh⁺ with δx, and with δh and δθ of the last `changed`."""
+        values(self._moving)[:] = x
+        return self.points(self._forth)[1:]
+
+    def remembered(self, weights: Array) -> Array:
+        """(∂U/∂x)ᵀΛ, one number for each unknown of the body."""
+        put(self.blocks, "weight", weights)
+        return self._remembered() if self.size else np.zeros(self.body.fes.ndof)
+
+    def back(self, motion: Array, weights: Array) -> tuple[Array, dict[str, Array]]:
+        """Derivatives of ℓ by h, a density at the points, and by each parameter's unknowns."""
+        put(self.blocks, "weight", weights)
+        values(self._motion)[:] = motion
+        inner = sum(block.size for block in self._half)
+        by_history, by_inner, by_theta = np.split(self.points(self._back)[1:], [self.size, self.size + inner])
+        if inner:
+            put(self._half, "weight", by_inner)
+            before = self.points(self._before)[1:]
+            by_history, by_theta = by_history + before[: self.size], by_theta + before[self.size :]
+        return by_history, self.gathered(by_theta)
+
+    def gathered(self, densities: Array) -> dict[str, Array]:
+        """From derivatives by parameters' values at the points to those by their unknowns."""
+        return {name: self._gathered(name, s) for name, s in zip(self.parameters, densities, strict=True)}
+
+    def _gathered(self, name: str, density: Array) -> Array:
+        if name not in self._forms:
+            return np.array([self.quadrature @ density])
+        at_points, form = self._forms[name]
+        values(at_points)[:] = density
+        form.Assemble()
+        return values(form).copy()
+
+    # Materials in a step.
+
+    def _check(self, material: Material) -> None:
+        """`slopes` are by values at points: a law that sees the gradient of a parameter would have others."""
+        at = Deformation.of(self.gradient(self.body.u))
+        flows = [ngs.CF((ended.law, ended.branch.eta)) for ended in self._ended(material, at.shape, STILL)]
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, ngs.GridFunction):
+                for made in (self.energies(material, at, self.p, STILL)[0].value, *flows):
+                    if re.search(
+                        r"diffop = (?!Id\b)", str(made.Diff(parameter, parameter.space.TestFunction()).Compile())
+                    ):
+                        raise InputError(
+                            f"parameters.{name}", "in a law by its gradient", "a field that laws see the values of"
+                        )
+
+    def slopes(self, function: CoefficientFunction) -> Expressions:
+        """Derivatives by each parameter's value."""
+        # Not along a direction: that has no memory of what its parts share.
+        return [function.Diff(parameter) for parameter in self.parameters.values()]
+
+    def along(self, function: CoefficientFunction) -> CoefficientFunction:
+        """Change of a function along δθ."""
+        ways = zip(self.slopes(function), self._directions.values(), strict=True)
+        return reduce(add, (slope * way for slope, way in ways))
+
+    def _nothing(self, size: int) -> Part:
+        return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))
+
+    def _ways(self, seen: Seen) -> tuple[Moved, ...]:
+        """What moves the parameters of a flow with s, if anything is moved."""
+        return (self._theta_moved,) if seen is MOVED else ()
+
+    def _theta_moved(self, made: CoefficientFunction, law: CoefficientFunction) -> CoefficientFunction:
+        """With s times the law's change along the parameters' directions."""
+        return made + self._s * self.along(law)
+
+    def energies(self, material: Material, at: Deformation, p: CoefficientFunction, seen: Seen) -> list[Part]:
+        """W, as `Tissue` has it."""
+        law = material.viscous
+        factors = [step_factors(self.dt, branch.tau) for branch in law.hereditary]
+        energy = law.density(at, [beta for _, beta in factors]) + material.of_volume(at.J, p)
+        for (e, beta), (stress, over) in zip(factors, self._pairs, strict=False):
+            energy += 0.5 * ngs.InnerProduct(of_six(e * seen(over) - beta * seen(stress)), at.shape)
+        flows = (self._of(ended.energy, ended, seen) for ended in self._ended(material, at.shape, seen))
+        return [Part(energy, self.slopes(energy)), *flows]
+
+    def _ended(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Ended]:
+        parts = zip(material.viscous.flowing, self._half, self._settled, strict=False)
+        return [
+            Ended(branch, shape, seen(half), settled.variable, *self._ways(seen)) for branch, half, settled in parts
+        ]
+
+    def _of(self, value: CoefficientFunction, flow: Begun | Ended, seen: Seen) -> Part:
+        """What a flow gives; moved, its parameters go with s."""
+        return Part(value) if seen is MOVED else Part(value, self.slopes(flow.law), flow.made)
+
+    def updates(self, material: Material, shape: CoefficientFunction, seen: Seen) -> list[Part]:
+        """U at a C̄, block by block; branches that a region has not stay at rest."""
+        found, C = list[Part](), shape.MakeVariable()
+        for branch, (stress, over) in zip(material.viscous.hereditary, self._pairs, strict=False):
+            W = density(branch.law, Deformation.of_stretch(C))
+            new = Part(six(overstress(W, C)), [six(overstress(slope, C)) for slope in self.slopes(W)])
+            factors = ngs.CF(step_factors(self.dt, branch.tau))
+            made = ngs.CF((factors, new.value)).MakeVariable()
+            both = zip(self.slopes(factors), new.slopes, strict=True)
+            moved = made[0] * seen(over) + made[1] * (ngs.CF(tuple(made[i] for i in range(2, 8))) - seen(stress))
+            found += [new, Part(moved, [ngs.CF(slopes) for slopes in both], made)]
+        found += [self._nothing(6)] * (2 * len(self._pairs) - len(found))
+        if self._strain:
+            flowed = [self._of(ended.G, ended, seen) for ended in self._ended(material, shape, seen)]
+            strain = replace(self._nothing(6), value=six(shape))
+            found += [strain, *flowed, *[self._nothing(9)] * (len(self._G) - len(flowed))]
+        return found
+
+    def begun(self, material: Material, seen: Seen) -> list[Begun]:
+        """How the Maxwell branches begin."""
+        found = list[Begun]()
+        for branch, G, settled in zip(material.viscous.flowing, self._G, self._settled, strict=False):
+            nine, strain = seen(G), of_six(seen(self._strain[0]))
+            three = ngs.CF(tuple(nine[i] for i in range(9)), dims=(3, 3))
+            found.append(Begun(branch, self.dt, strain, three, settled.variable, *self._ways(seen)))
+        return found
+
+    def _inner(self, material: Material, seen: Seen) -> list[Part]:
+        """P, block by block."""
+        found = [self._of(begun.value, begun, seen) for begun in self.begun(material, seen)]
+        return found + [self._nothing(10)] * (len(self._half) - len(found))
+
+    # Derivatives: along changes by a number that moves all, for one along a change has no memory of what its parts share.
+
+    def _along(self, part: Part) -> CoefficientFunction:
+        """Change of a function with all that is moved."""
+        return part.along(self._s, list(self._directions.values()))
+
+    def _changing(self, material: Material) -> Density:
+        return lambda at, p: reduce(add, map(self._along, self.energies(material, at, p, MOVED)))
+
+    def _weighted(self, material: Material) -> Density:
+        return lambda at, p: reduce(
+            add,
+            (w.value for w in weighed(self.blocks, self.updates(material, at.shape, STILL))),
+            0 * (at.J if p is None else p),
+        )
+
+    def _derived(self, parts: Sequence[Part], blocks: Sequence[Block]) -> CoefficientFunction:
+        """Derivatives of the sum of some parts by blocks and by θ."""
+        found = [[*(part.value.Diff(b.variable) for b in blocks), *part.by_theta] for part in parts]
+        return ngs.CF((0.0, *(reduce(add, of) for of in zip(*found, strict=True)))).Compile()
+
+    def _backward(self, material: Material) -> CoefficientFunction:
+        """∂ℓ by h, m and θ."""
+        F = self.gradient(self.body.u).MakeVariable()
+        moving, held = Deformation.of(F), Deformation.of(self.gradient(self.body.u))
+        motion = self.body.layout.fields(self._motion)
+        t = ngs.Parameter(0.0)
+        names = ("shape", "C", "J", "F")
+        # Variables of their own: what is derived by a block does not go into them again.
+        still = [getattr(held, name).MakeVariable() for name in names]
+        change = self.body.kinematics.change(motion.u, ngs.Grad(motion.u))
+        changes = [getattr(moving, name).Diff(F, change) for name in names]
+        at = Deformation(*(part + t * change for part, change in zip(still, changes, strict=True)))
+        p = None if self.p is None else self.p.MakeVariable() + t * motion.p
+        works = [W.then(lambda part: part.Diff(t)) for W in self.energies(material, at, p, STILL)]
+        return self._derived(
+            works + weighed(self.blocks, self.updates(material, still[0], STILL)), [*self.blocks, *self._half]
+        )
+
+    def _forward(self, material: Material) -> CoefficientFunction:
+        """δh⁺."""
+        moving = self.body.layout.fields(self._moving).u
+        F = self.gradient(self.body.u) + self._s * self.body.kinematics.change(moving, ngs.Grad(moving))
+        updates = self.updates(material, Deformation.of(F).shape, MOVED)
+        return ngs.CF((0.0, *map(self._along, updates))).Compile()
+
+    def _inner_backward(self, material: Material) -> CoefficientFunction:
+        """∂(M · P) by h and θ."""
+        return self._derived(weighed(self._half, self._inner(material, STILL)), self.blocks)
+
+    def _inner_forward(self, material: Material) -> CoefficientFunction:
+        """δm."""
+        return ngs.CF((0.0, *map(self._along, self._inner(material, MOVED)))).Compile()
+
+    def _slope(self, parameter: ngs.GridFunction) -> tuple[ngs.GridFunction, ngs.LinearForm]:
+        at_points, form = ngs.GridFunction(self.body.history.space), ngs.LinearForm(parameter.space)
+        weight = self.body.kinematics.weight()
+        form += weight * at_points * parameter.space.TestFunction() * ngs.dx(intrules=self.body.history.rules)
+        return at_points, form
+
+    def aim(self, history: Array, theta: Mapping[str, Array]) -> None:
+        """Set δh and δθ."""
+        put(self.blocks, "change", history)
+        for name, direction in self._directions.items():
+            if isinstance(direction, ngs.GridFunction):
+                values(direction)[:] = theta[name]
+            else:
+                direction.Set(float(theta[name][0]))
+        if self._half:
+            put(self._half, "change", self.points(self._begun)[1:])
+
+
+def _direction(name: str, parameter: Parameter) -> Parameter:
+    if isinstance(parameter, ngs.GridFunction):
+        if parameter.space.is_complex or parameter.dim != 1:
+            raise InputError(f"parameters.{name}", "complex or a vector", "a real scalar field")
+        return ngs.GridFunction(parameter.space)
+    if not isinstance(parameter, ngs.Parameter):
+        raise InputError(
+            f"parameters.{name}", repr(parameter), "a GridFunction or an ngs.Parameter that laws are made of"
+        )
+    return ngs.Parameter(0.0)

@@ -1,0 +1,64 @@
+"""How what an adjoint of a time step is made of changes where its state, its history and its parameters move.
+
+With ℓ of `step_forms` and the contacts' work C, what second derivatives need beside first ones is, for a motion λ + Zᵀw of the
+tissue and λ of the contacts, weights Λ, and ways (δx, δh, δθ),
+
+    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[λ + Zᵀw] + Λ · U(x + s δx, h + s δh; θ + s δθ) + C(x + s δx; θ + s δθ)[λ] )
+
+by x, h and θ: of the contacts by symbols, of the tissues see `step_turned`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.contact.rigid import Closing
+from ngbrain.forward.sensitivity.contact_work import ContactForms
+from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
+from ngbrain.forward.sensitivity.transient.step import StepForms
+from ngbrain.forward.sensitivity.transient.step_turned import Shifted, Slopes, Symbols
+from ngbrain.forward.sensitivity.virtual_work import Motion, Terms, vector
+
+Array = np.ndarray
+
+
+class StepCurvature:
+    """Second derivatives of the steps of some `forms`, with parameters as `parts`; where `forms.begin` was called.
+
+    Raises `InputError` for walls that close on each other.
+    """
+
+    def __init__(self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms) -> None:
+        self._parts, self._contacts, body = list(parts.values()), contacts, forms.body
+        if any(isinstance(contact, Closing) for contact in body.contacts):
+            raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
+        self._tissues = Shifted(forms, parts) if body.history.flows else Symbols(forms)
+        self._adjoint, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
+        touched = self._touched()
+        self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
+        self._by_theta = [part.slope(touched, body.mesh) for part in self._parts]
+
+    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+        """Ways δx (ndof,), δh (size, points) and δθ."""
+        values(self._way)[:] = state
+        self._tissues.aim(state, history, theta)
+        for part, way in zip(self._parts, theta.values(), strict=True):
+            part.turn(way)
+
+    def __call__(self, adjoint: Array, motion: Array, weights: Array) -> Slopes:
+        """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
+        values(self._adjoint)[:] = adjoint
+        by_state, by_history, by_theta = self._tissues(motion, weights)
+        of_contacts = np.concatenate([slope() for slope in self._by_theta])
+        return by_state + self._by_state(), by_history, by_theta + of_contacts
+
+    def _touched(self, *tested: Motion) -> Terms:
+        """The contacts' part of ℓ', or its derivative along a motion that is tested."""
+        still = self._contacts.work(self._adjoint, *tested)
+        along = [term for part in self._parts for term in part.along(still)]
+        return self._contacts.work(self._adjoint, self._way, *tested) + along

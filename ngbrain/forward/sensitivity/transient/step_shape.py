@@ -1,0 +1,101 @@
+"""How one time step of a relaxing body changes with where the nodes of its mesh are.
+
+What is in an element goes along with its nodes. Shifts δ change a gradient ∇u, with u's unknowns as they are, by -∇u ∇δ, a volume
+by its part div δ, and what a law is made of by its slope along δ where that is a function of the place. Histories are values at
+points that move along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import add
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.harmonic.factors import sparse
+from ngbrain.forward.sensitivity.parameter_blocks import Nodes
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import Part, put, values, weighed
+from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
+from ngbrain.forward.sensitivity.virtual_work import Motion, Term, Terms, vector
+from ngbrain.materials.base import Deformation
+
+Array = np.ndarray
+PLACE = (ngs.x, ngs.y, ngs.z)
+
+
+class StepShapes:
+    """Derivatives of the steps of some `forms` by `nodes`, where `forms.begin` was called."""
+
+    def __init__(self, forms: StepForms, nodes: Nodes) -> None:
+        self._forms, self._n, self._r, body = forms, ngs.Parameter(0.0), ngs.Parameter(0.0), forms.body
+        if body.mesh.dim != 3 or body.p is None:
+            wanted = "a body in space with pressures, for derivatives of a run by node positions"
+            raise InputError("body", f"{body.element} in {body.mesh.dim} dimensions", wanted)
+        space = nodes.shift.space
+        self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(space)
+        self._matrix = ngs.BilinearForm(trialspace=space, testspace=body.fes)
+        for term in self._over(lambda m: self._work(m, body.fes.TestFunction(), space.TrialFunction())):
+            self._matrix += term.integral
+        test = space.TestFunction()
+        self._work_slopes = vector(space, self._over(lambda m: self._work(m, self._motion.components, test)))
+        self._kept_slopes = vector(space, self._over(lambda m: self._weighed(m, test)))
+        ends = {p: self._ends(m, self._way) for p, m in body.materials.items()}
+        self._moved = body.mesh.MaterialCF({p: ngs.CF((0.0, *parts)).Compile() for p, parts in ends.items()})
+
+    def columns(self) -> sp.csr_array:
+        """How the tissue's forces change with the shifts (ndof, shifts)."""
+        self._matrix.Assemble()
+        return sparse(self._matrix.mat)
+
+    def moved(self, shifts: Array) -> Array:
+        """How the history at the end does (size, points)."""
+        values(self._way)[:] = shifts
+        return self._forms.points(self._moved)[1:]
+
+    def slopes(self, motion: Array, weights: Array) -> Array:
+        """The transposes of both, of a motion and of weights of the history."""
+        values(self._motion)[:] = motion
+        put(self._forms.blocks, "weight", weights)
+        return self._work_slopes() + self._kept_slopes()
+
+    def _over(self, of: Callable[[Material], CoefficientFunction]) -> Terms:
+        """An integrand of each region."""
+        body = self._forms.body
+        return [
+            Term(of(material), ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.history.rules))
+            for pattern, material in body.materials.items()
+        ]
+
+    def _work(self, material: Material, virtual: Sequence[Any], way: CoefficientFunction) -> CoefficientFunction:
+        """The integrand of a tissue's virtual work, moved."""
+        body = self._forms.body
+        F = self._F(body.u, way) + self._r * self._gradient(virtual[0], way)
+        energies = self._forms.energies(material, Deformation.of(F), 1.0 * body.p + self._r * virtual[1], STILL)
+        work = reduce(add, (part.value for part in energies)).Diff(self._r)
+        return self._along(work, way) + work * ngs.Trace(ngs.Grad(way))
+
+    def _ends(self, material: Material, way: CoefficientFunction) -> list[CoefficientFunction]:
+        """A history's blocks, moved."""
+        updates = self._forms.updates(material, Deformation.of(self._F(self._forms.body.u, way)).shape, STILL)
+        return [self._along(part.value, way) for part in updates]
+
+    def _weighed(self, material: Material, way: CoefficientFunction) -> CoefficientFunction:
+        blocks, parts = self._forms.blocks, map(Part, self._ends(material, way))
+        return reduce(add, (part.value for part in weighed(blocks, parts)), ngs.CF(0.0))
+
+    def _along(self, function: CoefficientFunction, way: CoefficientFunction) -> CoefficientFunction:
+        """Change of a function at a point that moves."""
+        return reduce(add, (function.Diff(PLACE[i], way[i]) for i in range(3)), function.Diff(self._n))
+
+    def _F(self, u: Motion, way: CoefficientFunction) -> CoefficientFunction:  # noqa: N802
+        return ngs.Id(3) + self._gradient(u, way)
+
+    def _gradient(self, u: Motion, way: CoefficientFunction) -> CoefficientFunction:
+        return ngs.Grad(u) - self._n * ngs.Grad(u) * ngs.Grad(way)

@@ -1,0 +1,162 @@
+"""What a step's adjoint is made of in the tissues, and how it changes along a way of state, history and parameters.
+
+With ℓ of `step_forms`,
+
+    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[μ] + Λ · U(x + s δx, h + s δh; θ + s δθ) )
+
+by x, h and θ, where `forms.begin` was called. `Symbols` moves fields by numbers and derives by these, see `implicit_work`. A
+Maxwell branch's step is a minimum of its own: by symbols a product takes hundreds of gradients, so `Shifted` goes a little way
+to both sides, lets the branches flow there and takes differences of ℓ's first derivatives, which are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+from operator import add
+from typing import TypeAlias
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.sensitivity.differences import change
+from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import Block as Variables
+from ngbrain.forward.sensitivity.transient.quadrature_blocks import entries, put, values, weighed
+from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
+from ngbrain.forward.solid.internal_forces import Density
+from ngbrain.materials.base import Deformation
+
+Array = np.ndarray
+Slopes: TypeAlias = tuple[Array, Array, Array]
+"""By x (ndof,), by h, a density at the points, and by θ, one part after the other."""
+
+
+class Symbols:
+    """ℓ' of hereditary branches."""
+
+    def __init__(self, forms: StepForms) -> None:
+        self._forms, body = forms, forms.body
+        self._motion, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
+        self._r, self._s = ngs.Parameter(0.0), ngs.Parameter(0.0)
+        densities = {p: self._density(m) for p, m in body.materials.items()}
+        self._by_state = forms.forces(densities)
+        self._back = body.mesh.MaterialCF({p: self._derived(m) for p, m in body.materials.items()})
+
+    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+        """Ways δx (ndof,), δh (size, points) and δθ."""
+        values(self._way)[:] = state
+        self._forms.aim(history, theta)
+
+    def __call__(self, motion: Array, weights: Array) -> Slopes:
+        """ℓ' by all, with μ and Λ."""
+        values(self._motion)[:] = motion
+        put(self._forms.blocks, "weight", weights)
+        by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
+        return self._by_state(), by_history, np.concatenate(list(self._forms.gathered(by_theta).values()))
+
+    def _density(self, material: Material) -> Density:
+        return lambda at, p: self._turned(self._work(material, at.F, p))
+
+    def _derived(self, material: Material) -> CoefficientFunction:
+        """ℓ' by history and parameters."""
+        work = self._work(material, self._forms.gradient(self._forms.body.u), self._forms.p)
+        turned, slopes = self._turned(work), zip(*map(self._forms.slopes, work), strict=True)
+        by_history = [turned.Diff(block.variable) for block in self._forms.blocks]
+        return ngs.CF((0.0, *by_history, *(self._turned(slope) for slope in slopes))).Compile()
+
+    def _turned(self, work: tuple[CoefficientFunction, ...]) -> CoefficientFunction:
+        """ℓ' of `_work`, or of its derivative by a parameter.
+
+        Those by parameters are taken first, where there is least to derive.
+        """
+
+        def whole(energy: CoefficientFunction, kept: CoefficientFunction) -> CoefficientFunction:
+            return energy.Diff(self._r) + kept
+
+        return whole(*work).Diff(self._s) + whole(*map(self._forms.along, work))
+
+    def _work(
+        self, material: Material, F: CoefficientFunction, p: CoefficientFunction | None
+    ) -> tuple[CoefficientFunction, CoefficientFunction]:
+        """W as a function of r, by which μ goes, and s, and Λ · U as one of s, at a state."""
+        forms, way = self._forms, (self._s, self._way)
+        energies = forms.energies(material, *forms.moved_state(F, p, (self._r, self._motion), way), self._seen)
+        updates = forms.updates(material, forms.moved_state(F, p, way)[0].shape, self._seen)
+        kept = (part.value for part in weighed(forms.blocks, updates))
+        return reduce(add, (part.value for part in energies)), reduce(add, kept, ngs.CF(0.0))
+
+    def _seen(self, block: Variables) -> CoefficientFunction:
+        return block.variable + self._s * entries(block.change)
+
+
+class Shifted:
+    """ℓ' of any branches."""
+
+    def __init__(self, forms: StepForms, parts: Mapping[str, Block]) -> None:
+        self._forms, self._parts, body = forms, parts, forms.body
+        self._motion, self._way, self._r = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes), ngs.Parameter(0.0)
+        densities = {p: self._density(m) for p, m in body.materials.items()}
+        self._stretched = forms.forces(densities)
+        self._begun = body.mesh.MaterialCF({p: self._beginning(m) for p, m in body.materials.items()})
+        way = body.layout.fields(self._way).u
+        self._gradient = body.kinematics.change(way, ngs.Grad(way)).Reshape((9,)).Compile()
+
+    def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
+        """Ways δx (ndof,), δh (size, points) and δθ."""
+        values(self._way)[:] = state
+        self._ways = state, history, theta
+        steps = [self._forms.points(self._gradient), history[self._forms.strains], *map(self._relative, theta.items())]
+        self._size = max(float(np.max(np.abs(step), initial=0.0)) for step in steps)
+
+    def __call__(self, motion: Array, weights: Array) -> Slopes:
+        """ℓ' by all, with μ and Λ."""
+        forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
+        values(self._motion)[:] = motion
+        state, history, flows = body.state, forms.history, body.history.flows.flows
+        way, back, by = self._ways
+
+        def stand(s: float) -> None:
+            for name, part in self._parts.items():
+                part.put(theta[name] + s * by[name])
+            body.state = state + s * way
+            put(forms.blocks, "value", history + s * back)
+            begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
+            for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):
+                flow.go_on(found[2:], found[:2])
+                flow.relax(shapes)
+            forms.flowed()
+
+        def slopes(s: float) -> Array:
+            stand(s)
+            by_history, by_theta = forms.back(motion, weights)
+            return np.concatenate(
+                [self._stretched() + forms.remembered(weights), by_history.ravel(), *by_theta.values()]
+            )
+
+        found = change(slopes, self._size)
+        stand(0.0)
+        by_state, by_history, by_theta = np.split(found, np.cumsum([state.size, history.size]))
+        return by_state, by_history.reshape(history.shape), by_theta
+
+    def _relative(self, of: tuple[str, Array]) -> Array:
+        name, way = of
+        return way / (np.max(np.abs(self._parts[name].value)) or 1.0)
+
+    def _beginning(self, material: Material) -> CoefficientFunction:
+        """What branches begin with, strains, G and κ; the last of them rest where a region has fewer."""
+        found = [ngs.CF((*begun.strain, begun.value)) for begun in self._forms.begun(material, STILL)]
+        at_rest = ngs.CF((0.0, 0.0, ngs.Id(3).Reshape((9,)), 0.0))
+        missing = len(self._forms.body.history.flows.flows) - len(found)
+        return ngs.CF((0.0, *found, *[at_rest] * missing)).Compile()
+
+    def _density(self, material: Material) -> Density:
+        """W' along μ."""
+
+        def work(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+            moved = self._forms.moved_state(at.F, p, (self._r, self._motion))
+            return reduce(add, (part.value for part in self._forms.energies(material, *moved, STILL))).Diff(self._r)
+
+        return work

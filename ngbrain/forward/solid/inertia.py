@@ -1,0 +1,254 @@
+"""Inertia: how the generalised-α method steps, and what it adds to the energy of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.regions import check_regions
+from ngbrain.materials.base import Value, positive
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How unknowns u move after a step of length `dt` (s).
+
+    velocity      v
+    acceleration  ü, that of the forces there
+    average       a, what the scheme goes on from: ü near t + (α_m - α_f) dt
+    """
+
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    average: np.ndarray
+    dt: float
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Steps of M ü + F(u) = 0 that are implicit, of second order, and damp what they do not resolve.
+
+    radius   ρ_∞ in [0, 1]: factor a step on motions much faster than it. 1 keeps them (and, where all is linear, the energy:
+             the trapezoidal rule), 0 ends them at once; what a step resolves is hardly damped by any of them
+
+        (1 - α_m) a' + α_m a = (1 - α_f) ü' + α_f ü ,   M ü' = -F(u') ,
+        u' = u + Δt v + Δt² ((½ - β) a + β a') ,         v' = v + Δt ((1 - γ) a + γ a')
+
+    with a prime at the end of the step, α_m = (2ρ_∞ - 1)/(ρ_∞ + 1), α_f = ρ_∞/(ρ_∞ + 1), γ = ½ - α_m + α_f, β = (½ + γ)²/4. Forces
+    are averaged, not the states they belong to, so F(u') + c M (u' - û) = 0: an energy of F keeps being one. Before a step of
+    another length than the last, a goes to ü + (a - ü) Δt/Δt_last, so that the order stays. Raises `InputError` for another radius.
+
+    Sources: Chung and Hulbert 1993, 10.1115/1.2900803; with ü kept beside a, for constrained systems, Arnold and Brüls 2007,
+    10.1007/s11044-007-9084-0.
+
+    >>> scheme = GeneralizedAlpha(1.0)
+    >>> scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    (0.5, 0.5, 0.25, 0.5)
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.radius, (int, float)) and 0 <= self.radius <= 1):
+            raise InputError("GeneralizedAlpha.radius", self.radius, "a spectral radius in [0, 1]")
+
+    @property
+    def alpha_m(self) -> float:
+        """Weight of the old acceleration."""
+        return (2 * self.radius - 1) / (self.radius + 1)
+
+    @property
+    def alpha_f(self) -> float:
+        """Weight of the old forces."""
+        return self.radius / (self.radius + 1)
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's γ."""
+        return 0.5 - self.alpha_m + self.alpha_f
+
+    @property
+    def beta(self) -> float:
+        """Newmark's β."""
+        return (0.5 + self.gamma) ** 2 / 4
+
+    def weight(self, dt: float) -> float:
+        """c (1/s²)."""
+        return (1 - self.alpha_m) / ((1 - self.alpha_f) * self.beta * dt**2)
+
+    def begin(self, u: np.ndarray, pace: Pace, dt: float) -> Step:
+        """A step of `dt` seconds from u."""
+        if pace.dt:
+            average = pace.acceleration + (pace.average - pace.acceleration) * (dt / pace.dt)
+            pace = Pace(pace.velocity, pace.acceleration, average, dt)
+        return Step(self, u, pace, dt)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from u; it ends where F(u') + c M (u' - û) = 0."""
+
+    scheme: GeneralizedAlpha
+    u: np.ndarray
+    pace: Pace
+    dt: float
+
+    @property
+    def target(self) -> np.ndarray:
+        """û, where u goes if nothing pulls at the end of the step."""
+        s, pace = self.scheme, self.pace
+        late = (s.alpha_m * pace.average - s.alpha_f * pace.acceleration) / (1 - s.alpha_m)
+        return self._drift() - s.beta * self.dt**2 * late
+
+    def end(self, u: np.ndarray) -> Pace:
+        """The pace at its end u."""
+        s, average = self.scheme, self._average(u)
+        velocity = self.pace.velocity + self.dt * ((1 - s.gamma) * self.pace.average + s.gamma * average)
+        return Pace(velocity, s.weight(self.dt) * (u - self.target), average, self.dt)
+
+    def error(self, u: np.ndarray) -> np.ndarray:
+        """Δt² (β + (α_m - α_f)/2 - 1/6) (a' - a), by how much the step misses where exact accelerations lead, but for Δt⁴.
+
+        Source, for Newmark's method, where α_m = α_f: Zienkiewicz and Xie 1991, 10.1002/eqe.4290200907.
+        """
+        s = self.scheme
+        return self.dt**2 * (s.beta + (s.alpha_m - s.alpha_f) / 2 - 1 / 6) * (self._average(u) - self.pace.average)
+
+    def _drift(self) -> np.ndarray:
+        return self.u + self.dt * self.pace.velocity + self.dt**2 * (0.5 - self.scheme.beta) * self.pace.average
+
+    def _average(self, u: np.ndarray) -> np.ndarray:
+        return (u - self._drift()) / (self.scheme.beta * self.dt**2)
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """The mass of a body that a `TimeStepper` moves: c/2 ∫ ρ |u - û|² dV more energy in each step (`GeneralizedAlpha`).
+
+    density    ρ (kg/m³) at rest: a number, a CoefficientFunction, or region pattern → one of these
+    scheme     how a step goes; by default motions that are much faster than a step end at once, as a boundary that sets off at a
+               speed lets nodes ring with any other
+    amplitude  displacement (m) that a step's error from inertia is judged against, by `ErrorControl`
+
+    One for each body, which is at rest before its first step unless `Problem.start` sets it moving. Pressures hold the volume at
+    the end of a step. Swinging that steps resolve goes on as long as the tissue lets it, and keeps steps short: ρ_∞ = 0 lets them
+    grow soonest. Far from small strains no ρ_∞ bounds the energy; 1 gains it first. Forces on a boundary that is moved include what
+    it takes to speed up its nodes.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.forward.solid.problem import Problem
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> cube, tissue = block((0.1, 0.1, 0.1), 0.1), {".*": Material(NeoHooke(1e3), 1e6)}
+    >>> body = Problem(cube, tissue, {"bottom": 0}, [Inertia(1000.0, GeneralizedAlpha(0.8))], element="P2/P1")
+    >>> body.start((0.01 * ngs.z, 0, 0))
+    >>> body.kinetic_energy()
+    1.6666...e-07
+    """
+
+    density: Value | Mapping[str, Value]
+    scheme: GeneralizedAlpha = GeneralizedAlpha(0.0)
+    amplitude: float = 1e-3
+
+    def __post_init__(self) -> None:
+        positive(self.amplitude, "amplitude")
+
+
+class Momentum:
+    """The inertia of a problem in its present time step."""
+
+    instant = 1e-9
+    """Time (s) in which no tissue relaxes."""
+
+    def __init__(
+        self, masses: Sequence[Inertia], gfu: ngs.GridFunction, space: ngs.FESpace, kinematics: Solid, order: int
+    ) -> None:
+        if len(masses) > 1:
+            raise InputError("loads", f"with {len(masses)} Inertia", "one for each body")
+        mass, mesh = masses[0], space.mesh
+        density = mass.density
+        if isinstance(density, Mapping):
+            check_regions(mesh, density, "density")
+            density = mesh.MaterialCF({name: positive(rho, f"density of {name}") for name, rho in density.items()})
+        self.scheme, self.amplitude, self._gfu, self._n = mass.scheme, mass.amplitude, gfu, space.ndof
+        shapes = (ngs.TRIG, ngs.QUAD, ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
+        self._measure = ngs.dx(intrules={shape: ngs.IntegrationRule(shape, 2 * order) for shape in shapes})
+        self._density = kinematics.weight() * density
+        self._weight, self._target, self._moved = ngs.Parameter(0.0), ngs.GridFunction(space), ngs.GridFunction(space)
+        u, v = space.TnT()
+        form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
+        self._mass = form.Assemble().mat
+        still = np.zeros(self._n)
+        self.pace = Pace(still, still, still, 0.0)
+
+    def term(self, u: CoefficientFunction) -> Any:
+        """The energy of a step, for a form."""
+        way = u - self._target
+        return ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
+
+    def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
+        """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""
+        free, field, answer = free[: self._n], self._moved, self._moved.vec.CreateVector()
+        field.Set(velocity if isinstance(velocity, CoefficientFunction) else ngs.CF(tuple(velocity)))
+        v = field.vec.FV().NumPy() * free
+        field.vec.FV().NumPy()[:] = forces
+        answer.data = self._mass.Inverse(ngs.BitArray((free > 0).tolist()), inverse="sparsecholesky") * field.vec
+        a = answer.FV().NumPy().copy()
+        self.pace = Pace(v, a, a, 0.0)
+
+    def energy(self) -> float:
+        """∫ ρ/2 |v|² (J)."""
+        v = self.pace.velocity
+        return float(v @ self._times(v)) / 2
+
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds from the present state."""
+        self._step = self.scheme.begin(self._displacement(), self.pace, dt)
+        self._weight.Set(self.scheme.weight(dt))
+        self._target.vec.FV().NumPy()[:] = self._step.target
+
+    def forces(self, u: Array) -> Array:
+        """c M (u - û)."""
+        return self._weight.Get() * self._times(u - self._target.vec.FV().NumPy())
+
+    def finish(self) -> None:
+        """End the step begun at the state that now stands."""
+        self.pace = self._step.end(self._displacement())
+
+    def error(self, free: Array) -> float:
+        """Largest error of a free displacement in the step that now ends, over `amplitude`."""
+        error = self._step.error(self._displacement()) * free[: self._n]
+        return float(np.max(np.abs(error))) / self.amplitude
+
+    def freeze(self, dt: float) -> None:
+        """Weigh as in a step of `dt` seconds."""
+        self._weight.Set(self.scheme.weight(dt))
+
+    def _displacement(self) -> Array:
+        return np.array(self._gfu.vec.FV().NumPy()[: self._n])
+
+    def _times(self, velocity: Array) -> Array:
+        """M v."""
+        self._moved.vec.FV().NumPy()[:] = velocity
+        product = self._moved.vec.CreateVector()
+        product.data = self._mass * self._moved.vec
+        return np.array(product.FV().NumPy())
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """All that decides the steps to come besides the state."""
+        return {"pace": dict(self.pace.__dict__)}
+
+    @memory.setter
+    def memory(self, saved: dict[str, Any]) -> None:
+        self.pace = Pace(**saved["pace"])

@@ -1,0 +1,99 @@
+"""A body's nodal forces from its energy: stresses derived symbolically, evaluated once a point, then integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpace
+
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.unknowns import Layout
+from ngbrain.materials.base import Deformation
+from ngbrain.materials.points import evaluated
+from ngbrain.tensors import isochoric, right_cauchy_green, volume_free
+
+Density = Callable[[Deformation, CoefficientFunction | None], CoefficientFunction]
+"""Energy density (Pa) of a state and the pressure p, if there is one."""
+
+
+def stresses(
+    density: Density, F: Callable[[], CoefficientFunction], p: CoefficientFunction | None
+) -> CoefficientFunction:
+    """∂W/∂F (Pa), nine entries by rows, and ∂W/∂p; `F` gives the deformation gradient, a new one each time: a variable is one
+    wherever it is used.
+
+    Where the derivatives are taken decides what they cost: NGSolve keeps the derivative of a tensor by a tensor as 81
+    entries, so none is asked for but that of C by F, which is ∂W/∂F = 2F sym ∂W/∂C (a law of single entries of C leaves
+    it unsymmetric). Of C̄ = s(C) C only s is derived: of s ∂W/∂C̄ : C, a derivative by C would carry 81 entries all through
+    the law. C̄, C, J and F are each held while W is derived by another.
+    """
+    shape, C = isochoric(right_cauchy_green(F())).MakeVariable(), right_cauchy_green(F()).MakeVariable()
+    moving, J, pressure = F().MakeVariable(), ngs.Det(F()).MakeVariable(), p if p is None else p.MakeVariable()
+    whole, gradient = right_cauchy_green(F()).MakeVariable(), F().MakeVariable()
+    energy = density(Deformation(shape, whole, J, gradient), pressure)
+    S, scale = energy.Diff(shape), volume_free(C)
+    by_C = scale * S + ngs.InnerProduct(S, C) * scale.Diff(C) + energy.Diff(whole)
+    P = F() * (by_C + by_C.trans) + energy.Diff(J) * ngs.Det(moving).Diff(moving) + energy.Diff(gradient)
+    return (P.Reshape((9,)) if pressure is None else ngs.CF((P.Reshape((9,)), energy.Diff(pressure)))).Compile()
+
+
+class Forces:
+    """∫ ∂W/∂F : ∇v + ∂W/∂p q over the elements, for every test function.
+
+    A form of the energy evaluates it once for each of the ten entries; here all of them are evaluated together.
+
+    layout     what the unknowns of `gfu` are
+    gfu        the state
+    densities  region pattern → `Density`
+    space      quadrature points, with their rules
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        gfu: ngs.GridFunction,
+        densities: dict[str, Density],
+        space: IntegrationRuleSpace,
+        kinematics: Solid,
+    ) -> None:
+        self.mesh = gfu.space.mesh
+        now, test = layout.fields(gfu), layout.fields(gfu.space.TestFunction())
+        size = 9 if now.p is None else 10
+        self._stress = ngs.GridFunction(ngs.VectorValued(space, size))
+        self._values = np.zeros((size, space.ndof))
+
+        def F() -> CoefficientFunction:
+            return kinematics.gradient(now.u, ngs.Grad(now.u))
+
+        self._derived = self.mesh.MaterialCF(
+            {pattern: stresses(density, F, now.p) for pattern, density in densities.items()}
+        )
+        self._points = self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL)
+        self._moving = np.ones(space.ndof, bool)
+        P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
+        work = ngs.InnerProduct(P, kinematics.change(test.u, ngs.Grad(test.u)))
+        if now.p is not None:
+            work = work + self._stress[9] * test.p
+        self._form = ngs.LinearForm(gfu.space)
+        self._form += kinematics.weight() * work * ngs.dx(intrules=space.GetIntegrationRules())
+
+    def leave_out(self, points: np.ndarray) -> None:
+        """Do not evaluate some points (their numbers) from now on; what they would add is 0."""
+        self._moving = np.ones(self._moving.size, bool)
+        self._moving[points] = False
+        self._values[:] = 0
+
+    @property
+    def stress(self) -> np.ndarray:
+        """∂W/∂F (Pa), (n, 3, 3) at the points of `space`, as the last call found it."""
+        return self._values[:9].T.reshape(-1, 3, 3)
+
+    def __call__(self) -> np.ndarray:
+        """At the current state, one number for each unknown."""
+        self._values[:, self._moving] = evaluated(self._derived, self._points[self._moving]).T
+        self._stress.vec.FV().NumPy()[:] = self._values.ravel()
+        self._form.Assemble()
+        return self._form.vec.FV().NumPy().copy()

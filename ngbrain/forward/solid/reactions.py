@@ -1,0 +1,121 @@
+"""What supports, contacts and loads exert on a problem's body, and what else is asked of its state."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.forward.common.loads import volume
+from ngbrain.forward.common.regions import boundaries
+from ngbrain.forward.solid.assembled import Assembled
+
+Array = np.ndarray
+
+
+class Reactions(Assembled):
+    """Forces and energies of a `Problem` at its current state."""
+
+    @property
+    def energy(self) -> float:
+        """Energy (J; in plane strain per metre) of the body and of loads that have one."""
+        return float(self.form.Energy(self.gfu.vec))
+
+    def min_gap(self) -> float:
+        """Smallest signed distance (m) between tissue and rigid bodies over the walls' quadrature points."""
+        return min((float(np.min(gap(points))) for gap, points in self.gaps), default=float("inf"))
+
+    def tissue_forces(self) -> Array:
+        """Forces (N) that the tissue exerts on its nodes at the current state, one for each displacement unknown."""
+        self._stand(self.state)
+        return self.tissue.forces()[self.is_u]
+
+    def tissue_stress(self) -> Array:
+        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the points of `history.space`, where `tissue_forces` was last asked."""
+        return self.tissue.stress
+
+    def contact_forces(self) -> Array:
+        """Nodal forces (N) of contacts, their friction, sliding walls and loads at the current state."""
+        self.friction.hold(self.gfu.vec)
+        return self._outer_forces()[self.is_u]
+
+    def contact_energy(self) -> float:
+        """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
+        return float(self.contact_form.Energy(self.gfu.vec))
+
+    def friction_work(self) -> float:
+        """What went into friction (J) since the present time step began."""
+        self.friction.hold(self.gfu.vec)
+        return self.friction.work()
+
+    def friction_driving(self) -> float:
+        """Force (N) along the way of the rigid bodies that friction asks of them, as `Contact.driving` does."""
+        self.friction.hold(self.gfu.vec)
+        return self.friction.driving()
+
+    def nodal_forces(self, boundary: str) -> Array:
+        """Forces (N) that act on a boundary from outside, loads on it included, one for each displacement unknown.
+
+        They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
+        supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
+        """
+        self._stand(self.state)
+        forces = self.tissue.forces()[self.is_u]
+        for pattern, acting in self._acting:
+            if not self._on(boundary, pattern):
+                forces = forces + self._applied(acting)[self.is_u]
+        if self.inertia is not None:
+            forces = forces + self.inertia.forces(self.state[: len(self.held)])
+        return forces * self.reaction_shares(boundary)
+
+    def reaction_shares(self, boundary: str) -> Array:
+        """How much of the forces at each displacement unknown is a boundary's own: see `Supports.shares`.
+
+        Where nothing acts on the boundary its free unknowns bear nothing, and what a solution leaves there is none of its force.
+        """
+        shares = self.supports.shares(self.u.space, boundary)
+        own = any(self._on(boundary, pattern) for pattern, _ in self._acting)
+        return shares if own else np.where(self.held, shares, 0.0)
+
+    def _on(self, boundary: str, pattern: str | None) -> bool:
+        """Whether what acts on a pattern acts on a boundary; a weight has none, nor need one of a user's."""
+        return pattern is not None and bool(boundaries(self.mesh, boundary) & boundaries(self.mesh, pattern))
+
+    def force(self, boundary: str) -> Array:
+        """Force (N) that acts on a boundary from outside, by components: what its supports, contacts and loads exert together."""
+        return np.array([self.conjugate(_unit(i, self.mesh.dim), boundary) for i in range(self.mesh.dim)])
+
+    def conjugate(self, motion: CoefficientFunction, boundary: str) -> float:
+        """Work (J) of the outer forces on a boundary for a motion (m) of it: the force that is conjugate to its amplitude."""
+        field = ngs.GridFunction(self.u.space)
+        field.Set(motion, definedon=self.mesh.Boundaries(boundary), dual=True)
+        return float(field.vec.FV().NumPy() @ self.nodal_forces(boundary))
+
+    def volume(self, boundary: str) -> float:
+        """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
+        return volume(self.place(self.u, self.u), self.u, boundary)
+
+    def cavity_pressures(self) -> list[float]:
+        """Pressures (Pa) of the loads that prescribe a volume, in their order."""
+        n = len(self._cavities)
+        return self.state[len(self.state) - n :].tolist()
+
+    @cached_property
+    def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+        """What acts from outside, one after the other: on which boundary, and its forces."""
+        at, found = self.layout.fields(self.fes.TrialFunction()), []
+        for load, part in self._load_terms():
+            acting = ngs.BilinearForm(self.fes)
+            acting += part
+            found.append((getattr(load, "boundary", None), acting))
+        for contact in self.contacts:
+            acting = ngs.BilinearForm(self.fes)
+            self._joined.append(contact.join(acting, at, self.kinematics))
+            found.append((contact.wall, acting))
+        return found + self.friction.forms()
+
+
+def _unit(i: int, dim: int) -> CoefficientFunction:
+    return ngs.CF(tuple(float(i == j) for j in range(dim)))

@@ -1,0 +1,172 @@
+"""The tissue of a problem: its energy, what it remembers at quadrature points, its nodal forces and stress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.errors import Breakdown, Failure
+from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.common.unknowns import Layout
+from ngbrain.forward.solid.internal_forces import Density, Forces
+from ngbrain.forward.solid.internal_variables import History
+from ngbrain.materials import Viscous
+from ngbrain.materials.base import Deformation
+from ngbrain.materials.points import EVERYWHERE
+from ngbrain.tensors import isochoric, right_cauchy_green
+
+Array = np.ndarray
+Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
+"""A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
+
+
+class Tissue:
+    """Energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K, over the elements.
+
+    Tissue that goes through time keeps a `History`, whose quadrature points carry the energy, and evaluates stresses once a point;
+    an elastic body that only bears loads has a rule of order 2k (+ `bonus`) and lets NGSolve derive its forces.
+
+    Attributes: `rules` (element shape → quadrature), `history` (None without), `points` (all quadrature points).
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        gfu: ngs.GridFunction,
+        kinematics: Solid,
+        materials: Mapping[str, Material],
+        element: Form,
+        through_time: bool,
+        bonus: int = 0,
+    ) -> None:
+        self.layout, self.gfu, self.kinematics, self.materials = layout, gfu, kinematics, dict(materials)
+        self.mesh = gfu.space.mesh
+        now = layout.fields(gfu)
+        F = kinematics.gradient(now.u, ngs.Grad(now.u))
+        self.history: History | None = None
+        if through_time:
+            regions = {name: material.viscous for name, material in materials.items()}
+            self.history = History(self.mesh, regions, history_order(self.mesh, element.order))
+            self.history.follow(isochoric(right_cauchy_green(F)))
+            self.rules = dict(self.history.rules)
+        else:
+            shapes = {each.type for each in self.mesh.Elements()}
+            self.rules = {shape: ngs.IntegrationRule(shape, 2 * element.order + bonus) for shape in shapes}
+        self._det = ngs.Det(F).Compile()
+        self.points = self.mesh.MapToAllElements(self.rules, ngs.VOL)
+        self._relaxed, self._stiff = np.empty(0), False
+        self.make()
+
+    def make(self) -> None:
+        """Make the forms; again when materials are others."""
+        self.terms = self.energies()
+        self._forces: Forces | None = None
+        self.form: ngs.BilinearForm | None = None
+        if self.history is not None:
+            densities = {name: self.density(m, self.history.work) for name, m in self.materials.items()}
+            self._forces = Forces(self.layout, self.gfu, densities, self.history.space, self.kinematics)
+            return
+        self.form = ngs.BilinearForm(self.gfu.space, symmetric=True)
+        for term in self.terms:
+            self.form += term
+        self._vec = self.gfu.vec.CreateVector()
+
+    def energies(self) -> list[ngs.comp.BFI]:
+        """Of each region, made once and compiled: uncompiled, shared subexpressions are evaluated again at every use."""
+        trial = self.layout.fields(self.gfu.space.TrialFunction())
+        state = Deformation.of(self.kinematics.gradient(trial.u, ngs.Grad(trial.u)))
+        found = []
+        for pattern, material in self.materials.items():
+            density = material.energy if self.history is None else self.density(material, self.history.energy)
+            energy = (self.kinematics.weight() * density(state, trial.p)).Compile()
+            term = ngs.SymbolicEnergy(energy, definedon=self.mesh.Materials(pattern))
+            for shape, rule in self.rules.items():
+                term.SetIntegrationRule(shape, rule)
+            found.append(term)
+        return found
+
+    def density(self, material: Material, remembered: Remembered) -> Density:
+        """Energy density (Pa) in the present time step."""
+        law, history = material.viscous, self.history
+        assert history is not None
+
+        def density(at: Deformation, p: CoefficientFunction | None) -> CoefficientFunction:
+            energy = law.density(at, history.shares[: len(law.hereditary)]) + remembered(law, at.shape)
+            return energy + material.of_volume(at.J, p)
+
+        return density
+
+    def leave_out(self, elements: Array) -> None:
+        """Integrate nothing over some elements (a mask) from now on."""
+        assert self._forces is not None
+        for term in self.terms:  # `dx(definedonelements=…)` is not heard by an energy; its integrator is
+            term.SetDefinedOnElements(ngs.BitArray(~elements))
+        self._forces.leave_out(self.points_in(elements))
+
+    def forces(self) -> Array:
+        """Nodal forces (N) and what the pressures' equations miss, at the current state, one number for each unknown."""
+        if self._forces is not None:
+            return self._forces()
+        assert self.form is not None
+        self.form.Apply(self.gfu.vec, self._vec)
+        if not np.isfinite(self.form.Energy(self.gfu.vec)):
+            raise Breakdown("the energy is not finite", Failure.NOT_FINITE)
+        return np.array(self._vec.FV().NumPy())
+
+    @property
+    def stress(self) -> Array:
+        """Nominal stress P = ∂W/∂F (Pa), (n, 3, 3) at the history's points, where `forces` was last asked."""
+        assert self._forces is not None
+        return self._forces.stress
+
+    def min_det(self) -> float:
+        """Smallest det F over all quadrature points at the current state."""
+        return float(np.min(self._det(self.points)))
+
+    def points_in(self, elements: Array) -> Array:
+        """Numbers of the quadrature points in some elements (a mask)."""
+        counts = np.array([len(self.rules[each.type].weights) for each in self.mesh.Elements()])
+        return np.flatnonzero(np.repeat(elements, counts))
+
+    # Maxwell branches flow to where they rest with a state; their stiffness is wanted with the tangent alone.
+
+    def relax(self, x: Array) -> None:
+        """Let the branches flow at the state x, which stands."""
+        if self.history is not None and self.history.flows and not np.array_equal(x, self._relaxed):
+            self.history.relax()
+            self._relaxed, self._stiff = x.copy(), False
+
+    def stiffen(self, where: Array | slice = EVERYWHERE) -> None:
+        """Find the branches' stiffness, everywhere or at some points."""
+        if self.history is not None and self.history.flows and not self._stiff:
+            self.history.flows.stiffen(where)
+            self._stiff = where is EVERYWHERE
+
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds."""
+        if self.history is not None:
+            self.history.begin(dt)
+        self._relaxed = np.empty(0)
+
+    def stays_at(self, x: Array) -> None:
+        """Say that branches which rest do so at the state x too."""
+        if len(self._relaxed):
+            self._relaxed = x.copy()
+
+    def rests_at(self, x: Array) -> None:
+        """Say that the branches rest at the state x, where their stiffness is known."""
+        self._relaxed, self._stiff = x.copy(), True
+
+
+def history_order(mesh: ngs.Mesh, k: int) -> int:
+    """Half the order of the history's quadrature for displacements of order k.
+
+    With a point less each way, quadrilaterals and hexahedra have motions without energy.
+    """
+    simplices = {each.type for each in mesh.Elements()} <= {ngs.TRIG, ngs.TET}
+    return max(k - simplices, 1)

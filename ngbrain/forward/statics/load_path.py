@@ -1,0 +1,199 @@
+"""Equilibrium of a problem whose boundary conditions and loads grow with a factor from 0 to 1."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import CollapseWarning, InputError, SolverError, StabilityWarning, gave_up
+from ngbrain.forward.common.element_choice import COMPRESSIBLE
+from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics import stability
+from ngbrain.solvers import continuation, linear
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import PathRecord
+from ngbrain.threads import threads as using
+
+UPHILL = 4
+"""`Newton.watch` of displacement elements."""
+GUARD = 0.05
+"""Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
+
+
+class LoadPath:
+    """From rest to load factor 1, in as few steps as succeed; a body that would collapse at single points gets a barrier.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of elastic tissue without inertia.
+    motion : Motion, optional
+        Of the rigid bodies in its contacts: at load factor t they are where its time t puts them. Without, they stand.
+
+    Raises
+    ------
+    InputError
+        For tissue that relaxes: that is what a `TimeStepper` is for.
+
+    Examples
+    --------
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> tissue = {".*": Material(NeoHooke(1e3), 1e5)}
+    >>> body = Problem(block((0.1, 0.1, 0.1), 0.1), tissue, {"bottom": 0, "top": (0, 0, -0.01)}, element="P2/P1")
+    >>> LoadPath(body).solve().factor
+    1.0
+    """
+
+    def __init__(self, problem: Problem, motion: Motion | None = None) -> None:
+        if any(material.viscous.branches for material in problem.materials.values()):
+            raise InputError("materials", "a relaxing law", "elastic ones, such as its `equilibrium`, or a TimeStepper")
+        if problem.inertia is not None:
+            raise InputError("loads", "with Inertia", "none for equilibrium, or a TimeStepper")
+        self.problem = problem
+        self._path = problem if motion is None else _Moved(problem, motion)
+
+    def solve(
+        self,
+        steps: int = 1,
+        newton: Newton | None = None,
+        callback: Callable[[float], None] | None = None,
+        threads: int | None = None,
+        start: np.ndarray | None = None,
+        eigenvalues: bool = False,
+    ) -> PathRecord:
+        """Equilibrium at load factor 1 from rest, in `steps` load steps, and more where one fails.
+
+        Parameters
+        ----------
+        steps : int
+            Load steps to try first.
+        newton : Newton, optional
+            Settings; `newton_for` gives those that the element needs, with others of yours.
+        callback : callable, optional
+            Called with the load factor after every step.
+        threads : int, optional
+            For this solve; None leaves NGSolve's as they are.
+        start : array (ndof,), optional
+            A state near the one at load factor 1, such as a coarser body's: the way from rest is gone if it is not near.
+        eigenvalues : bool
+            Whether the tangent's smallest eigenvalue is found after every load step (`PathRecord.eigenvalues`): where it changes
+            its sign a straight or flat state goes on, and is not stable. One factorisation each, of a direct solver.
+
+        Returns
+        -------
+        PathRecord
+            What it took; the problem stands in the last equilibrium reached.
+
+        Raises
+        ------
+        InputError
+            For a body that nothing holds.
+        InvertedElementError, ConvergenceError
+            When steps get too short; they carry the `record`.
+        """
+        body = self.problem
+        if not body.contacts:
+            check_held(body.supports, body.loads, body.kinematics)
+        newton = newton or newton_for(body)
+        signs: list[tuple[float, float]] = []
+
+        def tell(t: float, x: np.ndarray) -> None:
+            if eigenvalues:
+                body.state = x
+                signs.append((t, stability.softest(body)[0]))
+                body.changed()
+            if callback:
+                callback(t)
+
+        with using(threads):
+            near = None if start is None else continuation.resumed(self._path, newton, start, steps, tell)
+            x, record = near or self._follow(newton, steps, tell)
+            if not record.converged and record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
+                x, record = self._guarded(newton, steps, tell, record)
+        body.state = x
+        record.eigenvalues = signs
+        record.seconds, record.ndof = dict(body.clock.seconds), body.fes.ndof
+        record.element, record.solver = body.choice["element"], f"{body.solver}: {body.choice['solver']}"
+        if not record.converged:
+            raise self._error(record)
+        if record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
+            found = f"det F is {record.min_det_F:.2g} at a point though K/μ is {body.ratio:.3g}"
+            warnings.warn(f"{found}: the mesh is too coarse there, or the body folds", CollapseWarning, stacklevel=2)
+        with using(threads):
+            self._check_stability(record)
+        return record
+
+    def _check_stability(self, record: PathRecord) -> None:
+        """Whether a body that is compressed far is stable; a warning if it is not, or if its free surface creases."""
+        body = self.problem
+        record.pressed, record.creased = stability.pressed(body), stability.creased(body)
+        if max(record.pressed, record.creased) <= stability.SHARE:
+            return
+        said = f"{body.solver} cannot say whether the body is stable"
+        if body.solver in linear.DIRECT:
+            record.softest = stability.softest(body)[0]
+            sign = "positive: stable" if record.softest > 0 else "negative: not stable"
+            said = f"the tangent's smallest eigenvalue is {record.softest:.3g} Pa/m², {sign}"
+        if record.softest < 0 or record.creased > stability.SHARE:
+            by = f"compressed by more than {1 - stability.CREASE:.0%}"
+            found = f"{record.pressed:.0%} of the body and {record.creased:.0%} of its free surface are {by}; {said}"
+            doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
+            warnings.warn(f"{found}; {doubt}", StabilityWarning, stacklevel=3)
+
+    def _follow(
+        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None]
+    ) -> tuple[np.ndarray, PathRecord]:
+        settings = replace(newton, inverse=None, largest=0.0)
+        return continuation.follow(self._path, settings, np.zeros(self.problem.fes.ndof), steps, tell)
+
+    def _guarded(
+        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None], before: PathRecord
+    ) -> tuple[np.ndarray, PathRecord]:
+        """The same with a `barrier` against collapse at single points; it stays."""
+        body = self.problem
+        kappa = GUARD * body.modulus
+        body.with_materials({p: replace(m, pointwise=m.pointwise or kappa) for p, m in body.materials.items()})
+        x, record = self._follow(newton, steps, tell)
+        record.guard = f"a barrier of {kappa:.3g} Pa against collapse: without it det F fell to {before.min_det_F:.2g}"
+        record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
+        record.work += before.work
+        if record.converged:
+            warnings.warn(f"{body.element} on this mesh needed {record.guard}", CollapseWarning, stacklevel=3)
+        return x, record
+
+    def _error(self, record: PathRecord) -> SolverError:
+        advice = f"try a finer or graded mesh, another element than {self.problem.element}, or a smaller load"
+        error = gave_up(f"{record.reason}; {advice}", record.failure)
+        error.record = record
+        return error
+
+
+class _Moved:
+    """A problem whose rigid bodies move with the load factor, as `continuation` asks for it."""
+
+    def __init__(self, problem: Problem, motion: Motion) -> None:
+        self._problem, self._motion = problem, motion
+        self.residual, self.factorise, self.min_det = problem.residual, problem.factorise, problem.min_det
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The problem's."""
+        return self._problem.weights
+
+    def load(self, x: np.ndarray, t: float) -> np.ndarray:
+        """With the rigid bodies where they are at t."""
+        self._motion.set(t)
+        return self._problem.load(x, t)
+
+
+def newton_for(problem: Problem, **settings: Any) -> Newton:
+    """Newton's method as the problem's element needs it, with settings such as rtol=1e-10."""
+    return Newton(**{"watch": UPHILL if problem.element.pressure is None else 0, **settings})

@@ -1,0 +1,305 @@
+"""A problem through time: steps that land on touch and events, are as long as their error allows, and can be redone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import Breakdown, Failure, InputError, gave_up
+from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.tangent import Solve
+from ngbrain.forward.statics.load_path import newton_for
+from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import NewtonRecord, Work
+
+Array = np.ndarray
+PROBE = 1e-3
+"""Part of a step's load over which the residual's derivative is taken."""
+WHOLES = 1
+"""Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
+FORESEEN = 2
+"""Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
+
+
+Watch = Callable[[Problem, Progress, NewtonRecord], None]
+
+
+class LoadHistory:
+    """Load factors at times (s), straight in between: how boundary conditions and loads grow, and fall.
+
+    Raises `InputError` unless times increase and there is a factor for each.
+    """
+
+    def __init__(self, times: Sequence[float] | Array, factors: Sequence[float] | Array) -> None:
+        self.times, self.factors = np.asarray(times, float), np.asarray(factors, float)
+        increasing = self.times.ndim == 1 and len(self.times) > 1 and np.all(np.diff(self.times) > 0)
+        if not increasing or self.times.shape != self.factors.shape:
+            raise InputError("times", np.array2string(self.times, threshold=4), "increasing, with a factor for each")
+
+    def at(self, t: float) -> float:
+        """Load factor at a time (s)."""
+        return float(np.interp(t, self.times, self.factors))
+
+
+class TimeStepper:
+    """A `Problem` through time: quasi-static or with inertia, under a `Motion` of rigid bodies, a `LoadHistory`, or both.
+
+    problem             what moves
+    motion              of rigid bodies, of which contacts are made; None: nothing moves
+    control             how long steps are
+    penetration_limit   a step that ends with tissue further (m) inside a rigid body is rejected
+    newton              settings
+    loads               of boundary conditions and loads; None: at load factor 1 from the start
+
+    `run` raises `ConvergenceError`, `InvertedElementError` or `ContactError` when steps get too short; the problem then
+    stands at the end of the last accepted step. `InputError` for a body that nothing holds.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        motion: Motion | None,
+        control: Control,
+        penetration_limit: float = np.inf,
+        newton: Newton | None = None,
+        loads: LoadHistory | None = None,
+    ) -> None:
+        if not problem.contacts and problem.inertia is None:
+            check_held(problem.supports, problem.loads, problem.kinematics)
+        if motion is None and loads is None:
+            raise InputError("motion", None, "a motion of rigid bodies, or a history of loads")
+        self.problem, self.motion, self.control, self.loads = problem, motion, control, loads
+        self.penetration_limit = penetration_limit
+        self.newton = replace(newton or newton_for(problem), inverse=None, largest=0.0)
+        self.progress = Progress(t=0.0 if loads is None else float(loads.times[0]), dt=control.touch)
+        ends = {*(motion.events if motion else ()), *(loads.times[1:].tolist() if loads else ())}
+        self.events = tuple(sorted(ends))
+        self.follow = np.zeros(len(problem.state))
+        self.drift = np.zeros(len(problem.state))
+        self._begun, self._now, self._wholes = self.progress.t, self.progress.t, 0
+        self._factored: list[dict[str, Any]] = []
+        self._set(self.progress.t)
+
+    def run(self, observe: Watch, until: float = float("inf")) -> None:
+        """Step to the last event (or to `until`, s), calling `observe` after every accepted step."""
+        end = min(until, self.events[-1])
+        while self.progress.t < end:
+            record = self.step()
+            observe(self.problem, self.progress, record)
+
+    def step(self) -> NewtonRecord:
+        """One accepted step, cut as often as needed."""
+        at = self.progress
+        start = self.problem.state
+        dt = self._propose()
+        at.cut, tries = False, 0
+        while True:
+            record, failed = self._attempt(start, dt, tries)
+            tries += 1
+            at.work += record.work
+            at.newton += record.iterations
+            if failed is None:
+                self._accept(start, dt)
+                return record
+            at.rejected += 1
+            self._stand(start)
+            at.cut = True
+            dt = dt / 3
+            if dt < self.control.shortest:
+                raise _error(failed, at.t, dt)
+
+    def _stand(self, x: np.ndarray) -> None:
+        """Go to a state of the present time."""
+        self._set(self.progress.t)
+        self.problem.state = x
+
+    def _propose(self) -> float:
+        """Step length from what the control says, landing on touch and events."""
+        at = self.progress
+        left = self.events[at.event] - at.t
+        dt = self.control.proposed(at, lambda ahead: self._travel(at.t, at.t + min(left, ahead)))
+        if not at.touching:
+            dt = self._up_to_touch(dt)
+        # Two even steps rather than a long one and a sliver before an event.
+        return left if dt >= left * (1 - 1e-9) else min(dt, left / 2) if dt > left / 2 else dt
+
+    def _up_to_touch(self, dt: float) -> float:
+        """Shorten a step of bodies that come nearer so that it ends just after first touch."""
+        at, touch_dt = self.progress, self.control.touch
+        speed = self._travel(at.t, at.t + touch_dt) / touch_dt
+        return min(dt, max(self.problem.min_gap(), 0.0) / speed + touch_dt) if speed > 0 else dt
+
+    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, Breakdown | None]:
+        at, problem = self.progress, self.problem
+        problem.begin(dt)
+        self._now, self._wholes = at.t + dt, 0
+        self._set(self._now)
+        problem.state, record = self.newton.solve(self, self._guess(start, dt, tries))
+        if not record.converged:
+            return record, Breakdown(record.reason, record.failure or Failure.STALLED)
+        depth = -problem.min_gap()
+        if depth > self.penetration_limit:
+            limit = f"the limit {1e3 * self.penetration_limit:.2f} mm"
+            return record, Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Failure.PENETRATION)
+        judged = self.control.judged(problem, start, at)
+        return record, Breakdown(judged, Failure.INACCURATE) if judged else None
+
+    def _guess(self, start: np.ndarray, dt: float, tries: int) -> np.ndarray:
+        """Where a step from a state may end, after so many tries."""
+        at, guess = self.progress, start
+        if self.loads is not None and self.loads.at(at.t) != self.loads.at(at.t + dt):
+            return self._ahead(start, at.t, at.t + dt)
+        start = guess = self._lifted(start, at.t + dt)
+        if tries >= FORESEEN:
+            return start
+        travel = self._travel(at.t, at.t + dt)
+        if at.touching and travel:
+            # The tissue follows the body as it did when it was last pushed, or goes back the same way.
+            guess = start + self.follow * travel
+        elif not travel and not at.rested:
+            guess = start + self.drift * self._slowing(at.t, at.t + dt)
+        return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
+
+    def _lifted(self, x: Array, t: float) -> Array:
+        """A state with what is prescribed at a time."""
+        return self.problem.load(x, 1.0 if self.loads is None else self.loads.at(t))
+
+    def _ahead(self, start: Array, t: float, end: float) -> Array:
+        """Along the tangent of a change of load, where there is one."""
+        lifted = self._lifted(start, end)
+        guess, inverse = lifted, self.newton.inverse
+        if inverse is not None and not np.array_equal(lifted, start):
+            r = self.problem.residual(self._lifted(start, t))[0]
+            near = self._lifted(start, t + PROBE * (end - t))
+            guess = lifted - inverse((self.problem.residual(near)[0] - r) / PROBE)
+            self._lifted(start, end)
+        return guess if self.problem.min_det(guess) > self.newton.min_det else lifted
+
+    def _set(self, t: float) -> None:
+        """Put rigid bodies and the load factor where they are at a time."""
+        if self.motion is not None:
+            self.motion.set(t)
+        self.problem.factor.Set(1.0 if self.loads is None else self.loads.at(t))
+
+    def _travel(self, start: float, end: float) -> float:
+        """How far (m) rigid bodies move towards the tissue between two times."""
+        return 0.0 if self.motion is None else self.motion.travel(start, end)
+
+    def _slowing(self, start: float, end: float) -> float:
+        """How far a hold gets between two times on a scale on which relaxation is nearly even: the logarithm's."""
+        event = self.events[self.progress.event - 1] if self.progress.event else self._begun
+        return float(np.log1p((end - event) / self.control.touch) - np.log1p((start - event) / self.control.touch))
+
+    def _accept(self, start: np.ndarray, dt: float) -> None:
+        at = self.progress
+        self.problem.finish()
+        touched = self.problem.min_gap() < 0
+        travel = self._travel(at.t, at.t + dt)
+        if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
+            self.follow = (self.problem.state - start) / travel
+        if not travel:
+            self.drift = (self.problem.state - start) / self._slowing(at.t, at.t + dt)
+        # After first touch the steps start again from a short one.
+        at.dt = min(dt, self.control.touch) if touched and not at.touching else dt
+        at.touching = touched
+        at.steps += 1
+        event = self.events[at.event]
+        at.rested = abs(at.t + dt - event) < 1e-9 * max(event, 1.0)
+        at.t = event if at.rested else at.t + dt
+        if at.rested:
+            at.event = min(at.event + 1, len(self.events) - 1)
+
+    # What Newton's method asks (solvers.newton.System): the body's answers, with a note of where a factor was made.
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The body's weights."""
+        return self.problem.weights
+
+    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """The body's residual."""
+        return self.problem.residual(x)
+
+    def min_det(self, x: np.ndarray) -> float:
+        """The body's smallest det F."""
+        return self.problem.min_det(x)
+
+    def factorise(self, x: np.ndarray, r: np.ndarray) -> Solve:
+        """The body's factorisation; where it was made is kept so that a restart makes the same one."""
+        solve = self.problem.factorise(x, r)
+        self._factored = [*(self._factored[:1] if self.problem.partial else []), self._here(x)]
+        self._wholes += not self.problem.partial
+        if self.problem.focused and self._wholes > WHOLES:
+            raise Breakdown(f"the tangent changes all over the body {self._wholes} times")
+        return solve
+
+    def _here(self, x: np.ndarray) -> dict[str, Any]:
+        return {"t": self._now, "x": x.copy(), "history": self.problem.frozen}
+
+    # Restart.
+
+    def checkpoint(self) -> dict[str, Any]:
+        """Everything that decides the steps to come, as arrays and numbers."""
+        return {
+            "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
+            "x": self.problem.state,
+            "follow": self.follow,
+            "drift": self.drift,
+            "largest": self.newton.largest,
+            "history": self.problem.memory,
+            "factors": self._factored if self.newton.inverse is not None else [],
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from a checkpoint, to the same bits on one thread."""
+        problem = self.problem
+        makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (problem.factorise, problem.refactorise)
+        for make, factor in zip(makes, saved["factors"], strict=False):
+            problem.freeze(factor["x"], factor["history"])
+            self._now = factor["t"]
+            self._set(self._now)
+            self.newton.inverse = make(factor["x"])
+        self._factored = list(saved["factors"])
+        self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
+        problem.memory = saved["history"]
+        self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
+        self.newton.largest = saved["largest"]
+        self._stand(saved["x"])
+
+
+def _error(failed: Breakdown, t: float, dt: float) -> Exception:
+    advice = "try a finer mesh where it fails, a slower motion or a smaller one"
+    return gave_up(f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.kind)
+
+
+def run_load_history(
+    problem: Problem,
+    times: Sequence[float] | Array,
+    factors: Sequence[float] | Array,
+    observe: Callable[[float], Any],
+    newton: Newton | None = None,
+) -> list[Any]:
+    """From rest at times[0] through the times (s) with the load factor at each; what `observe` gives after every one.
+
+    Steps are the caller's, and second order; one that fails is cut. Raises `InputError` and `ConvergenceError` as `TimeStepper`.
+
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> tissue = {".*": Material(Prony(NeoHooke(1e3), [0.5], [1.0]), 1e5)}
+    >>> body = Problem(block((0.1, 0.1, 0.1), 0.1), tissue, {"bottom": 0, "top": (0, 0, -1e-4)}, element="P2/P1")
+    >>> forces = run_load_history(body, [0, 0.01, 10, 30], [0, 1, 1, 1], lambda t: body.force("top")[2])
+    >>> round(float(forces[-1] / forces[0]), 2)
+    0.5
+    """
+    found: list[Any] = []
+    loads = LoadHistory(times, factors)
+    stepper = TimeStepper(problem, None, GivenSteps(loads.times), newton=newton, loads=loads)
+    stepper.run(lambda body, at, record: found.append(observe(at.t)) if at.rested else None)
+    return found
