@@ -16,7 +16,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityVolume, Pressure, RigidFace, Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
+from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
 from ngbrain.forward.sensitivity.readings import Force
@@ -146,7 +146,7 @@ def check(kind: str, ingredient: str, controller: str, tooled: bool) -> None:
         "rigid face": [RigidFace("right", (-2e-4,) + (0.0,) * (dim - 1), 1e7)],
         "inertia": [Inertia(1000.0)],
     }.get(ingredient, [])
-    tool, press = Tool(dim), Press((0.0, 1.0, 2.0), (0.0, 2e-3, 2e-3), away=-1e-3, nudge=1e-6)
+    tool, press = Tool(dim), GivenForce((0.0, 1.0, 2.0), (0.0, 2e-3, 2e-3), away=-1e-3, nudge=1e-6)
     contacts: list = []
     supports = {"bottom": 0, **axis}
     moving = controller in ("moving tool", "differentiated run")
@@ -168,9 +168,8 @@ def check(kind: str, ingredient: str, controller: str, tooled: bool) -> None:
     material = {".*": Material(TISSUES[law], BULK)}
     options = {"element": element, "kinematics": kinematics}
     if ingredient == "tool of given force":
-        problem: Problem = PressedBody(mesh, material, supports, loads, contacts, press=press, **options)
-    else:
-        problem = Problem(mesh, material, supports, loads, contacts, **options)
+        contacts.append(press)
+    problem = Problem(mesh, material, supports, loads, contacts, **options)
     if controller == "load path":
         LoadPath(problem, tool).solve()
     elif controller == "load history":
@@ -181,13 +180,13 @@ def check(kind: str, ingredient: str, controller: str, tooled: bool) -> None:
     elif ingredient == "tool of given force":
         if controller == "differentiated run":
             RunModel(problem, press, [0.0, 1.0, 2.0], {"none": ngs.Parameter(0.0)}, [Force("top", up(dim, 1.0))])
-        Pressing(problem, StepControl(0.5), 1e-3).run(lambda *_: None)
+        TimeStepper(problem, press, StepControl(0.5), 1e-3).run(lambda *_: None)
     elif controller == "moving tool":
         history = LoadHistory([0.0, 1.0, 2.0], [0.0, 1.0, 1.0]) if closing else None
         TimeStepper(problem, tool, StepControl(0.5), 1e-3, loads=history).run(lambda *_: None)
     else:
         if closing:
-            problem.load(problem.state, 1.0)
+            problem.load(problem.x, 1.0)
         of = RunModel(
             problem, tool, [0.0, 0.5, 1.0, 2.0], {"none": ngs.Parameter(0.0)}, [Force("bottom", up(dim, 1.0))]
         )
@@ -255,7 +254,7 @@ def balance(problem: Problem) -> None:
     up.Set(ngs.CF((0.0,) * (problem.mesh.dim - 1) + (1.0,)))
     lifted = up.vec.FV().NumPy()
     assert abs(lifted @ forces) < 1e-6 * size and span.stop > span.start
-    r, reactions = problem.residual(problem.state)
+    r, reactions = problem.residual(problem.x)
     assert np.linalg.norm(r) < 1e-4 * max(reactions, 1e-12)
 
 

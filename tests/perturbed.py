@@ -58,7 +58,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
     import ngsolve as ngs
     from netgen import meshing
 
-    from ngbrain.forward.contact.force_control import Press
+    from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.harmonic.problem import Harmonic
     from ngbrain.forward.solid.inertia import GeneralizedAlpha
     from ngbrain.forward.solid.internal_variables import History
@@ -100,7 +100,7 @@ def perturb(seed: int) -> pytest.MonkeyPatch:
         (Harmonic, ["_prescribed", "pushed"], answer),
         (TimeStepper, ["_propose"], answer),
         (Protocol, ["at"], answer),
-        (Press, ["at"], answer),
+        (GivenForce, ["at"], answer),
         (History, ["begin"], last),
         (GeneralizedAlpha, ["begin", "weight"], last),
         (_March, ["begin"], last),

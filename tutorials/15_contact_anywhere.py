@@ -21,13 +21,13 @@ from ngbrain.forward import (
     Contact,
     ErrorControl,
     Friction,
+    GivenForce,
     Inertia,
     Material,
     Problem,
     StepControl,
     TimeStepper,
 )
-from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
 from ngbrain.materials import NeoHooke, Prony
 
 ngbrain.set_threads(1)
@@ -84,24 +84,26 @@ assert abs(tangential[-1] / normal[-1] - coefficient) < 1e-6 * coefficient
 
 # %% [markdown]
 # ## An indenter of given force, axisymmetric, a body with mass
-# `Press` gives a force over time; how far the indenter goes is one more unknown. `Inertia` is a load like others. Steps are as
+# `GivenForce` gives a force over time; how far the indenter goes is one more unknown. `Inertia` is a load like others. Steps are as
 # long as their error allows: milliseconds while it swings, then as long as what is left of the run.
 
 # %%
 half = MakeStructured2DMesh(quads=True, nx=8, ny=8, mapping=lambda x, y: (SIDE * x, SIDE * y))  # the half plane (r, z)
 ways = {}
 for name, ramp in (("sudden", 0.05), ("slow", 5.0)):
-    press = Press((0.0, ramp, ramp + 1.0), (0.0, 2e-2, 2e-2), away=-1e-3, nudge=1e-6)
+    press = GivenForce((0.0, ramp, ramp + 1.0), (0.0, 2e-2, 2e-2), away=-1e-3, nudge=1e-6)
     ball = Contact(
         "top", lambda x, p=press: ngs.Norm(x - ngs.CF((0.0, SIDE + 5e-3 - p.parameter))) - 5e-3, 1e9, 1e-6, 0.9, press.parameter
     )  # fmt: skip
-    disc = PressedBody(
-        half, {".*": Material(NeoHooke(1e3), bulk=1e4)}, {"bottom": 0, "left": (0, None)}, [Inertia(1000.0)], [ball],
-        element="P2/P1", kinematics=Axisymmetric(), press=press,
+    disc = Problem(
+        half, {".*": Material(NeoHooke(1e3), bulk=1e4)}, {"bottom": 0, "left": (0, None)}, [Inertia(1000.0)], [ball, press],
+        element="P2/P1", kinematics=Axisymmetric(),
     )  # fmt: skip
     way = []
     control = ErrorControl(1e-2, touch=ramp / 50, shortest=1e-7)
-    Pressing(disc, control, 1e-3).run(lambda b, at, r, way=way, p=press: way.append((at.t, p.parameter.Get())))
+    TimeStepper(disc, press, control, 1e-3).run(
+        lambda b, at, r, way=way, p=press: way.append((at.t, p.parameter.Get()))
+    )
     ways[name] = np.array(way).T
 print({name: f"{1e3 * way[-1]:.3f} mm in {len(way)} steps" for name, (_, way) in ways.items()})
 assert abs(ways["sudden"][1][-1] / ways["slow"][1][-1] - 1) < 0.01

@@ -10,8 +10,9 @@ import ngbrain
 from ngbrain.errors import ConvergenceError, InvertedElementError
 from ngbrain.forward.common.loads import Traction
 from ngbrain.forward.common.material import Material
+from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import LoadPath, newton_for
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, UnsplitNeoHooke
 from ngbrain.materials.volumetric import squared_log
 from ngbrain.solvers.record import PathRecord

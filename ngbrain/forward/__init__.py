@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         Weight,
     )
     from ngbrain.forward.common.material import Material
+    from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.contact.friction import Friction
     from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
     from ngbrain.forward.harmonic.problem import Harmonic, Wave
@@ -30,14 +31,16 @@ if TYPE_CHECKING:
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.forward.sensitivity.static_model import Case, StaticModel
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
+    from ngbrain.forward.solid.advance import LoadHistory
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.statics.load_path import LoadPath
     from ngbrain.forward.transient.step_control import ErrorControl, GivenSteps, StepControl
-    from ngbrain.forward.transient.time_stepper import LoadHistory, TimeStepper, run_load_history
+    from ngbrain.forward.transient.time_stepper import TimeStepper, run_load_history
 
 _HOME = {
     "contact.rigid": ("Closing", "Contact", "Sliding"),
+    "contact.force_control": ("GivenForce",),
     "contact.friction": ("Friction",),
     "harmonic.problem": ("Harmonic", "Wave"),
     "sensitivity.static_model": ("Case", "StaticModel"),
@@ -49,11 +52,12 @@ _HOME = {
     ),
     "common.material": ("Material",),
     "sensitivity.harmonic.prestressed": ("PrestressedModel",),
+    "solid.advance": ("LoadHistory",),
     "solid.problem": ("Problem",),
     "sensitivity.harmonic.wave_model": ("WaveModel",),
     "transient.step_control": ("ErrorControl", "GivenSteps", "StepControl"),
     "sensitivity.transient.run_model": ("RunModel",),
-    "transient.time_stepper": ("LoadHistory", "TimeStepper", "run_load_history"),
+    "transient.time_stepper": ("TimeStepper", "run_load_history"),
 }  # fmt: skip
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
@@ -68,6 +72,7 @@ __all__ = [
     "ErrorControl",
     "Friction",
     "GeneralizedAlpha",
+    "GivenForce",
     "GivenSteps",
     "Harmonic",
     "Inertia",

@@ -328,7 +328,7 @@ def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str,
         else:
             close = near.get(when) or next(iter(found.values()), None)
             LoadPath(body).solve(start=None if close is None else embedded(close, body, 1.0))
-            x = body.state
+            x = body.x
         found[when] = bench.state(model, body, x)
     return found
 
@@ -354,7 +354,7 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
         def seen(t: float, body: Problem = body) -> None:
             for i, ask in enumerate(scene.ask):
                 if abs(t - bench.time(ask.when)) < 1e-9 * t:
-                    state = bench.state(model, body, body.state)
+                    state = bench.state(model, body, body.x)
                     answers[i], scales[i] = answer(ask, state), scale_of(ask, state)
 
         times = _times(bench, model, last)

@@ -38,7 +38,7 @@ def shares(cheap: State, rich: Problem, asks: Sequence[Ask]) -> Array:
     found = np.zeros(rich.mesh.ne)
     for ask in asks:
         size = max(abs(answer(ask, cheap)), TINY)
-        rich.state = inverse(slope(ask, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
+        rich.x = inverse(slope(ask, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
         cheap.body.u.Set(rich.u)
         missing = ngs.Sym(ngs.Grad(rich.u)) - ngs.Sym(ngs.Grad(cheap.body.u))
         found = np.maximum(found, error * _norm(rich, missing) / size)
@@ -60,7 +60,7 @@ def chosen(left_out: Array, share: float) -> Array:
 
 
 def _strain(body: Problem, x: Array) -> Array:
-    body.state = x
+    body.x = x
     return _norm(body, ngs.Sym(ngs.Grad(body.u)))
 
 

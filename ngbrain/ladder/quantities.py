@@ -44,7 +44,7 @@ class State:
     def stand(self) -> None:
         """Put the body there."""
         self.body.load(self.x, self.factor)
-        self.body.state = self.x
+        self.body.x = self.x
 
     def displacement(self) -> ngs.CoefficientFunction:
         """At full load (m)."""
@@ -62,7 +62,7 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
         J = ngs.Det(body.kinematics.gradient(body.u, ngs.Grad(body.u)))
         bulk = body.mesh.MaterialCF({name: material.bulk for name, material in body.materials.items()})
         body.p.Set(bulk * (J - 1))
-    return body.load(body.state, factor)
+    return body.load(body.x, factor)
 
 
 def answer(ask: Ask, state: State) -> float:

@@ -38,6 +38,9 @@ class Path(System, Protocol):
     def load(self, x: Array, t: float) -> Array:
         """Set the load factor; the state x with what is prescribed at t put in."""
 
+    def step(self, newton: Newton, x: Array, t: float, goal: float, guess: Array) -> tuple[Array, NewtonRecord]:
+        """The equilibrium at t = `goal` from x at t, where it is looked for from a guess; with Newton's record."""
+
 
 def follow(
     path: Path,
@@ -133,7 +136,7 @@ def _step(
     except Breakdown as error:
         newton.inverse = None
         return error, x
-    state, found = newton.solve(path, guess)
+    state, found = path.step(newton, x, t, goal, guess)
     record.work += found.work
     record.tried += found.iterations
     if not found.converged:

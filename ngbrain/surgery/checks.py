@@ -139,7 +139,7 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
     high.problem.hold(coarse.cleft.distance_to_walls(centres(coarse.mesh)) > REACH)
     high.problem.begin(ramp)
     embedded, walls = ngs.GridFunction(high.problem.fes), coarse.mesh.Boundaries("|".join(coarse.blades))
-    reached = (0.0, high.problem.state)
+    reached = (0.0, high.problem.x)
     scene = model.scene.to_dict()
     kept = load_state(path) if resume and path is not None and path.exists() else {}
     if kept.get("scene") == scene:
@@ -170,15 +170,15 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
 
 def _go(run: TimeStepper, start: Point, end: Point, halvings: int) -> None:
     """Take the solution along as another, of the same motion, goes from one point (t, all unknowns) to the next."""
-    state = run.problem.state
+    state = run.problem.x
     assert run.motion is not None  # a blade moves
     run.motion.set(end[0])
-    run.problem.state, record = run.newton.solve(run, state + end[1] - start[1])
+    run.problem.x, record = run.newton.solve(run, state + end[1] - start[1])
     if record.converged:
         return
     if not halvings:
         raise SolverError(f"{run.problem.element} at t = {end[0]:.2f} s: {record.reason}")
-    run.problem.state = state
+    run.problem.x = state
     middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
     _go(run, start, middle, halvings - 1)
     _go(run, middle, end, halvings - 1)

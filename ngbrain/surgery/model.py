@@ -11,9 +11,10 @@ import numpy as np
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import Press, PressedBody, Pressing
+from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction, Moves
 from ngbrain.forward.contact.rigid import Closing, Contact, Sliding, Touch
+from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -25,7 +26,6 @@ from ngbrain.mesh import Cleft, Sizes
 from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
-from ngbrain.solvers.newton import Newton
 from ngbrain.surgery import relative
 from ngbrain.surgery.blades import Blade, Spatula, Tube
 from ngbrain.surgery.heads import Head, divide, head_of, present
@@ -196,8 +196,8 @@ class Model:
 
         A blade of given force may go as far as the scene's opening.
         """
-        scene, drive = self.scene, protocol.drive()
-        opening = scene.retraction.opening
+        scene, opening = self.scene, self.scene.retraction.opening
+        drive = protocol.drive(opening) if isinstance(protocol, Force) else protocol.drive()
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
@@ -214,17 +214,15 @@ class Model:
         meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
         order = order or scene.body.order
         materials = materials or self.materials(order)
-        touches: list[Touch | Friction] = [*contacts, *rubs, *films, meeting]
+        touches: list[Touch | Friction | GivenForce] = [*contacts, *rubs, *films, meeting]
+        if isinstance(drive, GivenForce):
+            touches.append(drive)
         parts = (self.mesh, materials, {self.held: 0} if self.held else {}, (), touches, f"P{order}/P{order - 1}")
-        steps = (control or self.control(), scene.body.site / 2, Newton(rtol=BALANCED))
         near = self.cleft.distance_to_walls(centres(self.mesh)) < FOCUS
-        if isinstance(drive, Press):
-            pressed = PressedBody(*parts, press=drive)
-            pressed.focus(near)
-            return Pressing(pressed, *steps, limit=opening)
         body = Problem(*parts)
         body.focus(near)
-        return TimeStepper(body, drive, *steps)
+        newton = newton_for(body, rtol=BALANCED)
+        return TimeStepper(body, drive, control or self.control(), scene.body.site / 2, newton)
 
     @property
     def held(self) -> str:

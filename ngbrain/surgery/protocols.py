@@ -10,7 +10,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.force_control import Press
+from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.scene.programs import CLEAR
 
 NUDGE = 1e-5
@@ -93,9 +93,9 @@ class Force:
         """The first piece: the same for protocols that may share it."""
         return "force", self.times[:2], self.force[:2]
 
-    def drive(self) -> Press:
-        """What asks for the force."""
-        return Press(self.times, self.force, -CLEAR, NUDGE)
+    def drive(self, limit: float = np.inf) -> GivenForce:
+        """What asks for the force, and takes the blade no farther than a limit (m)."""
+        return GivenForce(self.times, self.force, -CLEAR, NUDGE, limit)
 
 
 def _check(name: str, times: Sequence[float], values: Sequence[float], what: str) -> None:

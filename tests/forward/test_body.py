@@ -27,7 +27,7 @@ def loaded(make_body, plate, rng):
 
 
 def energy(body, x):
-    body.state = x
+    body.x = x
     return body.form.Energy(body.gfu.vec)
 
 
@@ -39,7 +39,7 @@ def test_residual_is_the_gradient_of_the_energy(loaded):
 
 def test_tangent_is_the_derivative_of_the_residual(loaded):
     body, x, dx = loaded
-    body.state = x
+    body.x = x
     body.form.AssembleLinearization(body.gfu.vec)
     direction, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
     direction.FV().NumPy()[:] = dx
@@ -64,7 +64,7 @@ def test_smallest_determinant_sees_an_inverted_quadrature_point(make_body):
     import ngsolve as ngs
 
     body.u.Set(ngs.CF((0, 0, -1.2 * ngs.z)))
-    assert body.min_det(body.state) == pytest.approx(-0.2, abs=1e-9)
+    assert body.min_det(body.x) == pytest.approx(-0.2, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -111,8 +111,8 @@ def test_held_elements_do_not_move(make_body, plate):
     x = np.where(body.weights > 0, np.where(body.is_u, 1e-5, 5.0) * np.sin(np.arange(body.fes.ndof)), 0.0)
     before = body.residual(x)[0]
     body.hold(low)
-    body.state = 0 * x
-    step = body.factorise(body.state)(body.residual(body.state)[0])
+    body.x = 0 * x
+    step = body.factorise(body.x)(body.residual(body.x)[0])
     held = np.zeros(body.fes.ndof, bool)
     for element in body.mesh.Elements():
         if low[element.nr]:

@@ -124,7 +124,7 @@ def test_residual_is_the_gradient_of_the_energy(moving):
     body, x, dx = moving
 
     def energy(y):
-        body.state = y
+        body.x = y
         return body.form.Energy(body.gfu.vec)
 
     rates = taylor(energy, body.residual(x)[0], x, dx)
@@ -254,7 +254,7 @@ def test_restart_goes_on_with_the_same_bits(law, control, plate, tmp_path):
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state) and other.progress.steps == whole.progress.steps
+    assert np.array_equal(other.problem.x, whole.problem.x) and other.progress.steps == whole.progress.steps
     assert all(
         np.array_equal(value, getattr(whole.problem.inertia.pace, name))
         for name, value in vars(other.problem.inertia.pace).items()
@@ -269,7 +269,7 @@ def test_a_rejected_step_leaves_the_pace_as_it_was():
         transient = TimeStepper(body, Undriven(1.0), even(dt), 1.0, Failing(at=refused))
         transient.step()
         assert transient.progress.dt == pytest.approx(0.002) and transient.progress.rejected == len(refused)
-        ends.append(np.concatenate([body.state[body.is_u] / 1e-3, body.inertia.pace.velocity / 0.01]))
+        ends.append(np.concatenate([body.x[body.is_u] / 1e-3, body.inertia.pace.velocity / 0.01]))
     assert ends[0] == pytest.approx(ends[1], rel=1e-6, abs=1e-6 * np.abs(ends[1]).max())
 
 

@@ -64,7 +64,7 @@ def test_tissue_forces_are_those_of_the_state_that_stands(flowed):
     body.residual(x)
     there = body.tissue_forces()
     body.residual(0.5 * x)
-    body.state = x
+    body.x = x
     assert body.tissue_forces() == pytest.approx(there, rel=1e-9, abs=1e-9 * np.abs(there).max())
 
 
@@ -134,5 +134,5 @@ def test_restart_goes_on_to_the_same_bits(make_body, plate):
     half.run(lambda *_: None, until=20.0)
     other.restore(half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.x, whole.problem.x)
     assert np.array_equal(other.problem.history.flows.flows[0].G, whole.problem.history.flows.flows[0].G)

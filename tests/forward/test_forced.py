@@ -1,12 +1,13 @@
 """A plate of given force on a block: the force is held, the way creeps as it should, and is the one that needs the force."""
 
+import ngsolve as ngs
 import numpy as np
 import pytest
 from pressing import Failing, force
 
 from ngbrain.errors import ContactError, ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import CLOSE, Press, PressedBody, Pressing
+from ngbrain.forward.contact.force_control import CLOSE, GivenForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact, Sliding
 from ngbrain.forward.solid.problem import Problem
@@ -23,28 +24,28 @@ PRESS = ((0.0, 4.0, 30.0, 34.0, 50.0, 54.0, 80.0), (0.0, 0.1, 0.1, 0.0, 0.0, 0.0
 STEPS = ErrorControl(1e-2, touch=0.1, pushing=1.0)
 
 
-def pressing(law, program=PRESS, control=STEPS, share=0.98, films=(), penalty=1e8, softness=2e-5, nudge=NUDGE, **more):
+def pressing(
+    law, program=PRESS, control=STEPS, share=0.98, films=(), penalty=1e8, softness=2e-5, nudge=NUDGE, limit=np.inf
+):
     """A plate on a bonded block, or on one that slides."""
-    press = Press(*program, AWAY, nudge)
+    press = GivenForce(*program, AWAY, nudge, limit)
     plate = Contact("top", lambda x: SIZE - press.parameter - x[2], penalty, softness, share, press.parameter)
     mesh = block((SIZE,) * 3, SIZE)
     slides = [Sliding.on(mesh, wall, 1e9) for wall in films]
-    body = PressedBody(
-        mesh,
-        {"tissue": Material(law, 1e3 * MU)},
-        {} if films else {"bottom": 0},
-        contacts=[plate, *slides],
-        element="P2/P1",
-        press=press,
+    supports = {} if films else {"bottom": 0}
+    body = Problem(
+        mesh, {"tissue": Material(law, 1e3 * MU)}, supports, contacts=[plate, *slides, press], element="P2/P1"
     )
-    return Pressing(body, control, 1e-3, **more)
+    return TimeStepper(body, press, control, 1e-3)
 
 
 def followed(transient, until=np.inf):
     """Time, way, asked and felt force, nodal force, gap after each step."""
     rows, press = [], transient.motion
     transient.run(
-        lambda b, at, _: rows.append((at.t, press.parameter.Get(), press.at(at.t), b.felt(), force(b), b.min_gap())),
+        lambda b, at, _: rows.append(
+            (at.t, press.parameter.Get(), press.at(at.t), b.tool.felt(), force(b), b.min_gap())
+        ),
         until,
     )
     return np.array(rows).T
@@ -109,7 +110,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
 
     def keep(body, at, _):
         rows.append((at.t, forced.motion.parameter.Get()))
-        states.append(run.state[:-1])
+        states.append(run.x[:-1])
 
     forced.run(keep, until)
     times, ways = zip(*rows, strict=True)
@@ -124,7 +125,7 @@ def test_it_is_the_way_that_a_plate_driven_along_it_needs_the_force_for(relaxing
     )
     steps = StepControl(100.0, first=1.0, restart=1.0, dt_max=100.0)
     driven, found = TimeStepper(body, drive, steps, 1e-3), []
-    driven.run(lambda b, at, _: found.append((b.state, force(b))))
+    driven.run(lambda b, at, _: found.append((b.x, force(b))))
     assert len(found) == len(states) > 10
     for (state, felt), wanted, t in zip(found, states, times[1:], strict=True):
         assert np.abs(state - wanted)[body.is_u].max() < 1e-5 * np.abs(wanted[body.is_u]).max()
@@ -142,7 +143,7 @@ def test_restart_goes_on_with_the_same_bits(relaxing, until):
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.x, whole.problem.x)
     assert other.progress.steps == whole.progress.steps
 
 
@@ -150,7 +151,7 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(relaxing):
     transient = pressing(relaxing)
     followed(transient, until=2.0)
     assert transient.progress.touching
-    transient.newton, stood = Failing(at=(0, 1, 2)), transient.problem.state.copy()
+    transient.newton, stood = Failing(at=(0, 1, 2)), transient.problem.x.copy()
     transient.step()
     ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
     assert ahead[0] > ahead[1] > 1e-6 and ahead[2:] == [0, 0]
@@ -160,25 +161,46 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(relaxing):
 def test_a_step_that_fails_leaves_the_last_state(relaxing, until):
     transient = pressing(relaxing)
     transient.run(lambda *_: None, until)
-    before = transient.problem.state
+    before = transient.problem.x
     transient.newton = Failing(at=tuple(range(99)))
     with pytest.raises(ConvergenceError, match="given up"):
         transient.step()
-    assert np.array_equal(transient.problem.state, before)
+    assert np.array_equal(transient.problem.x, before)
 
 
 def test_a_force_that_goes_too_far_is_one_error(relaxing):
     transient = pressing(relaxing, limit=1.2e-3)
     with pytest.raises(ContactError, match=r"0\.\d+ N .*1\.\d+ mm far, beyond the limit of 1\.2 mm"):
         transient.run(lambda *_: None)
-    assert 0.5e-3 < transient.problem.state[-1] <= 1.2e-3
+    assert 0.5e-3 < transient.problem.x[-1] <= 1.2e-3
 
 
-def test_a_given_force_takes_no_friction():
-    press = Press(*PRESS, AWAY, NUDGE)
+@pytest.mark.parametrize("coefficient", [0.1, 0.3])
+def test_a_given_force_bears_pressure_and_friction(coefficient):
+    """A plate that goes along the top as far as it goes down, and slides: f = N + μN."""
+    press = GivenForce((0.0, 4.0, 8.0), (0.0, 2e-2, 2e-2), AWAY, NUDGE)
+    plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e6, 2e-5, 0.0, press.parameter)
+    rubs = Friction(plate, coefficient, 1e-6, lambda x: ngs.CF((1.0, 0.0, 0.0)))
+    tissue = {"tissue": Material(NeoHooke(MU), 20 * MU)}
+    films = {"bottom": (None, None, 0), "left|right": (0, None, None), "front|back": (None, 0, None)}
+    body = Problem(block((SIZE,) * 3, SIZE), tissue, films, contacts=[plate, rubs, press], element="P2/P1")
+    run = TimeStepper(body, press, StepControl(1.0), 1e-3)
+    run.run(lambda *_: None)
+    assert body.tool.felt() == pytest.approx(2e-2, rel=1e-6)
+    assert body.force("bottom")[2] == pytest.approx(2e-2 / (1 + coefficient), rel=1e-5)
+    assert run.progress.rejected == 0
+
+
+def test_given_forces_have_a_contact_and_a_run_of_their_own():
+    press, other = (GivenForce(*PRESS, AWAY, NUDGE) for _ in range(2))
     plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e8, 2e-5, 0.0, press.parameter)
     mesh, tissue = block((SIZE,) * 3, SIZE), {"tissue": Material(NeoHooke(MU), 1e3 * MU)}
-    with pytest.raises(InputError, match="with friction"):
-        PressedBody(
-            mesh, tissue, {"bottom": 0}, contacts=[plate, Friction(plate, 0.1, 1e-5)], element="P2/P1", press=press
-        )
+    parts, element = (mesh, tissue, {"bottom": 0}), {"element": "P2/P1"}
+    with pytest.raises(InputError, match="a Contact whose way is its parameter"):
+        Problem(*parts, contacts=[plate, other], **element)
+    with pytest.raises(InputError, match="2 given forces"):
+        Problem(*parts, contacts=[plate, press, other], **element)
+    with pytest.raises(InputError, match="the GivenForce that is among"):
+        TimeStepper(Problem(*parts, contacts=[plate], **element), press, StepControl(1.0))
+    with pytest.raises(InputError, match="the GivenForce that is among"):
+        TimeStepper(Problem(*parts, contacts=[plate, press], **element), other, StepControl(1.0))

@@ -38,20 +38,20 @@ def test_the_forces_are_the_slope_of_the_energy_with_pressures_and_normals_held(
     body = Problem(
         block((0.02,) * 3, 0.01), SOFT, {"bottom": 0}, contacts=[contact, Friction(contact, 0.4, 1e-4)], element="P2/P1"
     )
-    x = body.state
+    x = body.x
     x[body.is_u] = 1e-4 * rng.standard_normal(body.is_u.sum())
-    body.state = x
+    body.x = x
     way.Set(1e-3)
     body.begin(1.0)
     x[body.is_u] += 1e-4 * rng.standard_normal(body.is_u.sum())
-    body.state = x
-    body.friction.hold(body.gfu.vec)
-    form, vec = body.friction.form, body.gfu.vec
+    body.x = x
+    form, vec = body.friction.form, body.gfu.vec.CreateVector()
+    vec.data = body.gfu.vec
     direction = 1e-4 * rng.standard_normal(x.size)
     energy, slope = form.Energy(vec), float(body.friction.forces() @ direction)
     rests = []
     for h in (0.1, 0.05, 0.025):
-        body.state = x + h * direction
+        vec.FV().NumPy()[:] = x + h * direction
         rests.append(abs(form.Energy(vec) - energy - h * slope))
     assert energy > 0 and np.log2(np.divide(rests[:-1], rests[1:])) == pytest.approx([2, 2], abs=0.1)
 
@@ -62,7 +62,7 @@ def test_no_friction_is_what_there_was():
     for coefficient in (None, 0.0):
         drag, body = rubbed(coefficient)
         transient(body, drag, 0.25).run(lambda *_: None)
-        ends.append(body.state)
+        ends.append(body.x)
         assert body.friction_work() == body.friction_driving() == 0
     assert np.array_equal(*ends)
 
@@ -82,11 +82,11 @@ def test_restart_goes_on_with_the_same_bits(loads, stop):
     whole.run(lambda *_: None)
     half.run(lambda *_: None, until=stop)
     saved = half.checkpoint()
-    assert saved["factors"] and np.abs(saved["history"]["slips"]).max() > 0
+    assert saved["factors"] and np.abs(saved["state"]["internal"]["slips"]).max() > 0
     other.restore(saved)
     np.testing.assert_equal(other.checkpoint(), saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.x, whole.problem.x)
     assert abs(whole.problem.friction_driving()) > 0.01
 
 

@@ -11,8 +11,8 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.common.elements import Form
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import newton_for
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 

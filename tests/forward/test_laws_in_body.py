@@ -64,7 +64,7 @@ def moved(rng):
         body = Problem(MESH, {"tissue": Material(law, 1.5e4)}, {"bottom": 0}, element="P2/P1", history=True)
         body.history.begin(1.0)
         size = np.where(body.is_u, 5e-4, 50.0)
-        body.state = size * rng.uniform(-1, 1, body.fes.ndof) * (body.weights > 0)
+        body.x = size * rng.uniform(-1, 1, body.fes.ndof) * (body.weights > 0)
         return body
 
     return make
@@ -76,7 +76,7 @@ def test_forces_are_those_of_the_form(law, moved):
     if body.history.n_branches:
         body.history.finish()  # a stress to remember
         body.history.begin(0.5)
-    forces = body.residual(body.state)[0]
+    forces = body.residual(body.x)[0]
     wanted = body.gfu.vec.CreateVector()
     body.form.Apply(body.gfu.vec, wanted)
     of_form = wanted.FV().NumPy() * (body.weights > 0)

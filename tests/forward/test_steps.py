@@ -34,7 +34,7 @@ def test_looking_at_the_error_changes_no_bit(law, make_body, plate):
     for control in (StepControl, Looking):
         drive = plate(*PRESS)
         transient, rows = run(make_body(LAWS[law], [drive.contact()]), drive, control(1.0, dt_max=10))
-        ends.append((rows, transient.problem.state))
+        ends.append((rows, transient.problem.x))
     assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
 
 
@@ -127,7 +127,7 @@ def test_a_run_by_its_error_goes_on_with_the_same_bits(make_body, plate):
     half.run(lambda *_: None, until=20.0)
     other.restore(half.checkpoint())
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state) and other.progress.steps == whole.progress.steps
+    assert np.array_equal(other.problem.x, whole.problem.x) and other.progress.steps == whole.progress.steps
 
 
 @pytest.mark.parametrize(

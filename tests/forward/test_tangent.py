@@ -66,11 +66,11 @@ def test_a_part_renewed_follows_a_change_inside_it(law):
     body = Problem(block((0.06,) * 3, 0.012), {"tissue": Material(law, 1.5e6)}, {"^(?!top).*": 0}, element="P2/P1")
     body.begin(0.5)
     body.focus(near(body))
-    kept = body.factorise(body.state)
+    kept = body.factorise(body.x)
     above = ngs.IfPos(ngs.z - 0.045, (ngs.z - 0.045) ** 2, 0)
     across = ngs.sin(math.pi * ngs.x / 0.06) * ngs.sin(math.pi * ngs.y / 0.06)
     body.u.Set(ngs.CF((20 * above * across, 0, 0)))
-    y = body.state
+    y = body.x
     r = body.residual(y)[0]
     stale, part, exact = kept(r), body.refactorise(y)(r), body.factorise(y)(r)
 
@@ -86,7 +86,7 @@ def test_what_is_too_rough_for_a_residual_is_not_used(pressed):
     body.focus(near(body, 0.05))
     body.factorise(0 * x)
     body.u.Set(ngs.CF((0, 0, -0.15 * ngs.z)))
-    y = body.state
+    y = body.x
     r = body.residual(y)[0]
     assert body.refactorise(y, r) is None
     assert body.factorise(y, r) and not body.partial
@@ -109,7 +109,7 @@ def test_restart_makes_the_same_factors_again(pillar, make_body):
     assert len(saved["factors"]) == 2, "the restart would not have to make a part"
     other.restore(saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.x, whole.problem.x)
 
 
 def test_a_tangent_that_needs_pivots_is_not_renewed_in_part():

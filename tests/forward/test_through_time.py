@@ -360,10 +360,10 @@ def stale_factor(patch):
     here = Tangents.here
 
     def elsewhere(self, sides, exact):
-        x = self.body.state
-        self.body.state = 0.7 * x
+        x = self.body.x
+        self.body.x = 0.7 * x
         solve = here(self, FEW + 1, exact)
-        self.body.state = x
+        self.body.x = x
         return solve
 
     patch.setattr(Tangents, "here", elsewhere)

@@ -71,7 +71,7 @@ def test_a_step_that_failed_twice_begins_where_the_body_stands(make_body, plate)
     transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=2.0)
     transient.newton = Failing(at=(0, 1, 2))
-    stood = transient.problem.state.copy()
+    stood = transient.problem.x.copy()
     transient.step()
     ahead = [np.abs(guess - stood).max() for guess in transient.newton.begun]
     assert ahead[0] > 3 * ahead[1] * (1 - 1e-9) > 1e-4 and ahead[2:] == [0, 0]
@@ -100,7 +100,7 @@ def test_restart_goes_on_with_the_same_bits(make_body, plate):
     other = TimeStepper(make_body(contacts=[other_drive.contact()]), other_drive, control, 1e-3)
     other.restore(saved)
     other.run(lambda *_: None)
-    assert np.array_equal(other.problem.state, whole.problem.state)
+    assert np.array_equal(other.problem.x, whole.problem.x)
     assert other.progress.steps == whole.progress.steps
 
 

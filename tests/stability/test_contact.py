@@ -9,7 +9,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact, offsets
-from ngbrain.forward.solid import problem as forward_problem
+from ngbrain.forward.solid import discretisation
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -69,7 +69,7 @@ def stamped(penalty):
 def test_an_offset_of_the_displacements_order_follows_round_edges(monkeypatch):
     exact, _ = stamped(1e8)
     ours, depth = stamped(5e6)
-    monkeypatch.setattr(forward_problem, "offsets", lambda mesh, contacts, order: offsets(mesh, contacts, order - 1))
+    monkeypatch.setattr(discretisation, "offsets", lambda mesh, contacts, order: offsets(mesh, contacts, order - 1))
     poorer, deeper = stamped(5e6)
     assert deeper > 1.3 * depth
     assert abs(poorer / exact - 1) > 0.02 > 0.015 > abs(ours / exact - 1)

@@ -72,9 +72,9 @@ def test_naive_newton_converges_to_folded_tissue():
     model, body, mu = heavy()
     model.at([5e3])
     mu.Set(92.0)
-    assert plain_newton(body) and body.min_det(body.state) < -1
+    assert plain_newton(body) and body.min_det(body.x) < -1
     model.at([92.0])
-    assert body.min_det(body.state) > 0.1
+    assert body.min_det(body.x) > 0.1
 
 
 @pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)

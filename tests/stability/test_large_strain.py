@@ -128,6 +128,6 @@ def test_beyond_a_limit_point_there_is_an_error_with_the_last_equilibrium():
     print(error.value, record.cuts, record.min_det_F)
     assert not record.converged and record.reasons and record.factor == pytest.approx(0.8164, abs=0.01)
     assert body.factor.Get() == pytest.approx(record.factor, rel=1e-12)
-    assert body.min_det(body.state) > 0.5 and np.isfinite(body.energy)
-    residual, size = body.residual(body.state)
+    assert body.min_det(body.x) > 0.5 and np.isfinite(body.energy)
+    residual, size = body.residual(body.x)
     assert np.linalg.norm(residual) < 2e-3 * size

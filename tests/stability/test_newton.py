@@ -38,7 +38,7 @@ def test_naive_newton_ends_nowhere():
         failed, _ = NgsolveNewton(body.form, body.gfu, maxit=40, printing=False, inverse="sparsecholesky")
     except Exception:
         return  # it died in the factorisation: a failure too
-    assert failed or not body.min_det(body.state) > 0
+    assert failed or not body.min_det(body.x) > 0
 
 
 def test_ours_gets_there_by_cutting_steps():
@@ -47,14 +47,14 @@ def test_ours_gets_there_by_cutting_steps():
     smallest = []
     transient.run(lambda b, at, record: smallest.append(record.min_det_F))
     assert transient.progress.t == 1.0 and transient.progress.rejected > 0
-    assert min(smallest) > 0.2 and np.all(np.isfinite(body.state))
+    assert min(smallest) > 0.2 and np.all(np.isfinite(body.x))
 
 
 def test_the_mixed_residual_is_finite_at_an_inverted_state_and_ours_refuses_it():
     body, _ = pressed()
     body.begin(1.0)
     body.u.Set(ngs.CF((0, 0, -1.5 * ngs.z)))
-    x = body.state
+    x = body.x
     assert np.all(np.isfinite(body.residual(x)[0]))  # the trap: nothing in the residual says that J < 0
     _, record = Newton().solve(body, x)
     assert not record.converged and "inverted" in record.reason

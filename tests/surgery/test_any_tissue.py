@@ -57,7 +57,7 @@ def some_state(body, rng, size):
     """Displacements that strain the block by about `size`, and pressures of that share of the modulus."""
     random = rng.normal(size=body.fes.ndof)
     body.u.Set(size * ngs.CF((ngs.y + ngs.x, -0.5 * ngs.z, 0.7 * ngs.x - 0.5 * ngs.z)))
-    x = body.state
+    x = body.x
     return (x + np.where(body.is_u, 0.1 * size * SIZE, size * body.modulus) * random) * free(body)
 
 
@@ -113,7 +113,7 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
         body = Problem(each.mesh, each.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}", history=True)
         body.u.Set(0.05 * ngs.CF((ngs.y, ngs.z, ngs.x)))
         body.begin(0.5)
-        forces.append(body.residual(body.state)[0])
+        forces.append(body.residual(body.x)[0])
     assert np.abs(forces[0] - forces[1]).max() < 1e-12 * np.abs(forces[1]).max()
     assert whole.materials().keys() == {"tissue"}
     alike = model_of(scene_of("budday2017:cortex:neohooke:tension"), border=0.4, cells=4)
@@ -127,7 +127,7 @@ def test_a_law_without_energy_counts_only_where_its_tissue_is():
         body = body_of(scene_of("budday2017:cortex:gent:compression", white), border=0.6, cells=4)
         body.u.Set(sheared)
         body.begin(0.5)
-        assert np.isfinite(body.residual(body.state)[0]).all() == finite
+        assert np.isfinite(body.residual(body.x)[0]).all() == finite
 
 
 def test_what_is_assumed_of_a_tissue_is_said():

@@ -85,7 +85,7 @@ def test_one_tissue_twice_is_that_tissue(model):
         )
         body.u.Set(0.02 * ngs.CF((ngs.y, ngs.z, ngs.x)))
         body.begin(0.5)
-        forces.append(body.residual(body.state)[0])
+        forces.append(body.residual(body.x)[0])
     assert np.abs(forces[0]).max() > 0
     assert np.abs(forces[0] - forces[1]).max() < 1e-10 * np.abs(forces[1]).max()
 

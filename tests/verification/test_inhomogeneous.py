@@ -149,7 +149,7 @@ def test_torsion_of_the_packages_body():
     )
     body.history.begin(1.0)
     body.u.Set(twisted(twist))
-    body.state, record = Newton().solve(body, body.state)
+    body.x, record = Newton().solve(body, body.x)
     assert record.converged, record.reason
     errors = np.array(end_loads(body.u, body.tissue_forces())) / torsion(c1, c2, twist, radius) - 1
     print("torsion of a body", errors)

@@ -140,6 +140,6 @@ def test_a_following_pressure_is_the_pressure_of_a_cavity(name):
         body = Problem(mesh(), rubber(bulk=1e3), supports, [load], element="P2/P1", **options)
         LoadPath(body).solve(newton=tight())
         print(name, type(load).__name__, body.solver)
-        states.append(body.state[body.is_u])
+        states.append(body.x[body.is_u])
     assert np.linalg.norm(states[0] - states[1]) < 1e-8 * np.linalg.norm(states[1])
     assert np.max(np.abs(states[1])) > 0.1

@@ -13,23 +13,25 @@ Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Ac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import Breakdown, ContactError, InputError
-from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.tangent import Solve
-from ngbrain.forward.transient.step_control import Control
-from ngbrain.forward.transient.time_stepper import TimeStepper
-from ngbrain.solvers.newton import Newton
-from ngbrain.solvers.record import NewtonRecord
+from ngbrain.errors import Breakdown
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.state import Term
+from ngbrain.forward.common.unknowns import Layout
+from ngbrain.forward.contact.friction import Grip
+from ngbrain.forward.contact.rigid import Contact, Touch
 
+Array = np.ndarray
+Solve = Callable[[Array], Array]
 LENGTH_SCALE = 1e-3
 """A correction of the way is judged against (m)."""
+SHARE = 0.01
+"""Of a correction's size that the way has: as much as all displacements where a hundredth of the body follows."""
 NOTHING = 1e-9
 """Share of the largest force below which a force counts as none."""
 CLOSE = 1e-6
@@ -38,25 +40,55 @@ NEARLY = 1e-8
 """and how well (m) it keeps that."""
 APPROACHES = 100
 """Steps of its way there, at most; each is as long as the gap allows."""
-SHARE = 0.01
-"""Of a correction's size that the way has: as much as all displacements where a hundredth of the body follows."""
 
 
-class Press:
-    """A force over time as a `Motion`: `travel` is in newtons, and the rigid body is where the solution puts it.
+class GivenForce:
+    """Rigid bodies whose force is given over time: a `Motion`, and one of a `Problem`'s contacts beside those that it moves.
 
-    times, force   s, and N (≥ 0) straight in between
-    away           where (m, on the way) the rigid body touches nothing, whatever the tissue does
-    nudge          how far (m) beyond a gap it goes to feel the tissue
+    Its `travel` is in newtons, and the rigid bodies are where the solution puts them. Several that share the way share the work,
+    too: the force is the derivative of all their energies by it.
 
-    parameter  its way (m), `Contact.way`; force: what it is to feel now (N)
-    held       where it stands whatever the force; None while it presses
+    Parameters
+    ----------
+    times, force : sequence
+        s, and N (≥ 0), straight in between.
+    away : float
+        Where (m, on the way) the rigid bodies touch nothing, whatever the tissue does.
+    nudge : float
+        How far (m) beyond a gap they go to feel the tissue.
+    limit : float
+        Way (m) beyond which a run ends, with a `ContactError`.
+
+    Attributes
+    ----------
+    parameter : ngs.Parameter
+        Their way (m), the `Contact.way` of the contacts that they are made of.
+    force : float
+        What they are to feel now (N).
+    held : float or None
+        Where they stand whatever the force; None while they press.
+
+    Examples
+    --------
+    >>> from ngbrain.forward import Contact, Material, Problem, StepControl, TimeStepper
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> press = GivenForce((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
+    >>> plate = Contact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
+    >>> tissue, cube = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}, block((0.02, 0.02, 0.02), 0.02)
+    >>> body = Problem(cube, tissue, {"bottom": 0}, contacts=[plate, press], element="P2/P1")
+    >>> run, way = TimeStepper(body, press, StepControl(1.0), 1e-3), {}
+    >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
+    >>> way[60.0] > 1.5 * way[4.0], f"{body.tool.felt():.6f} N"
+    (True, '0.001000 N')
     """
 
-    def __init__(self, times: Sequence[float], force: Sequence[float], away: float, nudge: float) -> None:
+    def __init__(
+        self, times: Sequence[float], force: Sequence[float], away: float, nudge: float, limit: float = np.inf
+    ) -> None:
         self._times, self._force = np.array(times, float), np.array(force, float)
         self.events = tuple(float(t) for t in times[1:])
-        self.away, self.nudge = away, nudge
+        self.away, self.nudge, self.limit = away, nudge, limit
         self.parameter = ngs.Parameter(0.0)
         self.force = 0.0
         self.held: float | None = None
@@ -76,68 +108,71 @@ class Press:
         return self.at(end) - self.at(start)
 
 
-class PressedBody(Problem):
-    """A `Problem` with the way of a rigid body as its last unknown, whose equation is that of the force that `press` asks for.
+class DrivenTool(Term):
+    """The rigid bodies of given force of a problem, whose way is its last unknown, in the present time step.
 
-    press   moves the contacts whose `way` is its own; the rest is what a `Problem` takes
-
-    Several rigid bodies that share the way share the work, too: the force is the derivative of all their energies by it.
-    Raises `InputError` for friction, and what `Problem` raises.
+    layout, gfu  what the unknowns are, and where they stand
+    contacts, friction  of the problem; those count whose `way` is that of `given`
+    min_gap      says how far (m) the nearest rigid body is from the tissue
     """
 
-    def __init__(self, mesh: ngs.Mesh, *args: Any, press: Press, **options: Any) -> None:
-        self.press = press
-        super().__init__(mesh, *args, **options)
-        if self.friction.frictions:
-            raise InputError("contacts", "with friction", "none: a given force is of contact alone")
-        self.pace = np.zeros(2)
-        at, weight = self.layout.fields(self.fes.TrialFunction()), self.kinematics.weight()
-        self._felt, self._stiffness = (ngs.BilinearForm(self.fes, symmetric=True) for _ in range(2))
-        for contact in self.contacts:
-            if isinstance(contact, Contact) and contact.way is press.parameter:
-                driving = weight * contact.driving(at.u, at.offset)
+    weight = SHARE / LENGTH_SCALE**2
+    """By which a correction of the way is judged (1/m²)."""
+
+    def __init__(
+        self,
+        given: GivenForce,
+        layout: Layout,
+        gfu: ngs.GridFunction,
+        contacts: Sequence[Touch],
+        friction: Grip,
+        kinematics: Solid,
+        min_gap: Callable[[], float],
+    ) -> None:
+        self.given, self._gfu, self._min_gap, self.pace = given, gfu, min_gap, np.zeros(2)
+        at, self._vec = layout.fields(gfu.space.TrialFunction()), gfu.vec.CreateVector()
+        self._felt, self._stiffness = (ngs.BilinearForm(gfu.space, symmetric=True) for _ in range(2))
+        for contact in contacts:
+            if isinstance(contact, Contact) and contact.way is given.parameter:
+                driving = kinematics.weight() * contact.driving(at.u, at.offset)
                 self._felt += ngs.Variation(driving.Compile() * contact.measure())
-                self._stiffness += ngs.Variation(driving.Diff(press.parameter).Compile() * contact.measure())
+                self._stiffness += ngs.Variation(driving.Diff(given.parameter).Compile() * contact.measure())
+        friction.join_driving(self._felt, self._stiffness, given.parameter)
 
     @property
-    def state(self) -> np.ndarray:
-        """All unknowns and the way as one array, a copy."""
-        return np.append(self.gfu.vec.FV().NumPy(), self.press.parameter.Get())
+    def way(self) -> float:
+        """How far (m) they have gone."""
+        return float(self.given.parameter.Get())
 
-    @state.setter
-    def state(self, x: np.ndarray) -> None:
-        self.gfu.vec.FV().NumPy()[:] = x[:-1]
-        self.press.parameter.Set(x[-1] if self.press.held is None else self.press.held)
+    @way.setter
+    def way(self, way: float) -> None:
+        """Put them there; those that are held stay."""
+        self.given.parameter.Set(way if self.given.held is None else self.given.held)
+
+    def stays(self, way: float) -> None:
+        """Hold them at a way (m) if they are without force."""
+        if self.given.held is not None:
+            self.given.held = way
 
     def felt(self) -> float:
-        """Force (N) along the way at the current state."""
-        return float(self._felt.Energy(self.gfu.vec))
+        """Force (N) along the way."""
+        return float(self._felt.Energy(self._gfu.vec))
 
-    def residual(self, x: np.ndarray) -> tuple[np.ndarray, float]:
-        """The body's residual, and what the force misses; 0 where the rigid body is held."""
-        r, reactions = super().residual(x)
-        return np.append(r, 0.0 if self.press.held is not None else self.felt() - self.press.force), reactions
+    def missing(self) -> float:
+        """Force (N) that the way's equation misses; 0 where they are held."""
+        return 0.0 if self.given.held is not None else self.felt() - self.given.force
 
-    def factorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve:
-        """Solver with the bordered tangent at x; see `Problem.factorise`."""
-        solve = super().factorise(x, r)
-        return solve if self.partial else self._bordered(solve)
-
-    def refactorise(self, x: np.ndarray, r: np.ndarray | None = None) -> Solve | None:
-        """Solver with the bordered tangent, renewed in part; see `Problem.refactorise`."""
-        solve = super().refactorise(x, None if r is None else r[:-1])
-        return solve and self._bordered(solve)
-
-    def _bordered(self, inner: Solve) -> Solve:
-        """With the border of where the tangent was made: of a stiff contact they cancel each other but for a hundredth."""
-        self._felt.Apply(self.gfu.vec, self._vec)
-        column = self._vec.FV().NumPy() * self._free
+    def bordered(self, inner: Solve, free: Array) -> Solve:
+        """A solver of the body's tangent with the border of where it was made: of a stiff contact they cancel each other but for
+        a hundredth."""
+        self._felt.Apply(self._gfu.vec, self._vec)
+        column = self._vec.FV().NumPy() * free
         follows = inner(column)
-        stiffness = float(self._stiffness.Energy(self.gfu.vec)) - float(column @ follows)
+        stiffness = float(self._stiffness.Energy(self._gfu.vec)) - float(column @ follows)
 
-        def solve(r: np.ndarray) -> np.ndarray:
+        def solve(r: Array) -> Array:
             y = inner(r[:-1])
-            if self.press.held is not None:
+            if self.given.held is not None:
                 return np.append(y, 0.0)
             if not stiffness > 0:
                 raise Breakdown(f"the force does not grow with the way ({stiffness:.1e} N/m)")
@@ -146,127 +181,50 @@ class PressedBody(Problem):
 
         return solve
 
-    def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds from the present state; it ends with `finish`."""
-        super().begin(dt)
-        self._started = np.array([self.press.parameter.Get(), dt])
+    def rest(self) -> None:
+        """Without a speed of the way."""
+        self.pace = np.zeros(2)
 
-    def path_error(self) -> float:
+    def begin(self, dt: float) -> None:
+        """Begin a time step of `dt` seconds."""
+        self._started = np.array([self.way, dt])
+
+    def error(self) -> float:
         """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
 
         The history takes all paths for straight, and a step of creep is not.
         """
         rate, dt = self._pace()
         before, last = self.pace
-        if not last or self.press.held is not None:
+        if not last or self.given.held is not None:
             return 0.0
-        return float(abs(dt**2 / 12 * (rate - before) / ((dt + last) / 2) / self.press.parameter.Get()))
+        return float(abs(dt**2 / 12 * (rate - before) / ((dt + last) / 2) / self.way))
 
-    def _pace(self) -> np.ndarray:
+    def _pace(self) -> Array:
         """Mean speed (m/s) of the step that now ends, and its length (s)."""
         start, dt = self._started
-        return np.array([(self.press.parameter.Get() - start) / dt, dt])
+        return np.array([(self.way - start) / dt, dt])
 
     def finish(self) -> None:
-        """End the step begun; a rigid body that is held away comes back until it is just clear."""
-        super().finish()
-        self.pace = self._pace() if self.press.held is None else np.zeros(2)
-        if self.press.held is not None:
+        """End the step begun; rigid bodies that are held away come back until they are just clear."""
+        self.pace = self._pace() if self.given.held is None else np.zeros(2)
+        if self.given.held is not None:
             self.approach(CLOSE)
-            self.press.held = self.press.parameter.Get()
-            self.tissue.stays_at(self.state)
-
-    @property
-    def memory(self) -> dict[str, Any]:
-        """All that decides the steps to come besides the state."""
-        return {**super().memory, "way_pace": self.pace}
-
-    @memory.setter
-    def memory(self, saved: dict[str, Any]) -> None:
-        self.history.memory = saved
-        self.pace = np.array(saved["way_pace"])
+            self.given.held = self.way
 
     def approach(self, gap: float) -> None:
-        """Move the rigid body, which is clear of the tissue, towards it until a gap (m) is left."""
-        way = self.press.parameter
+        """Move the rigid bodies, which are clear of the tissue, towards it until a gap (m) is left."""
         for _ in range(APPROACHES):
-            left = self.min_gap() - gap
+            left = self._min_gap() - gap
             if left < NEARLY:
                 break
-            way.Set(way.Get() + left)  # a distance changes by no more than the way
-
-
-class Pressing(TimeStepper):
-    """Time stepping of a `PressedBody`: a `TimeStepper` whose follow and drift are per newton of its motion.
-
-    limit   way (m) beyond which the run ends
-
-    Raises `ContactError` where the force takes the rigid body beyond the limit; and what `TimeStepper` raises.
-
-    >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.transient.step_control import StepControl
-    >>> from ngbrain.materials import NeoHooke, Prony
-    >>> from ngbrain.mesh import block
-    >>> press = Press((0.0, 4.0, 60.0), (0.0, 1e-3, 1e-3), away=-1e-3, nudge=1e-6)
-    >>> plate = Contact("top", lambda x: 0.02 - press.parameter - x[2], 1e9, 1e-7, way=press.parameter)
-    >>> tissue = {"tissue": Material(Prony(NeoHooke(1000.0), g=[0.5], tau=[5.0]), 1e6)}
-    >>> body = PressedBody(block((0.02, 0.02, 0.02), 0.02), tissue, {"bottom": 0}, contacts=[plate], element="P2/P1", press=press)
-    >>> run, way = Pressing(body, StepControl(1.0), 1e-3), {}
-    >>> run.run(lambda body, at, record: way.update({at.t: press.parameter.Get()}))
-    >>> way[60.0] > 1.5 * way[4.0], f"{body.felt():.6f} N"
-    (True, '0.001000 N')
-    """
-
-    problem: PressedBody
-    motion: Press
-
-    def __init__(
-        self,
-        problem: PressedBody,
-        control: Control,
-        penetration_limit: float,
-        newton: Newton | None = None,
-        limit: float = np.inf,
-    ) -> None:
-        super().__init__(problem, problem.press, control, penetration_limit, newton)
-        self.limit, self.motion.held = limit, problem.press.parameter.Get()
+            self.given.parameter.Set(self.way + left)  # a distance changes by no more than the way
 
     @property
-    def weights(self) -> np.ndarray:
-        """The body's weights, and the way's."""
-        return np.append(self.problem.weights, SHARE / LENGTH_SCALE**2)
+    def internal(self) -> Mapping[str, Any]:
+        """Speed of the way in the last step."""
+        return {"way_pace": self.pace}
 
-    def _stand(self, x: np.ndarray) -> None:
-        """Go to a state of the present time; a rigid body without force stays just clear."""
-        self._set(self.progress.t)
-        if self.motion.held is not None:
-            self.motion.held = x[-1]
-        self.problem.state = x
-
-    def _up_to_touch(self, dt: float) -> float:
-        """A rigid body that is asked for a force is there at once."""
-        touch, t = self.control.touch, self.progress.t
-        return min(dt, touch) if self.motion.travel(t, t + touch) > 0 else dt
-
-    def _guess(self, start: np.ndarray, dt: float, tries: int) -> np.ndarray:
-        """The same as for a given way; a rigid body that does not touch is first led to where it does."""
-        if self.progress.touching or not self.motion.force:
-            return super()._guess(start, dt, tries)
-        self.problem.state = start
-        self.motion.held = start[-1] + max(self.problem.min_gap(), 0.0) + self.motion.nudge
-        guess, record = self.newton.solve(self, np.append(start[:-1], self.motion.held))
-        self.motion.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
-        self.progress.work += record.work
-        self.progress.newton += record.iterations
-        return guess if record.converged else start
-
-    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, Breakdown | None]:
-        record, failed = super()._attempt(start, dt, tries)
-        if failed is None and self.problem.state[-1] > self.limit:
-            way, t, force = self.problem.state[-1], self.progress.t + dt, self.motion.force
-            self._stand(start)
-            raise ContactError(
-                f"a force of {force:.3g} N at t = {t:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
-                f"{1e3 * self.limit:.4g} mm; try a smaller force"
-            )
-        return record, failed
+    @internal.setter
+    def internal(self, saved: Mapping[str, Any]) -> None:
+        self.pace = saved["way_pace"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
 from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Fields, Layout
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
 from ngbrain.materials.base import checked, positive
@@ -76,107 +77,106 @@ class Friction:
         return ngs.IfPos(pressure, ngs.IfPos(square - 1, 1 / _root(square), 1), 0) * g
 
 
-class Grip:
-    """The frictions of a body in its present time step.
+class Grip(Term):
+    """The frictions of a problem in its present time step. Pressures and normals are those of the unknowns that stand.
 
     layout     what the unknowns are
-    fes        the problem's space
+    gfu        where they stand
     frictions  what rubs, if anything
 
-    `begin` a step, `hold` the state at which pressures and normals are taken, `finish` it. Attributes: `form`, the energies alone.
+    Attributes: `form`, the energies alone.
     """
 
-    def __init__(self, layout: Layout, fes: ngs.FESpace, frictions: Sequence[Friction], kinematics: Solid) -> None:
-        self.layout, self.frictions = layout, frictions
-        self.form = ngs.BilinearForm(fes, symmetric=True)
+    def __init__(self, layout: Layout, gfu: ngs.GridFunction, frictions: Sequence[Friction], kinematics: Solid) -> None:
+        self.layout, self.frictions, self._gfu = layout, frictions, gfu
+        self.form = ngs.BilinearForm(gfu.space, symmetric=True)
         self._rubs: list[_Rub] = []
+        self.slips: list[np.ndarray] = []
         if frictions:
-            self._now, self._start = ngs.GridFunction(fes), ngs.GridFunction(fes)
-            self._vec = self._now.vec.CreateVector()
-            self._rubs = [
-                _Rub(friction, layout.fields(self._now), layout.fields(self._start).u, kinematics)
-                for friction in frictions
-            ]
+            self._start, self._vec = ngs.GridFunction(gfu.space), gfu.vec.CreateVector()
+            start = layout.fields(self._start).u
+            self._rubs = [_Rub(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
             self.join(self.form)
         self.finish()
 
     def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
-        """Add the energies to a form of the body's, and give it back."""
+        """Add the energies to a form of the problem's, and give it back."""
         for rub in self._rubs:
-            energy = rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)
-            form += ngs.Variation(energy.Compile() * rub.measure)
+            rub.join(form, self.layout)
         return form
 
-    def forms(self) -> list[tuple[str, ngs.BilinearForm]]:
-        """The energies one after the other, with their walls."""
+    def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, way: ngs.Parameter) -> None:
+        """Add the energies' first and second derivative by a way of contacts to forms of the problem's."""
+        for rub in self._rubs:
+            if rub.friction.contact.way is way:
+                rub.join_driving(felt, stiffness, self.layout)
+
+    def by_boundary(self) -> list[tuple[str, ngs.BilinearForm]]:
+        """Each by itself, with its wall."""
         found = []
         for rub in self._rubs:
             form = ngs.BilinearForm(self.form.space, symmetric=True)
-            form += ngs.Variation(
-                (rub.weight * rub.energy(self.layout.fields(form.space.TrialFunction()).u)) * rub.measure
-            )
+            rub.join(form, self.layout)
             found.append((rub.friction.wall, form))
         return found
 
-    def begin(self, x: np.ndarray) -> None:
-        """Begin a step at a state x, with the bodies where they are."""
-        if self.frictions:
-            self.frozen = {"start": x, "ways": [rub.way for rub in self._rubs], "slips": self.slips}
+    def rest(self) -> None:
+        """Without slip and traction."""
+        self.slips = [np.zeros_like(slip) for slip in self.slips]
 
-    def hold(self, x: ngs.BaseVector) -> None:
-        """Take pressures and normals at a state."""
+    def begin(self, dt: float) -> None:
+        """Begin a time step at the unknowns that stand, with the bodies where they are."""
         if self.frictions:
-            self._now.vec.data = x
+            start, ways = _values(self._gfu).copy(), [rub.way for rub in self._rubs]
+            self.frozen = {"start": start, "ways": ways, "slips": self.slips}
 
     def finish(self) -> None:
-        """End the step begun at the state held; forces can still be read."""
+        """End the step begun; forces can still be read."""
         self.slips = [rub.end() for rub in self._rubs]
 
     def forces(self) -> np.ndarray | float:
-        """Nodal forces at the state held, one for each unknown; 0 for all without friction."""
+        """Nodal forces, one for each unknown; 0 for all without friction."""
         if not self.frictions:
             return 0.0
-        self.form.Apply(self._now.vec, self._vec)
+        self.form.Apply(self._gfu.vec, self._vec)
         return self._vec.FV().NumPy().copy()
 
     def work(self) -> float:
-        """What went into friction (J) from the start of the step to the state held, by the trapezoidal rule.
+        """What went into friction (J) since the step began, by the trapezoidal rule.
 
         As the tissue's work is measured; in a step that turns back it is too little, and may be negative.
         """
         return sum((rub.integral(rub.work) for rub in self._rubs), 0.0)
 
     def driving(self) -> float:
-        """∂(energy)/∂way (J/m) at the state held: what friction adds to `Contact.driving`."""
+        """∂(energy)/∂way (J/m): what friction adds to `Contact.driving`."""
         return sum((rub.integral(rub.driving) for rub in self._rubs), 0.0)
 
-    # Restart.
+    @property
+    def internal(self) -> Mapping[str, Any]:
+        """Elastic slips and tractions."""
+        return {"slips": self.slips} if self.frictions else {}
+
+    @internal.setter
+    def internal(self, saved: Mapping[str, Any]) -> None:
+        if self.frictions:
+            self.slips = saved["slips"]
 
     @property
-    def frozen(self) -> dict[str, Any]:
-        """All that the energies of the present step are made of, but for the state held."""
+    def frozen(self) -> Mapping[str, Any]:
+        """All that the energies of the present step are made of, but for the unknowns that stand."""
         if not self.frictions:
             return {}
         slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self._rubs]
         return {"start": _values(self._start).copy(), "ways": [rub.start.Get() for rub in self._rubs], "slips": slips}
 
     @frozen.setter
-    def frozen(self, saved: dict[str, Any]) -> None:
+    def frozen(self, saved: Mapping[str, Any]) -> None:
         if self.frictions:
             _values(self._start)[:] = saved["start"]
             for rub, way, slip in zip(self._rubs, saved["ways"], saved["slips"], strict=True):
                 rub.start.Set(way)
                 _values(rub.slip)[:], _values(rub.before)[:] = slip
-
-    @property
-    def memory(self) -> dict[str, Any]:
-        """All that decides the steps to come."""
-        return {"slips": self.slips} if self.frictions else {}
-
-    @memory.setter
-    def memory(self, saved: dict[str, Any]) -> None:
-        if self.frictions:
-            self.slips = [np.array(slip) for slip in saved["slips"]]
 
 
 class _Rub:
@@ -199,7 +199,9 @@ class _Rub:
         self._normal = contact.distance(x).Diff(x)
         self._pressure, self._before = contact.pressure(u, now.offset), start
         moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * mesh.dim)
-        self._moved = (0.0 if contact.way is None else contact.way - self.start) * moves
+        # A variable of its own, by which the energy is derived while pressure and normal stay.
+        self._way = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
+        self._moved = self._way * moves
         gone = self._along(self._gone(u))
         g = (gone + self._along(self.slip)).MakeVariable()
         traction = friction.energy(g, self._pressure).Diff(g)
@@ -213,8 +215,19 @@ class _Rub:
         way = self.friction.contact.way
         return 0.0 if way is None else float(way.Get())
 
-    def energy(self, u: CoefficientFunction) -> CoefficientFunction:
-        """Energy per reference area (J/m²)."""
+    def join(self, form: ngs.BilinearForm, layout: Layout) -> None:
+        """Add the energy to a form of the problem's."""
+        form += ngs.Variation((self.weight * self._energy(form.space, layout)).Compile() * self.measure)
+
+    def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, layout: Layout) -> None:
+        """Add the energy's first and second derivative by the contact's way to forms of the problem's."""
+        once = self._energy(felt.space, layout).Diff(self._way)
+        for form, derivative in ((felt, once), (stiffness, once.Diff(self._way))):
+            form += ngs.Variation((self.weight * derivative).Compile() * self.measure)
+
+    def _energy(self, space: ngs.FESpace, layout: Layout) -> CoefficientFunction:
+        """Per reference area (J/m²)."""
+        u = layout.fields(space.TrialFunction()).u
         return self.friction.energy(self._along(self._gone(u) + self.slip), self._pressure)
 
     def _gone(self, u: CoefficientFunction) -> CoefficientFunction:
@@ -225,7 +238,7 @@ class _Rub:
         return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
 
     def end(self) -> np.ndarray:
-        """Elastic slip and traction at the state held."""
+        """Elastic slip and traction at the unknowns that stand."""
         for field, value in zip(self._ends, (self._elastic, self._traction), strict=True):
             field.Interpolate(value, definedon=self._on)
         return np.array([_values(field) for field in self._ends])

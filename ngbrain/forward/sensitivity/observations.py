@@ -111,7 +111,7 @@ class _Linear:
         self._body, self.matrix, self.size = body, matrix, matrix.shape[0]
 
     def values(self) -> Array:
-        return np.asarray(self.matrix @ self._body.state)
+        return np.asarray(self.matrix @ self._body.x)
 
     def weigh(self, w: Array) -> None:
         """Nothing to set."""

@@ -19,9 +19,9 @@ from ngbrain.errors import gave_up
 from ngbrain.forward.sensitivity.observations import Observation
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
 from ngbrain.forward.sensitivity.virtual_work import Motion, Terms, Work, slope, vector
+from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.statics.load_path import newton_for
-from ngbrain.solvers import continuation
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.solvers.linear import Solve
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import Work as Done
@@ -80,8 +80,8 @@ class Equilibrium:
     def _from_rest(self, put: Callable[[float], None]) -> Array:
         put(1.0)
         self.body.changed()
-        newton = replace(self.newton, inverse=None, largest=0.0)
-        reached, record = continuation.follow(self.body, newton, np.zeros(self.body.fes.ndof), self.steps)
+        newton = replace(self.newton)
+        reached, record = LoadPath(self.body).follow(newton, self.steps)
         self.work += record.work
         self.inverse = newton.inverse
         if not record.converged:

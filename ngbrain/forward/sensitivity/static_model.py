@@ -132,7 +132,7 @@ class StaticModel:
         changed = self._now is None or not np.array_equal(self._now.theta, there.theta)
         self.put(there.theta)
         for each, x in zip(self.equilibria, there.states, strict=True):
-            each.body.state = each.body.load(x, 1.0)
+            each.body.x = each.body.load(x, 1.0)
             if changed:
                 each.body.changed()
         there.assemble()

@@ -13,6 +13,7 @@ from ngsolve import CoefficientFunction
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.regions import check_regions
+from ngbrain.forward.common.state import Term
 from ngbrain.materials.base import Value, positive
 
 Array = np.ndarray
@@ -164,7 +165,7 @@ class Inertia:
         positive(self.amplitude, "amplitude")
 
 
-class Momentum:
+class Momentum(Term):
     """The inertia of a problem in its present time step."""
 
     instant = 1e-9
@@ -188,8 +189,7 @@ class Momentum:
         u, v = space.TnT()
         form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
         self._mass = form.Assemble().mat
-        still = np.zeros(self._n)
-        self.pace = Pace(still, still, still, 0.0)
+        self.rest()
 
     def term(self, u: CoefficientFunction) -> Any:
         """The energy of a step, for a form."""
@@ -211,6 +211,11 @@ class Momentum:
         v = self.pace.velocity
         return float(v @ self._times(v)) / 2
 
+    def rest(self) -> None:
+        """Without speed and acceleration."""
+        still = np.zeros(self._n)
+        self.pace = Pace(still, still, still, 0.0)
+
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds from the present state."""
         self._step = self.scheme.begin(self._displacement(), self.pace, dt)
@@ -230,10 +235,6 @@ class Momentum:
         error = self._step.error(self._displacement()) * free[: self._n]
         return float(np.max(np.abs(error))) / self.amplitude
 
-    def freeze(self, dt: float) -> None:
-        """Weigh as in a step of `dt` seconds."""
-        self._weight.Set(self.scheme.weight(dt))
-
     def _displacement(self) -> Array:
         return np.array(self._gfu.vec.FV().NumPy()[: self._n])
 
@@ -245,10 +246,19 @@ class Momentum:
         return np.array(product.FV().NumPy())
 
     @property
-    def memory(self) -> dict[str, Any]:
-        """All that decides the steps to come besides the state."""
+    def internal(self) -> Mapping[str, Any]:
+        """Velocity and accelerations."""
         return {"pace": dict(self.pace.__dict__)}
 
-    @memory.setter
-    def memory(self, saved: dict[str, Any]) -> None:
+    @internal.setter
+    def internal(self, saved: Mapping[str, Any]) -> None:
         self.pace = Pace(**saved["pace"])
+
+    @property
+    def frozen(self) -> Mapping[str, Any]:
+        """The weight of the mass in the step's energy."""
+        return {"mass_weight": float(self._weight.Get())}
+
+    @frozen.setter
+    def frozen(self, saved: Mapping[str, Any]) -> None:
+        self._weight.Set(saved["mass_weight"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import ngsolve as ngs
@@ -121,11 +122,11 @@ class History:
         """
         self.strain = self.shapes()
         self.flows.finish(self.strain)
+        before, self.stress, self.overstress = self.stress, np.empty_like(self.stress), self.overstress.copy()
         for k in range(self.n_branches):
             e, beta = step_factors(self.dt, self._tau[k])
-            new = self.points(self._stress_cf[k])
-            self.overstress[k] = e * self.overstress[k] + beta * (new - self.stress[k])
-            self.stress[k] = new
+            self.stress[k] = self.points(self._stress_cf[k])
+            self.overstress[k] = e * self.overstress[k] + beta * (self.stress[k] - before[k])
 
     def shapes(self) -> np.ndarray:
         """C̄ of the state that now stands (6, points)."""
@@ -156,26 +157,25 @@ class History:
     # Restart.
 
     @property
-    def memory(self) -> dict[str, Any]:
+    def internal(self) -> Mapping[str, Any]:
         """All that decides the steps to come."""
         inner = [flow.G for flow in self.flows.flows]
         return {"stress": self.stress, "overstress": self.overstress, "strain": self.strain, "inner": inner}
 
-    @memory.setter
-    def memory(self, saved: dict[str, Any]) -> None:
-        self.stress, self.overstress = np.array(saved["stress"]), np.array(saved["overstress"])
-        self.strain = np.array(saved["strain"])
+    @internal.setter
+    def internal(self, saved: Mapping[str, Any]) -> None:
+        self.stress, self.overstress, self.strain = saved["stress"], saved["overstress"], saved["strain"]
         for flow, G in zip(self.flows.flows, saved["inner"], strict=True):
-            flow.G = np.array(G)
+            flow.G = G
 
     @property
-    def frozen(self) -> dict[str, Any]:
+    def frozen(self) -> Mapping[str, Any]:
         """All that the energy of the present step is made of, as `relax` left it."""
         pull = self.pull.vec.FV().NumPy().copy()
         return {"dt": self.dt, "pull": pull, "flows": self.flows.frozen}
 
     @frozen.setter
-    def frozen(self, saved: dict[str, Any]) -> None:
+    def frozen(self, saved: Mapping[str, Any]) -> None:
         self.begin(saved["dt"])
         self.pull.vec.FV().NumPy()[:] = saved["pull"]
         self.flows.frozen = saved["flows"]

@@ -8,15 +8,27 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.common.loads import volume
+from ngbrain.forward.common.loads import CavityVolume, volume
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.forward.solid.assembled import Assembled
+from ngbrain.forward.contact.friction import Grip
+from ngbrain.forward.solid.applied import Applied
+from ngbrain.forward.solid.discretisation import Discretisation
+from ngbrain.forward.solid.inertia import Momentum
+from ngbrain.forward.solid.tissue import Tissue
 
 Array = np.ndarray
 
 
-class Reactions(Assembled):
-    """Forces and energies of a `Problem` at its current state."""
+class Reactions(Discretisation):
+    """Forces and energies of a `Problem` where it stands."""
+
+    tissue: Tissue
+    friction: Grip
+    inertia: Momentum | None
+    applied: Applied
+    form: ngs.BilinearForm
+    gaps: list[tuple[CoefficientFunction, Array]]
+    _cavities: list[CavityVolume]
 
     @property
     def energy(self) -> float:
@@ -29,7 +41,7 @@ class Reactions(Assembled):
 
     def tissue_forces(self) -> Array:
         """Forces (N) that the tissue exerts on its nodes at the current state, one for each displacement unknown."""
-        self._stand(self.state)
+        self._stand(self.x)
         return self.tissue.forces()[self.is_u]
 
     def tissue_stress(self) -> Array:
@@ -38,21 +50,18 @@ class Reactions(Assembled):
 
     def contact_forces(self) -> Array:
         """Nodal forces (N) of contacts, their friction, sliding walls and loads at the current state."""
-        self.friction.hold(self.gfu.vec)
         return self._outer_forces()[self.is_u]
 
     def contact_energy(self) -> float:
         """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
-        return float(self.contact_form.Energy(self.gfu.vec))
+        return float(self.applied.form.Energy(self.gfu.vec))
 
     def friction_work(self) -> float:
         """What went into friction (J) since the present time step began."""
-        self.friction.hold(self.gfu.vec)
         return self.friction.work()
 
     def friction_driving(self) -> float:
         """Force (N) along the way of the rigid bodies that friction asks of them, as `Contact.driving` does."""
-        self.friction.hold(self.gfu.vec)
         return self.friction.driving()
 
     def nodal_forces(self, boundary: str) -> Array:
@@ -61,13 +70,13 @@ class Reactions(Assembled):
         They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
         supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
         """
-        self._stand(self.state)
+        self._stand(self.x)
         forces = self.tissue.forces()[self.is_u]
         for pattern, acting in self._acting:
             if not self._on(boundary, pattern):
                 forces = forces + self._applied(acting)[self.is_u]
         if self.inertia is not None:
-            forces = forces + self.inertia.forces(self.state[: len(self.held)])
+            forces = forces + self.inertia.forces(self.x[: len(self.held)])
         return forces * self.reaction_shares(boundary)
 
     def reaction_shares(self, boundary: str) -> Array:
@@ -95,26 +104,31 @@ class Reactions(Assembled):
 
     def volume(self, boundary: str) -> float:
         """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
-        return volume(self.place(self.u, self.u), self.u, boundary)
+        return volume(self.applied.place(self.u, self.u), self.u, boundary)
 
     def cavity_pressures(self) -> list[float]:
         """Pressures (Pa) of the loads that prescribe a volume, in their order."""
         n = len(self._cavities)
-        return self.state[len(self.state) - n :].tolist()
+        return self.gfu.vec.FV().NumPy()[self.fes.ndof - n :].tolist()
+
+    def kinetic_energy(self) -> float:
+        """∫ ρ/2 |v|² (J); 0 without inertia."""
+        return 0.0 if self.inertia is None else self.inertia.energy()
+
+    def _outer_forces(self) -> Array:
+        """Of contacts, their friction and loads, one number for each unknown."""
+        if not self.applied.contacts and not self.applied.loads:
+            return np.zeros(self.fes.ndof)
+        return self._applied(self.applied.form) + self.friction.forces()
+
+    def _stand(self, x: Array) -> None:
+        """Go to unknowns x, with all that depends on where they are in a time step."""
+        raise NotImplementedError
 
     @cached_property
     def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """What acts from outside, one after the other: on which boundary, and its forces."""
-        at, found = self.layout.fields(self.fes.TrialFunction()), []
-        for load, part in self._load_terms():
-            acting = ngs.BilinearForm(self.fes)
-            acting += part
-            found.append((getattr(load, "boundary", None), acting))
-        for contact in self.contacts:
-            acting = ngs.BilinearForm(self.fes)
-            self._joined.append(contact.join(acting, at, self.kinematics))
-            found.append((contact.wall, acting))
-        return found + self.friction.forms()
+        return [*self.applied.by_boundary(), *self.friction.by_boundary()]
 
 
 def _unit(i: int, dim: int) -> CoefficientFunction:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -12,6 +13,7 @@ from ngbrain.errors import Breakdown, Failure
 from ngbrain.forward.common.elements import Form
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.material import Material
+from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.solid.internal_forces import Density, Forces
 from ngbrain.forward.solid.internal_variables import History
@@ -25,7 +27,7 @@ Remembered = Callable[[Viscous, CoefficientFunction], CoefficientFunction]
 """A part of the energy that a law's history makes of C̄: `History.energy`, or `History.work` for forces alone."""
 
 
-class Tissue:
+class Tissue(Term):
     """Energy Σ_regions W(C̄; history) + U(J), or + p(J - 1) - p²/2K, over the elements.
 
     Tissue that goes through time keeps a `History`, whose quadrature points carry the energy, and evaluates stresses once a point;
@@ -133,19 +135,12 @@ class Tissue:
         counts = np.array([len(self.rules[each.type].weights) for each in self.mesh.Elements()])
         return np.flatnonzero(np.repeat(elements, counts))
 
-    # Maxwell branches flow to where they rest with a state; their stiffness is wanted with the tangent alone.
+    # What it remembers. Maxwell branches flow to where they rest with a state; their stiffness is wanted with the tangent alone.
 
-    def relax(self, x: Array) -> None:
-        """Let the branches flow at the state x, which stands."""
-        if self.history is not None and self.history.flows and not np.array_equal(x, self._relaxed):
-            self.history.relax()
-            self._relaxed, self._stiff = x.copy(), False
-
-    def stiffen(self, where: Array | slice = EVERYWHERE) -> None:
-        """Find the branches' stiffness, everywhere or at some points."""
-        if self.history is not None and self.history.flows and not self._stiff:
-            self.history.flows.stiffen(where)
-            self._stiff = where is EVERYWHERE
+    def rest(self) -> None:
+        """Forget all loading."""
+        if self.history is not None:
+            self.history.rest()
 
     def begin(self, dt: float) -> None:
         """Begin a time step of `dt` seconds."""
@@ -153,14 +148,47 @@ class Tissue:
             self.history.begin(dt)
         self._relaxed = np.empty(0)
 
-    def stays_at(self, x: Array) -> None:
-        """Say that branches which rest do so at the state x too."""
-        if len(self._relaxed):
-            self._relaxed = x.copy()
+    def stand(self) -> None:
+        """Let the branches flow at the unknowns that stand."""
+        if self.history is not None and self.history.flows and not np.array_equal(x := self._x(), self._relaxed):
+            self.history.relax()
+            self._relaxed, self._stiff = x, False
 
-    def rests_at(self, x: Array) -> None:
-        """Say that the branches rest at the state x, where their stiffness is known."""
-        self._relaxed, self._stiff = x.copy(), True
+    def finish(self) -> None:
+        """Move the internal variables to the end of the step begun."""
+        if self.history is not None:
+            self.stand()
+            self.history.finish()
+
+    def stiffen(self, where: Array | slice = EVERYWHERE) -> None:
+        """Find the branches' stiffness, everywhere or at some points."""
+        if self.history is not None and self.history.flows and not self._stiff:
+            self.history.flows.stiffen(where)
+            self._stiff = where is EVERYWHERE
+
+    def _x(self) -> Array:
+        return np.array(self.gfu.vec.FV().NumPy())
+
+    @property
+    def internal(self) -> Mapping[str, Any]:
+        """H_k, S̄_k of hereditary branches, C_v of Maxwell ones, and C̄."""
+        return {} if self.history is None else self.history.internal
+
+    @internal.setter
+    def internal(self, saved: Mapping[str, Any]) -> None:
+        if self.history is not None:
+            self.history.internal = saved
+
+    @property
+    def frozen(self) -> Mapping[str, Any]:
+        """What the energy of the present step is made of, with branches that rest at the unknowns that stand."""
+        return {} if self.history is None else self.history.frozen
+
+    @frozen.setter
+    def frozen(self, saved: Mapping[str, Any]) -> None:
+        if self.history is not None:
+            self.history.frozen = saved
+        self._relaxed, self._stiff = self._x(), True
 
 
 def history_order(mesh: ngs.Mesh, k: int) -> int:

@@ -5,23 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ngbrain.errors import CollapseWarning, InputError, SolverError, StabilityWarning, gave_up
 from ngbrain.forward.common.element_choice import COMPRESSIBLE
 from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.advance import LoadHistory, Prescribed, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics import stability
 from ngbrain.solvers import continuation, linear
 from ngbrain.solvers.newton import Newton
-from ngbrain.solvers.record import PathRecord
+from ngbrain.solvers.record import NewtonRecord, PathRecord
 from ngbrain.threads import threads as using
 
-UPHILL = 4
-"""`Newton.watch` of displacement elements."""
 GUARD = 0.05
 """Barrier against collapse at single points, in shear moduli, that a body gets which does not go without."""
 
@@ -57,8 +56,8 @@ class LoadPath:
             raise InputError("materials", "a relaxing law", "elastic ones, such as its `equilibrium`, or a TimeStepper")
         if problem.inertia is not None:
             raise InputError("loads", "with Inertia", "none for equilibrium, or a TimeStepper")
-        self.problem = problem
-        self._path = problem if motion is None else _Moved(problem, motion)
+        self.problem, self.prescribed = problem, Prescribed(problem, motion, LoadHistory((0.0, 1.0), (0.0, 1.0)))
+        self.residual, self.factorise, self.min_det = problem.residual, problem.factorise, problem.min_det
 
     def solve(
         self,
@@ -103,22 +102,23 @@ class LoadPath:
         if not body.contacts:
             check_held(body.supports, body.loads, body.kinematics)
         newton = newton or newton_for(body)
+        body.rest()
         signs: list[tuple[float, float]] = []
 
         def tell(t: float, x: np.ndarray) -> None:
             if eigenvalues:
-                body.state = x
+                body.x = x
                 signs.append((t, stability.softest(body)[0]))
                 body.changed()
             if callback:
                 callback(t)
 
         with using(threads):
-            near = None if start is None else continuation.resumed(self._path, newton, start, steps, tell)
-            x, record = near or self._follow(newton, steps, tell)
+            near = None if start is None else continuation.resumed(self, newton, start, steps, tell)
+            x, record = near or self.follow(replace(newton), steps, tell)
             if not record.converged and record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
                 x, record = self._guarded(newton, steps, tell, record)
-        body.state = x
+        body.x = x
         record.eigenvalues = signs
         record.seconds, record.ndof = dict(body.clock.seconds), body.fes.ndof
         record.element, record.solver = body.choice["element"], f"{body.solver}: {body.choice['solver']}"
@@ -148,11 +148,31 @@ class LoadPath:
             doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
             warnings.warn(f"{found}; {doubt}", StabilityWarning, stacklevel=3)
 
-    def _follow(
-        self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None]
+    # What `continuation` asks of a path.
+
+    @property
+    def weights(self) -> np.ndarray:
+        """The problem's."""
+        return self.problem.weights
+
+    def load(self, x: np.ndarray, t: float) -> np.ndarray:
+        """Unknowns x with what is prescribed at a load factor, and rigid bodies put where they are there."""
+        return self.prescribed.lifted(x, t)
+
+    def step(
+        self, newton: Newton, x: np.ndarray, t: float, goal: float, guess: np.ndarray
+    ) -> tuple[np.ndarray, NewtonRecord]:
+        """From equilibrium x at a load factor to the one at another."""
+        start = State(t, x, self.problem.state(t).internal)
+        made = advance(self.problem, start, goal - t, self.prescribed, lambda: newton.solve(self.problem, guess))
+        return made.state.x, made.record
+
+    def follow(
+        self, newton: Newton, steps: int = 1, tell: Callable[[float, np.ndarray], None] | None = None
     ) -> tuple[np.ndarray, PathRecord]:
-        settings = replace(newton, inverse=None, largest=0.0)
-        return continuation.follow(self._path, settings, np.zeros(self.problem.fes.ndof), steps, tell)
+        """From rest to load factor 1 as far as it goes; `newton` keeps the last factor, and nothing is raised."""
+        newton.inverse, newton.largest = None, 0.0
+        return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, tell)
 
     def _guarded(
         self, newton: Newton, steps: int, tell: Callable[[float, np.ndarray], None], before: PathRecord
@@ -161,7 +181,7 @@ class LoadPath:
         body = self.problem
         kappa = GUARD * body.modulus
         body.with_materials({p: replace(m, pointwise=m.pointwise or kappa) for p, m in body.materials.items()})
-        x, record = self._follow(newton, steps, tell)
+        x, record = self.follow(replace(newton), steps, tell)
         record.guard = f"a barrier of {kappa:.3g} Pa against collapse: without it det F fell to {before.min_det_F:.2g}"
         record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
         record.work += before.work
@@ -174,26 +194,3 @@ class LoadPath:
         error = gave_up(f"{record.reason}; {advice}", record.failure)
         error.record = record
         return error
-
-
-class _Moved:
-    """A problem whose rigid bodies move with the load factor, as `continuation` asks for it."""
-
-    def __init__(self, problem: Problem, motion: Motion) -> None:
-        self._problem, self._motion = problem, motion
-        self.residual, self.factorise, self.min_det = problem.residual, problem.factorise, problem.min_det
-
-    @property
-    def weights(self) -> np.ndarray:
-        """The problem's."""
-        return self._problem.weights
-
-    def load(self, x: np.ndarray, t: float) -> np.ndarray:
-        """With the rigid bodies where they are at t."""
-        self._motion.set(t)
-        return self._problem.load(x, t)
-
-
-def newton_for(problem: Problem, **settings: Any) -> Newton:
-    """Newton's method as the problem's element needs it, with settings such as rtol=1e-10."""
-    return Newton(**{"watch": UPHILL if problem.element.pressure is None else 0, **settings})

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, Failure, InputError, gave_up
+from ngbrain.errors import Breakdown, ContactError, Failure, InputError, gave_up
 from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.common.state import State
+from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
 from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.advance import Advanced, LoadHistory, Prescribed, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve
-from ngbrain.forward.statics.load_path import newton_for
 from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
@@ -28,23 +30,6 @@ FORESEEN = 2
 
 
 Watch = Callable[[Problem, Progress, NewtonRecord], None]
-
-
-class LoadHistory:
-    """Load factors at times (s), straight in between: how boundary conditions and loads grow, and fall.
-
-    Raises `InputError` unless times increase and there is a factor for each.
-    """
-
-    def __init__(self, times: Sequence[float] | Array, factors: Sequence[float] | Array) -> None:
-        self.times, self.factors = np.asarray(times, float), np.asarray(factors, float)
-        increasing = self.times.ndim == 1 and len(self.times) > 1 and np.all(np.diff(self.times) > 0)
-        if not increasing or self.times.shape != self.factors.shape:
-            raise InputError("times", np.array2string(self.times, threshold=4), "increasing, with a factor for each")
-
-    def at(self, t: float) -> float:
-        """Load factor at a time (s)."""
-        return float(np.interp(t, self.times, self.factors))
 
 
 class TimeStepper:
@@ -74,17 +59,24 @@ class TimeStepper:
             check_held(problem.supports, problem.loads, problem.kinematics)
         if motion is None and loads is None:
             raise InputError("motion", None, "a motion of rigid bodies, or a history of loads")
-        self.problem, self.motion, self.control, self.loads = problem, motion, control, loads
+        if (None if problem.tool is None else problem.tool.given) is not (motion if _forced(motion) else None):
+            raise InputError(
+                "motion", type(motion).__name__, "the GivenForce that is among the problem's contacts, or none in both"
+            )
+        self.problem, self.motion, self.control = problem, motion, control
+        self.prescribed = Prescribed(problem, motion, loads)
         self.penetration_limit = penetration_limit
         self.newton = replace(newton or newton_for(problem), inverse=None, largest=0.0)
         self.progress = Progress(t=0.0 if loads is None else float(loads.times[0]), dt=control.touch)
-        ends = {*(motion.events if motion else ()), *(loads.times[1:].tolist() if loads else ())}
-        self.events = tuple(sorted(ends))
-        self.follow = np.zeros(len(problem.state))
-        self.drift = np.zeros(len(problem.state))
+        self.events = self.prescribed.events
+        self.follow = np.zeros(len(problem.x))
+        self.drift = np.zeros(len(problem.x))
         self._begun, self._now, self._wholes = self.progress.t, self.progress.t, 0
         self._factored: list[dict[str, Any]] = []
-        self._set(self.progress.t)
+        x = problem.x
+        self.prescribed.set(self.progress.t)
+        if problem.tool is not None:
+            problem.tool.stays(x[-1])
 
     def run(self, observe: Watch, until: float = float("inf")) -> None:
         """Step to the last event (or to `until`, s), calling `observe` after every accepted step."""
@@ -96,69 +88,82 @@ class TimeStepper:
     def step(self) -> NewtonRecord:
         """One accepted step, cut as often as needed."""
         at = self.progress
-        start = self.problem.state
-        dt = self._propose()
+        start, dt = self.problem.state(at.t), self._propose()
         at.cut, tries = False, 0
         while True:
-            record, failed = self._attempt(start, dt, tries)
+            made = self._attempt(start, dt, tries)
             tries += 1
-            at.work += record.work
-            at.newton += record.iterations
-            if failed is None:
-                self._accept(start, dt)
-                return record
+            at.work += made.record.work
+            at.newton += made.record.iterations
+            if made.failure is None:
+                self._accept(start.x, dt)
+                return made.record
             at.rejected += 1
-            self._stand(start)
             at.cut = True
             dt = dt / 3
             if dt < self.control.shortest:
-                raise _error(failed, at.t, dt)
-
-    def _stand(self, x: np.ndarray) -> None:
-        """Go to a state of the present time."""
-        self._set(self.progress.t)
-        self.problem.state = x
+                raise _error(made.failure, at.t, dt)
 
     def _propose(self) -> float:
         """Step length from what the control says, landing on touch and events."""
         at = self.progress
         left = self.events[at.event] - at.t
-        dt = self.control.proposed(at, lambda ahead: self._travel(at.t, at.t + min(left, ahead)))
+        dt = self.control.proposed(at, lambda ahead: self.prescribed.travel(at.t, at.t + min(left, ahead)))
         if not at.touching:
             dt = self._up_to_touch(dt)
         # Two even steps rather than a long one and a sliver before an event.
         return left if dt >= left * (1 - 1e-9) else min(dt, left / 2) if dt > left / 2 else dt
 
     def _up_to_touch(self, dt: float) -> float:
-        """Shorten a step of bodies that come nearer so that it ends just after first touch."""
-        at, touch_dt = self.progress, self.control.touch
-        speed = self._travel(at.t, at.t + touch_dt) / touch_dt
-        return min(dt, max(self.problem.min_gap(), 0.0) / speed + touch_dt) if speed > 0 else dt
+        """Shorten a step of bodies that come nearer so that it ends just after first touch.
 
-    def _attempt(self, start: np.ndarray, dt: float, tries: int) -> tuple[NewtonRecord, Breakdown | None]:
-        at, problem = self.progress, self.problem
-        problem.begin(dt)
-        self._now, self._wholes = at.t + dt, 0
-        self._set(self._now)
-        problem.state, record = self.newton.solve(self, self._guess(start, dt, tries))
-        if not record.converged:
-            return record, Breakdown(record.reason, record.failure or Failure.STALLED)
-        depth = -problem.min_gap()
+        A rigid body that is asked for a force is there at once.
+        """
+        at, touch_dt = self.progress, self.control.touch
+        speed = self.prescribed.travel(at.t, at.t + touch_dt) / touch_dt
+        if not speed > 0:
+            return dt
+        way = 0.0 if self.problem.tool is not None else max(self.problem.min_gap(), 0.0)
+        return min(dt, way / speed + touch_dt)
+
+    def _attempt(self, start: State, dt: float, tries: int) -> Advanced:
+        self._now, self._wholes = start.t + dt, 0
+
+        def solve() -> tuple[Array, NewtonRecord]:
+            return self.newton.solve(self, self._guess(start.x, dt, tries))
+
+        made = advance(self.problem, start, dt, self.prescribed, solve, lambda record: self._judge(start))
+        tool = self.problem.tool
+        if made.failure is None and tool is not None and tool.way > tool.given.limit:
+            way, force = tool.way, tool.given.force
+            self.prescribed.set(start.t)
+            self.problem.set_state(start)
+            raise ContactError(
+                f"a force of {force:.3g} N at t = {start.t + dt:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
+                f"{1e3 * tool.given.limit:.4g} mm; try a smaller force"
+            )
+        return made
+
+    def _judge(self, start: State) -> Breakdown | None:
+        """Whether the end of a step that stands is not to be taken."""
+        depth = -self.problem.min_gap()
         if depth > self.penetration_limit:
             limit = f"the limit {1e3 * self.penetration_limit:.2f} mm"
-            return record, Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Failure.PENETRATION)
-        judged = self.control.judged(problem, start, at)
-        return record, Breakdown(judged, Failure.INACCURATE) if judged else None
+            return Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Failure.PENETRATION)
+        judged = self.control.judged(self.problem, start.x, self.progress)
+        return Breakdown(judged, Failure.INACCURATE) if judged else None
 
-    def _guess(self, start: np.ndarray, dt: float, tries: int) -> np.ndarray:
-        """Where a step from a state may end, after so many tries."""
-        at, guess = self.progress, start
-        if self.loads is not None and self.loads.at(at.t) != self.loads.at(at.t + dt):
+    def _guess(self, start: Array, dt: float, tries: int) -> Array:
+        """Where a step from some unknowns may end, after so many tries."""
+        at, guess, prescribed, tool = self.progress, start, self.prescribed, self.problem.tool
+        if prescribed.factor(at.t) != prescribed.factor(at.t + dt):
             return self._ahead(start, at.t, at.t + dt)
-        start = guess = self._lifted(start, at.t + dt)
+        if tool is not None and not at.touching and tool.given.force:
+            return self._landed(start, tool)
+        start = guess = prescribed.lifted(start, at.t + dt)
         if tries >= FORESEEN:
             return start
-        travel = self._travel(at.t, at.t + dt)
+        travel = prescribed.travel(at.t, at.t + dt)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
@@ -166,45 +171,42 @@ class TimeStepper:
             guess = start + self.drift * self._slowing(at.t, at.t + dt)
         return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
 
-    def _lifted(self, x: Array, t: float) -> Array:
-        """A state with what is prescribed at a time."""
-        return self.problem.load(x, 1.0 if self.loads is None else self.loads.at(t))
+    def _landed(self, start: Array, tool: DrivenTool) -> Array:
+        """With a rigid body that does not touch led to where it does: there the force depends on its way."""
+        given = tool.given
+        self.problem.x = start
+        given.held = start[-1] + max(self.problem.min_gap(), 0.0) + given.nudge
+        guess, record = self.newton.solve(self, np.append(start[:-1], given.held))
+        given.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
+        self.progress.work += record.work
+        self.progress.newton += record.iterations
+        return guess if record.converged else start
 
     def _ahead(self, start: Array, t: float, end: float) -> Array:
         """Along the tangent of a change of load, where there is one."""
-        lifted = self._lifted(start, end)
+        lift = self.prescribed.lifted
+        lifted = lift(start, end)
         guess, inverse = lifted, self.newton.inverse
         if inverse is not None and not np.array_equal(lifted, start):
-            r = self.problem.residual(self._lifted(start, t))[0]
-            near = self._lifted(start, t + PROBE * (end - t))
+            r = self.problem.residual(lift(start, t))[0]
+            near = lift(start, t + PROBE * (end - t))
             guess = lifted - inverse((self.problem.residual(near)[0] - r) / PROBE)
-            self._lifted(start, end)
+            lift(start, end)
         return guess if self.problem.min_det(guess) > self.newton.min_det else lifted
-
-    def _set(self, t: float) -> None:
-        """Put rigid bodies and the load factor where they are at a time."""
-        if self.motion is not None:
-            self.motion.set(t)
-        self.problem.factor.Set(1.0 if self.loads is None else self.loads.at(t))
-
-    def _travel(self, start: float, end: float) -> float:
-        """How far (m) rigid bodies move towards the tissue between two times."""
-        return 0.0 if self.motion is None else self.motion.travel(start, end)
 
     def _slowing(self, start: float, end: float) -> float:
         """How far a hold gets between two times on a scale on which relaxation is nearly even: the logarithm's."""
         event = self.events[self.progress.event - 1] if self.progress.event else self._begun
         return float(np.log1p((end - event) / self.control.touch) - np.log1p((start - event) / self.control.touch))
 
-    def _accept(self, start: np.ndarray, dt: float) -> None:
+    def _accept(self, start: Array, dt: float) -> None:
         at = self.progress
-        self.problem.finish()
         touched = self.problem.min_gap() < 0
-        travel = self._travel(at.t, at.t + dt)
+        travel, moved = self.prescribed.travel(at.t, at.t + dt), self.problem.x - start
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
-            self.follow = (self.problem.state - start) / travel
+            self.follow = moved / travel
         if not travel:
-            self.drift = (self.problem.state - start) / self._slowing(at.t, at.t + dt)
+            self.drift = moved / self._slowing(at.t, at.t + dt)
         # After first touch the steps start again from a short one.
         at.dt = min(dt, self.control.touch) if touched and not at.touching else dt
         at.touching = touched
@@ -240,7 +242,7 @@ class TimeStepper:
         return solve
 
     def _here(self, x: np.ndarray) -> dict[str, Any]:
-        return {"t": self._now, "x": x.copy(), "history": self.problem.frozen}
+        return {"t": self._now, "x": x.copy(), "frozen": self.problem.frozen}
 
     # Restart.
 
@@ -248,11 +250,10 @@ class TimeStepper:
         """Everything that decides the steps to come, as arrays and numbers."""
         return {
             "progress": {**self.progress.__dict__, "work": dict(self.progress.work.__dict__)},
-            "x": self.problem.state,
+            "state": dict(self.problem.state(self.progress.t).__dict__),
             "follow": self.follow,
             "drift": self.drift,
             "largest": self.newton.largest,
-            "history": self.problem.memory,
             "factors": self._factored if self.newton.inverse is not None else [],
         }
 
@@ -261,16 +262,20 @@ class TimeStepper:
         problem = self.problem
         makes: tuple[Callable[[np.ndarray], Solve | None], ...] = (problem.factorise, problem.refactorise)
         for make, factor in zip(makes, saved["factors"], strict=False):
-            problem.freeze(factor["x"], factor["history"])
+            problem.freeze(factor["x"], factor["frozen"])
             self._now = factor["t"]
-            self._set(self._now)
+            self.prescribed.set(self._now)
             self.newton.inverse = make(factor["x"])
         self._factored = list(saved["factors"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
-        problem.memory = saved["history"]
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
-        self._stand(saved["x"])
+        self.prescribed.set(self.progress.t)
+        problem.set_state(State(**saved["state"]))
+
+
+def _forced(motion: Motion | None) -> bool:
+    return isinstance(motion, GivenForce)
 
 
 def _error(failed: Breakdown, t: float, dt: float) -> Exception:

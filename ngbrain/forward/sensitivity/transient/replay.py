@@ -10,17 +10,18 @@ Source: Griewank 1992, 10.1080/10556789208805505 (recomputation for memory).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import Failure, InputError, gave_up
+from ngbrain.errors import InputError, gave_up
+from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.advance import Prescribed, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
 TIGHT = Newton(rtol=1e-10, xtol=1e-10, max_iter=80)
@@ -31,21 +32,20 @@ SHORTEST = 1e-2
 
 @dataclass(frozen=True)
 class Step:
-    """The n-th step: from a history (`Problem.memory`) at grid[n] to the state x at grid[n + 1]."""
+    """The n-th step: from a state at grid[n] to unknowns x at grid[n + 1]."""
 
     n: int
-    memory: dict[str, Any]
+    start: State
     x: Array
 
 
 @dataclass(frozen=True)
 class Kept:
-    """Where a run stood at grid[n]: state, the state a step before, history."""
+    """Where a run stood at grid[n]: its state, and the unknowns a step before."""
 
     n: int
-    x: Array
+    state: State
     before: Array
-    memory: dict[str, Any]
 
 
 def times_of(transient: TimeStepper) -> Array:
@@ -78,7 +78,7 @@ class Replay:
         refused = {
             "with friction": bool(body.friction.frictions),
             "with inertia": body.inertia is not None,
-            "with a tool of given force": type(body) is not Problem,
+            "with a tool of given force": body.tool is not None,
         }
         for what, there in refused.items():
             if there:
@@ -93,7 +93,8 @@ class Replay:
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
         self.solved = 0
-        body.factor.Set(1.0)
+        self._prescribed = Prescribed(body, motion)
+        self._prescribed.set(0.0)
         self.kept: list[Kept] = []
         self._last: list[Step] = []
         self._keeping, self._states, self._known = states, list[Array](), list[Array]()
@@ -105,9 +106,7 @@ class Replay:
 
     def run(self, seen: Callable[[Step], None]) -> None:
         """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
-        body = self.body
-        body.history.rest()
-        body.state = np.zeros(len(body.weights))
+        start = self.body.rest()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
         self._near = replace(self._newton, rtol=rtol, xtol=xtol)
@@ -115,7 +114,7 @@ class Replay:
         if len(self._states) == len(self.grid) - 1:
             self._known = self._states
         self._states = []
-        here = Kept(0, body.state, body.state, deepcopy(body.memory))
+        here = Kept(0, start, start.x)
         while here.n < len(self.grid) - 1:
             self.kept.append(here)
             here = self._segment(here, seen)
@@ -142,31 +141,38 @@ class Replay:
 
     def _segment(self, start: Kept, seen: Callable[[Step], None]) -> Kept:
         """Steps from one kept to where the next is to be kept."""
-        body, steps = self.body, list[Step]()
+        steps, state, before = list[Step](), start.state, start.before
         self._last = []
-        x, before, memory = start.x, start.before, start.memory
         for n in range(start.n, min(start.n + self.every, len(self.grid) - 1)):
-            body.memory, body.state = memory, x
-            body.begin(self.grid[n + 1] - self.grid[n])
-            new = self._state(n, x, before)
-            self._flow(new)
-            steps.append(Step(n, memory, new))
-            seen(steps[-1])
-            body.finish()
-            x, before, memory = new, x, deepcopy(body.memory)
+            state, before = self._step(n, state, before, steps, seen), state.x
         self._last = steps
-        return Kept(steps[-1].n + 1, x, before, memory)
+        return Kept(steps[-1].n + 1, state, before)
 
-    def _state(self, n: int, x: Array, before: Array) -> Array:
+    def _step(self, n: int, start: State, before: Array, steps: list[Step], seen: Callable[[Step], None]) -> State:
+        def look(record: NewtonRecord) -> None:
+            x = self.body.x
+            self._flow(x)
+            steps.append(Step(n, start, x))
+            seen(steps[-1])
+
+        dt = self.grid[n + 1] - self.grid[n]
+        made = advance(self.body, start, dt, self._prescribed, lambda: self._end(n, start.x, before), look)
+        if made.failure is not None:
+            said = (
+                f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
+            )
+            raise gave_up(said, made.failure.kind)
+        return replace(made.state, t=self.grid[n + 1])
+
+    def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step from x: known, or solved for."""
         if n < len(self._states):
-            self.motion.set(self.grid[n + 1])
-            return self._states[n]
-        new = self._solved(n, x, self._guess(n, x, before))
+            return self._states[n], NewtonRecord(converged=True)
+        new, record = self._solved(n, x, self._guess(n, x, before))
         self.solved += 1
         if self._keeping:
             self._states.append(new)
-        return new
+        return new, record
 
     def _guess(self, n: int, x: Array, before: Array) -> Array:
         """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
@@ -178,43 +184,42 @@ class Replay:
             guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
         return guess if self.body.min_det(guess) > self.newton.min_det else x
 
-    def _solved(self, n: int, x: Array, guess: Array) -> Array:
+    def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
         start, end = self.grid[n], self.grid[n + 1]
         done, part = 0.0, 1.0
-        while done < 1:
-            reached, reason, failure = self._newton_at(start + (end - start) * (done + part), guess)
-            if reached is not None:
+        while True:
+            reached, record = self._newton_at(start + (end - start) * (done + part), guess)
+            if record.converged:
                 done, x, guess = done + part, reached, reached
+                if done >= 1:
+                    return x, record
                 part = min(2 * part, 1 - done)
             elif part > SHORTEST:
                 part, guess = part / 4, x
             else:
-                said = f"the step from {start:.3g} to {end:.3g} s of a recorded run fails: {reason}"
-                raise gave_up(said, failure)
-        return x
+                return x, record
 
-    def _newton_at(self, t: float, guess: Array) -> tuple[Array | None, str, Failure | None]:
+    def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
-        self.motion.set(t)
+        self._prescribed.set(t)
         x, record = self._near.solve(self.body, guess)
         if record.converged:
             self._newton.inverse = self._near.inverse
             x, record = self._newton.solve(self.body, x)
-        return (x if record.converged else None), record.reason, record.failure
+        return x, record
 
     def stand(self, step: Step) -> Step:
-        """Go to the end of a step, with the history not yet moved on."""
+        """Go to the end of a step, with the internal variables not yet moved on."""
         body = self.body
-        body.memory = step.memory
-        body.state = step.x
+        body.set_state(replace(step.start, x=step.x))
         body.begin(self.grid[step.n + 1] - self.grid[step.n])
-        self.motion.set(self.grid[step.n + 1])
+        self._prescribed.set(self.grid[step.n + 1])
         self._flow(step.x)
         return step
 
     def _flow(self, x: Array) -> None:
-        """Go to a state; what Maxwell branches settle on there is wanted too."""
-        self.body.state = x
+        """Go to unknowns x; what Maxwell branches settle on there is wanted too."""
+        self.body.x = x
         if self.body.history.flows:
             self.body.residual(x)

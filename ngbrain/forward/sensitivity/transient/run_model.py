@@ -267,15 +267,15 @@ class Replayed:
 
     def _set(self, step: Step) -> None:
         grid = self.model.replay.grid
-        self.model.forms.begin(step.memory, grid[step.n + 1] - grid[step.n])
+        self.model.forms.begin(step.start.internal, grid[step.n + 1] - grid[step.n])
 
     def _tissue(self, motions: Array) -> Array:
         """K_f z of some motions z, where the body's tangent was just made: what is not contact's."""
         body, found = self.model.body, np.zeros(motions.shape)
-        body.contact_form.AssembleLinearization(body.gfu.vec)
+        body.applied.form.AssembleLinearization(body.gfu.vec)
         z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         for i in np.flatnonzero(motions.any(axis=1)):  # displacements have none
             z.FV().NumPy()[:] = motions[i]
-            product.data = body.contact_form.mat * z
+            product.data = body.applied.form.mat * z
             found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
         return found

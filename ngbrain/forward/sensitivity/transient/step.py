@@ -110,7 +110,7 @@ class StepForms:
     # What is asked of a step.
 
     def begin(self, memory: Mapping[str, Any], dt: float) -> None:
-        """A step of `dt` seconds from a `History.memory`, at whose end the body stands."""
+        """A step of `dt` seconds from a `History.internal`, at whose end the body stands."""
         self.dt.Set(dt)
         history = [row for k in range(len(self._pairs)) for row in (memory["stress"][k], memory["overstress"][k])]
         if self._strain:

@@ -115,13 +115,13 @@ class Shifted:
         """ℓ' by all, with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         values(self._motion)[:] = motion
-        state, history, flows = body.state, forms.history, body.history.flows.flows
+        state, history, flows = body.x, forms.history, body.history.flows.flows
         way, back, by = self._ways
 
         def stand(s: float) -> None:
             for name, part in self._parts.items():
                 part.put(theta[name] + s * by[name])
-            body.state = state + s * way
+            body.x = state + s * way
             put(forms.blocks, "value", history + s * back)
             begun, shapes = forms.points(self._begun)[1:], body.history.shapes()
             for flow, found in zip(flows, begun.reshape(len(flows), 12, begun.shape[1]), strict=True):

@@ -1,0 +1,142 @@
+"""One step of a problem, and what is prescribed in it: load paths, time stepping and replays are made of these."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ngbrain.errors import Breakdown, Failure, InputError
+from ngbrain.forward.common.state import State
+from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.record import NewtonRecord
+
+Array = np.ndarray
+UPHILL, RUBBING = 4, 1
+"""`Newton.watch` of displacement elements, and with friction: what pressure does to it is not in the tangent, and a correction
+that is right for the pressure is followed by a larger one along the wall."""
+
+
+class LoadHistory:
+    """Load factors at times (s), straight in between: how boundary conditions and loads grow, and fall.
+
+    Raises `InputError` unless times increase and there is a factor for each.
+    """
+
+    def __init__(self, times: Sequence[float] | Array, factors: Sequence[float] | Array) -> None:
+        self.times, self.factors = np.asarray(times, float), np.asarray(factors, float)
+        increasing = self.times.ndim == 1 and len(self.times) > 1 and np.all(np.diff(self.times) > 0)
+        if not increasing or self.times.shape != self.factors.shape:
+            raise InputError("times", np.array2string(self.times, threshold=4), "increasing, with a factor for each")
+
+    def at(self, t: float) -> float:
+        """Load factor at a time (s)."""
+        return float(np.interp(t, self.times, self.factors))
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """What is prescribed of a problem at any time: where its rigid bodies are, and its load factor.
+
+    Parameters
+    ----------
+    problem : Problem
+    motion : Motion, optional
+        Of rigid bodies; without one they stand.
+    loads : LoadHistory, optional
+        Of boundary conditions and loads; without one the load factor is 1.
+    """
+
+    problem: Problem
+    motion: Motion | None = None
+    loads: LoadHistory | None = None
+
+    def factor(self, t: float) -> float:
+        """Load factor at a time."""
+        return 1.0 if self.loads is None else self.loads.at(t)
+
+    def set(self, t: float) -> None:
+        """Put rigid bodies and the load factor where they are at a time."""
+        if self.motion is not None:
+            self.motion.set(t)
+        self.problem.factor.Set(self.factor(t))
+
+    def lifted(self, x: Array, t: float) -> Array:
+        """Unknowns x with the displacements that are prescribed at a time, and rigid bodies and loads put there."""
+        if self.motion is not None:
+            self.motion.set(t)
+        return self.problem.load(x, self.factor(t))
+
+    def travel(self, start: float, end: float) -> float:
+        """How far (m) rigid bodies move towards the tissue between two times."""
+        return 0.0 if self.motion is None else self.motion.travel(start, end)
+
+    @property
+    def events(self) -> tuple[float, ...]:
+        """Times (s) at which the motion or the loads change, in order; the last one is the end."""
+        motion = () if self.motion is None else self.motion.events
+        return tuple(sorted({*motion, *(() if self.loads is None else self.loads.times[1:].tolist())}))
+
+
+@dataclass(frozen=True)
+class Advanced:
+    """What became of a step: the state at its end, or that at its start where `failure` says why there is none; Newton's record."""
+
+    state: State
+    record: NewtonRecord
+    failure: Breakdown | None
+
+
+def advance(
+    problem: Problem,
+    state: State,
+    dt: float,
+    prescribed: Prescribed,
+    solve: Callable[[], tuple[Array, NewtonRecord]],
+    judge: Callable[[NewtonRecord], Breakdown | None] | None = None,
+) -> Advanced:
+    """One step of `dt` from a state. The problem then shows the state at its end, or again that at its start if it fails.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Where the step starts.
+    dt : float
+        Its length, in what `prescribed` goes by: seconds, or load factor.
+    prescribed : Prescribed
+        What moves and loads the problem.
+    solve : callable
+        Finds the unknowns at the end of the step begun, with what is prescribed there already set.
+    judge : callable, optional
+        Looks at the end that was found, before internal variables move on: why it is not to be taken, or None.
+
+    Returns
+    -------
+    Advanced
+    """
+    prescribed.set(state.t)
+    problem.set_state(state)
+    problem.begin(dt)
+    prescribed.set(state.t + dt)
+    problem.x, record = solve()
+    if not record.converged:
+        failure: Breakdown | None = Breakdown(record.reason, record.failure or Failure.STALLED)
+    else:
+        failure = judge(record) if judge else None
+    if failure is not None:
+        prescribed.set(state.t)
+        problem.set_state(state)
+        return Advanced(state, record, failure)
+    problem.finish()
+    return Advanced(problem.state(state.t + dt), record, None)
+
+
+def newton_for(problem: Problem, **settings: Any) -> Newton:
+    """Newton's method as the problem's element needs it, with settings such as rtol=1e-10."""
+    rubs = RUBBING if problem.friction.frictions else 0
+    return Newton(**{"watch": UPHILL if problem.element.pressure is None else rubs, **settings})

@@ -1,0 +1,88 @@
+"""What acts on a problem's body: its contacts and its loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import ngsolve as ngs
+
+from ngbrain.forward.common.kinematics import Solid
+from ngbrain.forward.common.loads import CavityVolume, Load, Place, Pressure
+from ngbrain.forward.common.unknowns import Layout
+from ngbrain.forward.contact.rigid import Touch
+
+
+class Applied:
+    """Contacts and loads, whose energies and virtual work remember nothing.
+
+    factor   load factor (`ngs.Parameter`)
+    """
+
+    def __init__(
+        self,
+        fes: ngs.FESpace,
+        layout: Layout,
+        kinematics: Solid,
+        order: int,
+        loads: Sequence[Load],
+        contacts: Sequence[Touch],
+    ) -> None:
+        self.fes, self.layout, self.kinematics, self.order = fes, layout, kinematics, order
+        self.loads, self.contacts = tuple(loads), tuple(contacts)
+        self.factor = ngs.Parameter(0.0)
+        # Pairs of walls that close have to live as long as the form that they are in.
+        self._pairs = WeakKeyDictionary[ngs.BilinearForm, list[object]]()
+        self.form = self.join(self._form())
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether all have an energy: a pressure that follows has none."""
+        return not any(isinstance(load, Pressure) for load in self.loads)
+
+    def place(self, u: ngs.CoefficientFunction, v: ngs.CoefficientFunction | None = None) -> Place:
+        """Where loads act, for a displacement and a test function."""
+        return Place(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
+
+    def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
+        """Add all to a form of the problem's, and give it back."""
+        for _, part in self._loads():
+            form += part
+        for contact in self.contacts:
+            self._add(form, contact)
+        return form
+
+    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+        """Each by itself, with the boundary that it acts on; None of a load on none."""
+        found = []
+        for load, part in self._loads():
+            form = ngs.BilinearForm(self.fes)
+            form += part
+            found.append((getattr(load, "boundary", None), form))
+        for contact in self.contacts:
+            form = ngs.BilinearForm(self.fes)
+            self._add(form, contact)
+            found.append((contact.wall, form))
+        return found
+
+    def _form(self) -> ngs.BilinearForm:
+        return ngs.BilinearForm(self.fes, symmetric=self.symmetric)
+
+    def _add(self, form: ngs.BilinearForm, contact: Touch) -> None:
+        pairs = contact.join(form, self.layout.fields(self.fes.TrialFunction()), self.kinematics)
+        self._pairs.setdefault(form, []).append(pairs)
+
+    def _loads(self) -> list[tuple[Load, Any]]:
+        """Each load with its part of a form."""
+        at, test = (self.layout.fields(of) for of in self.fes.TnT())
+        place, cavities = self.place(at.u, test.u), iter(at.cavities)
+        found: list[tuple[Load, Any]] = []
+        for load in self.loads:
+            if isinstance(load, Pressure):
+                found.append((load, load.work(place)))
+            elif isinstance(load, CavityVolume):
+                found.append((load, ngs.Variation(load.energy(place, next(cavities)))))
+            else:
+                found.append((load, ngs.Variation(load.energy(place))))
+        return found

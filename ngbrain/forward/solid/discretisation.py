@@ -1,0 +1,107 @@
+"""The finite elements of a problem: which were chosen, its unknowns, and what is prescribed of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.arguments import of_type
+from ngbrain.forward.common.dirichlet import Support, Supports
+from ngbrain.forward.common.element_choice import automatic
+from ngbrain.forward.common.elements import Form, check_elements
+from ngbrain.forward.common.kinematics import Solid, kinematics_of
+from ngbrain.forward.common.material import Material, stiffness
+from ngbrain.forward.common.unknowns import Layout
+from ngbrain.forward.contact.force_control import DrivenTool
+from ngbrain.forward.contact.rigid import Contact, offsets
+from ngbrain.forward.solid.tissue import history_order
+from ngbrain.solvers import linear
+
+Array = np.ndarray
+CONDENSE_UP_TO = 1e6
+"""K/μ up to which discontinuous pressures are eliminated element by element; beyond, that loses digits."""
+
+
+class Discretisation:
+    """Spaces and unknowns of a problem.
+
+    through_time   whether tissue keeps a history at its quadrature points
+    rigid          contacts with rigid bodies, whose offsets are unknowns
+    cavities       how many pressures of cavities are
+
+    The rest is what `Problem` takes, and says.
+    """
+
+    tool: DrivenTool | None = None
+
+    def __init__(
+        self,
+        mesh: ngs.Mesh,
+        materials: Mapping[str, Material],
+        conditions: Mapping[str, Support],
+        element: str | Form,
+        kinematics: Solid | None,
+        through_time: bool,
+        rigid: Sequence[Contact],
+        cavities: int,
+    ) -> None:
+        self.mesh, self.materials = mesh, dict(materials)
+        self.kinematics, self.supports = kinematics_of(mesh, kinematics), Supports(mesh, conditions)
+        instant = {name: Material(m.viscous.instantaneous, m.bulk) for name, m in materials.items()}
+        asked = element if isinstance(element, Form) else None if element == "auto" else self._named(element)
+        points = history_order(mesh, asked.order if asked else 2) if through_time else None
+        self._moduli, self.modulus, self.ratio = stiffness(mesh, instant, points)
+        if asked is None:
+            self.element, why = automatic(mesh, self.ratio, self.supports.held)
+        else:
+            self.element, why = asked, "taken at its word" if isinstance(element, Form) else "asked for"
+        self.choice = {"element": f"{self.element}: {why}"}
+        self._condense = self.element.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
+        spaces = self.element.spaces(mesh, self._condense, **self.supports.dirichlet)
+        self.layout = Layout(self.element.pressure is not None, bool(rigid), cavities)
+        if rigid:
+            spaces.append(offsets(mesh, rigid, self.element.order))
+        spaces += [ngs.NumberSpace(mesh) for _ in range(cavities)]
+        self.fes = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
+        self.gfu = ngs.GridFunction(self.fes)
+        self._vec = self.gfu.vec.CreateVector()
+        self.u, self.p, self.offset = (getattr(self.layout.fields(self.gfu), name) for name in ("u", "p", "offset"))
+        check_elements(mesh)
+        self.prescribed, self.held = self.supports.coefficients(spaces[0])
+        part = np.repeat(np.arange(self.layout.count), [space.ndof for space in spaces])
+        self.is_u = part == 0
+        self._lengths = self.is_u | (bool(rigid) & (part == 1 + self.layout.pressure))
+
+    def _named(self, element: str) -> Form:
+        of_type("element", element, str)
+        named = Form.named(element)
+        named.check(self.mesh)
+        return named
+
+    @property
+    def x(self) -> Array:
+        """All unknowns as one array, a copy: those of `fes`, and how far a tool of given force has gone (m)."""
+        unknowns = np.array(self.gfu.vec.FV().NumPy())
+        return unknowns if self.tool is None else np.append(unknowns, self.tool.way)
+
+    @x.setter
+    def x(self, x: Array) -> None:
+        self.gfu.vec.FV().NumPy()[:] = x[: self.fes.ndof]
+        if self.tool is not None:
+            self.tool.way = x[-1]
+
+    def _applied(self, form: ngs.BilinearForm) -> Array:
+        """What a form's energy or virtual work gives at the unknowns that stand, one number for each."""
+        form.Apply(self.gfu.vec, self._vec)
+        return np.array(self._vec.FV().NumPy())
+
+    def _linear_solver(self, pivots: str, contacts: bool) -> linear.Choice:
+        """Which one, and why; `pivots` says what needs them, if anything."""
+        if pivots:
+            return linear.Choice("umfpack", f"{pivots}, which only a factor with pivots is for")
+        if contacts:
+            return linear.Choice("sparsecholesky", "contacts come and go, which preconditioners are not made for")
+        coupled = int(np.sum(np.fromiter(self.fes.FreeDofs(self._condense), bool)))
+        return linear.choose(self.element.kind, coupled, self.ratio, dim=self.mesh.dim, order=self.element.order)
