@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import ngsolve as ngs
 import numpy as np
 
 Array = np.ndarray
@@ -33,9 +34,20 @@ class State:
 class Term:
     """A part of a problem's energy, with what it remembers from one time step to the next.
 
-    A step lies between `begin` and `finish`; in it `stand` is called wherever the unknowns are others. A term that remembers
-    nothing needs none of these.
+    A step lies between `begin` and `finish`; in it `stand` is called wherever the unknowns are others. What a term does not have
+    or need it leaves as it is here.
     """
+
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add the energy, or the virtual work where there is none, to a form of the problem's."""
+
+    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+        """What acts from outside, each part by itself with its boundary; None of one on no boundary."""
+        return []
+
+    def error(self, free: Array) -> float:
+        """Relative error of the step that now ends, where `free` is 1 for each unknown of the space that is free, and 0 else."""
+        return 0.0
 
     def rest(self) -> None:
         """Forget all: internal variables as in a body that was never loaded."""

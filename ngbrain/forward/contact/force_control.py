@@ -189,7 +189,7 @@ class DrivenTool(Term):
         """Begin a time step of `dt` seconds."""
         self._started = np.array([self.way, dt])
 
-    def error(self) -> float:
+    def error(self, free: Array) -> float:
         """By how much the way bends within the step that now ends: its mean distance from the chord, relative to the way.
 
         The history takes all paths for straight, and a step of creep is not.

@@ -99,11 +99,10 @@ class Grip(Term):
             self.join(self.form)
         self.finish()
 
-    def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
-        """Add the energies to a form of the problem's, and give it back."""
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add the energies to a form of the problem's."""
         for rub in self._rubs:
             rub.join(form, self.layout)
-        return form
 
     def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, way: ngs.Parameter) -> None:
         """Add the energies' first and second derivative by a way of contacts to forms of the problem's."""
@@ -111,9 +110,9 @@ class Grip(Term):
             if rub.friction.contact.way is way:
                 rub.join_driving(felt, stiffness, self.layout)
 
-    def by_boundary(self) -> list[tuple[str, ngs.BilinearForm]]:
+    def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with its wall."""
-        found = []
+        found: list[tuple[str | None, ngs.BilinearForm]] = []
         for rub in self._rubs:
             form = ngs.BilinearForm(self.form.space, symmetric=True)
             rub.join(form, self.layout)

@@ -10,11 +10,12 @@ import ngsolve as ngs
 
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.loads import CavityVolume, Load, Place, Pressure
+from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.contact.rigid import Touch
 
 
-class Applied:
+class Applied(Term):
     """Contacts and loads, whose energies and virtual work remember nothing.
 
     factor   load factor (`ngs.Parameter`)
@@ -34,7 +35,8 @@ class Applied:
         self.factor = ngs.Parameter(0.0)
         # Pairs of walls that close have to live as long as the form that they are in.
         self._pairs = WeakKeyDictionary[ngs.BilinearForm, list[object]]()
-        self.form = self.join(self._form())
+        self.form = ngs.BilinearForm(fes, symmetric=self.symmetric)
+        self.join(self.form)
 
     @property
     def symmetric(self) -> bool:
@@ -45,17 +47,16 @@ class Applied:
         """Where loads act, for a displacement and a test function."""
         return Place(self.fes.mesh, self.kinematics, self.factor, u, v, self.order)
 
-    def join(self, form: ngs.BilinearForm) -> ngs.BilinearForm:
-        """Add all to a form of the problem's, and give it back."""
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add all to a form of the problem's."""
         for _, part in self._loads():
             form += part
         for contact in self.contacts:
             self._add(form, contact)
-        return form
 
     def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with the boundary that it acts on; None of a load on none."""
-        found = []
+        found: list[tuple[str | None, ngs.BilinearForm]] = []
         for load, part in self._loads():
             form = ngs.BilinearForm(self.fes)
             form += part
@@ -65,9 +66,6 @@ class Applied:
             self._add(form, contact)
             found.append((contact.wall, form))
         return found
-
-    def _form(self) -> ngs.BilinearForm:
-        return ngs.BilinearForm(self.fes, symmetric=self.symmetric)
 
     def _add(self, form: ngs.BilinearForm, contact: Touch) -> None:
         pairs = contact.join(form, self.layout.fields(self.fes.TrialFunction()), self.kinematics)

@@ -14,6 +14,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.regions import check_regions
 from ngbrain.forward.common.state import Term
+from ngbrain.forward.common.unknowns import Layout
 from ngbrain.materials.base import Value, positive
 
 Array = np.ndarray
@@ -172,16 +173,22 @@ class Momentum(Term):
     """Time (s) in which no tissue relaxes."""
 
     def __init__(
-        self, masses: Sequence[Inertia], gfu: ngs.GridFunction, space: ngs.FESpace, kinematics: Solid, order: int
+        self, layout: Layout, gfu: ngs.GridFunction, masses: Sequence[Inertia], kinematics: Solid, order: int
     ) -> None:
         if len(masses) > 1:
             raise InputError("loads", f"with {len(masses)} Inertia", "one for each body")
-        mass, mesh = masses[0], space.mesh
+        mass, mesh, space = masses[0], gfu.space.mesh, layout.fields(gfu).u.space
         density = mass.density
         if isinstance(density, Mapping):
             check_regions(mesh, density, "density")
             density = mesh.MaterialCF({name: positive(rho, f"density of {name}") for name, rho in density.items()})
-        self.scheme, self.amplitude, self._gfu, self._n = mass.scheme, mass.amplitude, gfu, space.ndof
+        self.scheme, self.amplitude, self._layout, self._gfu, self._n = (
+            mass.scheme,
+            mass.amplitude,
+            layout,
+            gfu,
+            space.ndof,
+        )
         shapes = (ngs.TRIG, ngs.QUAD, ngs.TET, ngs.HEX, ngs.PRISM, ngs.PYRAMID)
         self._measure = ngs.dx(intrules={shape: ngs.IntegrationRule(shape, 2 * order) for shape in shapes})
         self._density = kinematics.weight() * density
@@ -191,10 +198,10 @@ class Momentum(Term):
         self._mass = form.Assemble().mat
         self.rest()
 
-    def term(self, u: CoefficientFunction) -> Any:
-        """The energy of a step, for a form."""
-        way = u - self._target
-        return ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
+    def join(self, form: ngs.BilinearForm) -> None:
+        """Add the energy of a step to a form of the problem's."""
+        way = self._layout.fields(form.space.TrialFunction()).u - self._target
+        form += ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
 
     def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
         """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""
@@ -222,9 +229,9 @@ class Momentum(Term):
         self._weight.Set(self.scheme.weight(dt))
         self._target.vec.FV().NumPy()[:] = self._step.target
 
-    def forces(self, u: Array) -> Array:
-        """c M (u - û)."""
-        return self._weight.Get() * self._times(u - self._target.vec.FV().NumPy())
+    def forces(self) -> Array:
+        """c M (u - û), one for each displacement unknown."""
+        return self._weight.Get() * self._times(self._displacement() - self._target.vec.FV().NumPy())
 
     def finish(self) -> None:
         """End the step begun at the state that now stands."""

@@ -133,7 +133,7 @@ class Problem(Stepped):
         parts, solid = (self.layout, self.gfu), self.kinematics
         self.tissue = Tissue(*parts, solid, materials, self.element, through_time, bonus)
         self.friction = Grip(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
-        self.inertia = Momentum(masses, self.gfu, self.u.space, solid, self.element.order) if masses else None
+        self.inertia = Momentum(*parts, masses, solid, self.element.order) if masses else None
         self.applied = Applied(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
         self.factor = self.applied.factor
         self.gaps = [
@@ -143,7 +143,9 @@ class Problem(Stepped):
         given = next((each for each in contacts if isinstance(each, GivenForce)), None)
         if given is not None:
             self.tool = DrivenTool(given, *parts, self.contacts, self.friction, solid, self.min_gap)
-        self.terms = tuple(term for term in (self.tissue, self.friction, self.inertia, self.tool) if term is not None)
+        self.terms = tuple(
+            term for term in (self.tissue, self.applied, self.friction, self.inertia, self.tool) if term is not None
+        )
         size = GAP if contacts else RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self._scale = np.where(self._lengths, size, self.modulus)
         self._release(ngs.BitArray(self.fes.FreeDofs()))
@@ -170,7 +172,7 @@ class Problem(Stepped):
             size = float(np.linalg.norm((r + outer if self.contacts else r)[self.is_u]))
             r = r + outer
             if self.inertia is not None:
-                r[self.is_u] += self.inertia.forces(x[: len(self.held)])
+                r[self.is_u] += self.inertia.forces()
             r = r * self._free
         return r if self.tool is None else np.append(r, self.tool.missing()), size
 
@@ -327,11 +329,10 @@ class Problem(Stepped):
     def _form(self, tissue: Sequence[ngs.comp.BFI]) -> ngs.BilinearForm:
         """Energies of tissue, contacts, friction, loads and inertia."""
         form = ngs.BilinearForm(self.fes, symmetric=self.symmetric, condense=self._condense)
-        for term in tissue:
-            form += term
-        self.friction.join(self.applied.join(form))
-        if self.inertia is not None:
-            form += self.inertia.term(self.layout.fields(self.fes.TrialFunction()).u)
+        for part in tissue:
+            form += part
+        for term in self.terms[1:]:
+            term.join(form)
         return form
 
 

@@ -10,6 +10,7 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.forward.common.loads import CavityVolume, volume
 from ngbrain.forward.common.regions import boundaries
+from ngbrain.forward.common.state import Term
 from ngbrain.forward.contact.friction import Grip
 from ngbrain.forward.solid.applied import Applied
 from ngbrain.forward.solid.discretisation import Discretisation
@@ -27,6 +28,7 @@ class Reactions(Discretisation):
     inertia: Momentum | None
     applied: Applied
     form: ngs.BilinearForm
+    terms: tuple[Term, ...]
     gaps: list[tuple[CoefficientFunction, Array]]
     _cavities: list[CavityVolume]
 
@@ -76,7 +78,7 @@ class Reactions(Discretisation):
             if not self._on(boundary, pattern):
                 forces = forces + self._applied(acting)[self.is_u]
         if self.inertia is not None:
-            forces = forces + self.inertia.forces(self.x[: len(self.held)])
+            forces = forces + self.inertia.forces()
         return forces * self.reaction_shares(boundary)
 
     def reaction_shares(self, boundary: str) -> Array:
@@ -128,7 +130,7 @@ class Reactions(Discretisation):
     @cached_property
     def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """What acts from outside, one after the other: on which boundary, and its forces."""
-        return [*self.applied.by_boundary(), *self.friction.by_boundary()]
+        return [part for term in self.terms for part in term.by_boundary()]
 
 
 def _unit(i: int, dim: int) -> CoefficientFunction:

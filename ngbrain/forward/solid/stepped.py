@@ -9,7 +9,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.state import State, Term
+from ngbrain.forward.common.state import State
 from ngbrain.forward.solid.internal_variables import History
 from ngbrain.forward.solid.reactions import Reactions
 
@@ -19,7 +19,6 @@ Array = np.ndarray
 class Stepped(Reactions):
     """States and steps of a `Problem`: what its terms remember."""
 
-    terms: tuple[Term, ...]
     _free: Array
 
     def state(self, t: float) -> State:
@@ -72,8 +71,7 @@ class Stepped(Reactions):
 
     def path_error(self) -> float:
         """Relative error of the step that now ends beside the history's: that of inertia, or of the way of a tool."""
-        inertia = 0.0 if self.inertia is None else self.inertia.error(self._free)
-        return max(inertia, 0.0 if self.tool is None else self.tool.error())
+        return max(term.error(self._free) for term in self.terms)
 
     @property
     def frozen(self) -> dict[str, Any]:
