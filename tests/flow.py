@@ -3,7 +3,7 @@
 import ngsolve as ngs
 from statics import square
 
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.loads import Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
@@ -26,7 +26,7 @@ WEIGHT = -ngs.CF(tuple(c.Diff(ngs.x).Diff(ngs.x) + c.Diff(ngs.y).Diff(ngs.y) for
 def moved(n, form, nu):
     """The body in equilibrium, μ = 1, on n × n squares cut in two."""
     lam = 2 * nu / (1 - 2 * nu)
-    alone = isinstance(form, str) and Form.named(form).pressure is None
+    alone = isinstance(form, str) and ElementPair.named(form).pressure is None
     material = Material(LinearElastic(1.0, lam), 0.0) if alone else Material(LinearElastic(1.0), lam)
     weight = Weight(((ALONE if alone else AMPLITUDE) * WEIGHT).Compile())
     body = Problem(square(n), {".*": material}, {".*": 0}, [weight], element=form)

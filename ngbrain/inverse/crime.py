@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.io.waves import WaveData
 
-ELEMENTS = {"q4": Form.named("Q1"), "q4p0": Form.named("Q1/L2(0)")}
+ELEMENTS = {"q4": ElementPair.named("Q1"), "q4p0": ElementPair.named("Q1/L2(0)")}
 CLOSE = 1e-9
 """Of the body's size: points that are the same."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.interpolation import inside as in_mesh
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.inverse.driven import ALL, driven
@@ -63,7 +63,7 @@ class Discretisation:
     @property
     def degree(self) -> int:
         """Half the degree of the rules of integrals over elements."""
-        return Form.named(self.form).order + 1 if self.quadrature is None else self.quadrature
+        return ElementPair.named(self.form).order + 1 if self.quadrature is None else self.quadrature
 
 
 def as_made(data: WaveData) -> Discretisation:
@@ -114,7 +114,7 @@ def on_lattice(data: WaveData, cells: Lattice, fields: int | None = None) -> Dis
     """The elements of a lattice, which may be of more points than these; fields by default of half their order."""
     (mesh, held), inside = driven(data, cells.mesh), data.mask.copy()
     inside[data.mask] = in_mesh(mesh, data.points[data.mask])
-    fields = _fields(Form.named(cells.form).order) if fields is None else fields
+    fields = _fields(ElementPair.named(cells.form).order) if fields is None else fields
     return Discretisation(mesh, cells.form, fields, None, inside, held=held)
 
 

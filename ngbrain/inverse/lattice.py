@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 from scipy.spatial import KDTree
 
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.inverse.direct import uniform_shear
 from ngbrain.io.waves import WaveData
 from ngbrain.mesh.grid import boxes, rectangles
@@ -51,7 +51,7 @@ class Lattice:
     @property
     def displacements(self) -> int:
         """About how many, as cells share their faces."""
-        return int(3 * Form.named(self.form).order ** 3 * self.cells.sum())
+        return int(3 * ElementPair.named(self.form).order ** 3 * self.cells.sum())
 
     def part(self, low: Array, high: Array) -> Lattice:
         """Cells `low` to `high` (3,), the last ones left out, as they are in the whole."""
@@ -69,7 +69,7 @@ def lattice(data: WaveData, form: str, largest: float = np.inf) -> Lattice:
     >>> lattice(data, "P3").cells.shape
     (3, 3, 3)
     """
-    points, order = data.points[data.mask], Form.named(form).order
+    points, order = data.points[data.mask], ElementPair.named(form).order
     low, high = points.min(axis=0), points.max(axis=0)
     axes, spacing = voxels(data)
     fastest = float(data.frequency.max())

@@ -18,7 +18,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.composition import composed, elements_in_space
 from ngbrain.inverse.discretise import Discretisation
@@ -154,7 +154,7 @@ def invert_in_space(
 
 def memory_in_space(form: str, elements: int, frequency: Array) -> float:
     """Bytes that so many elements will take, where those of their order were measured; else 0."""
-    cubic = Form.named(form).order == 3
+    cubic = ElementPair.named(form).order == 3
     return parallel.predicted_memory("zone", elements, len(np.unique(frequency))) if cubic else 0.0
 
 

@@ -238,9 +238,6 @@ class Blade(Section):
         self._need(self.thickness <= scene.cleft.opening, path, "thickness", wanted)
         least = f"at least {1e3 * NARROWEST:g}, and twice blade.edge_radius_mm = {self.shown('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
-        forced = [protocol.name for protocol in scene.protocols if protocol.kind == "force"]
-        wanted = f"0: the force of protocol {forced[0]!r} is of contact alone" if forced else ""
-        self._need(not (forced and self.friction), path, "friction", wanted)
         self._need(
             self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force"
         )

@@ -8,7 +8,7 @@ from statics import cube, square
 
 from ngbrain import materials
 from ngbrain.adjoint.check import dot, taylor
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.advance import newton_for
@@ -16,7 +16,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.materials import Demiray, HolzapfelGasserOgden, NeoHooke, Ogden
 
-FORMS = {"displacements": "P2", "continuous pressure": "P2/P1", "condensed pressure": Form(2, 0, False)}
+FORMS = {"displacements": "P2", "continuous pressure": "P2/P1", "condensed pressure": ElementPair(2, 0, False)}
 RELAXING = {"Branch", "Flow", "Flows", "Maxwell", "Prony", "RelaxingOgden", "RelaxingPolynomial", "Viscous"}
 """Laws that equilibrium knows nothing of."""
 OTHER = {"Deformation", "Law"}
@@ -159,7 +159,7 @@ def test_the_whole_hessian_of_a_misfit(rng):
 
 
 def test_a_state_of_before_keeps_its_derivatives(rng):
-    for form in ("P2/P1", Form(2, 0, False)):
+    for form in ("P2/P1", ElementPair(2, 0, False)):
         of = model(Demiray, "field", form)
         theta, direction = of.theta, dict(directions(of, rng))["mu"]
         first = of.at(theta)

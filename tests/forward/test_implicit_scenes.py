@@ -9,7 +9,7 @@ from statics import cube, square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError, InvertedElementError, SolverError
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
@@ -98,7 +98,7 @@ def driven():
 
 def driven_and_pressed():
     hard = number(60.0)
-    return scene([Pressure("right", hard)], {"hard": hard, "top": None}, PRESSED, Form(2, 0, False))
+    return scene([Pressure("right", hard)], {"hard": hard, "top": None}, PRESSED, ElementPair(2, 0, False))
 
 
 SCENES = {

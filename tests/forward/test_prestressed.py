@@ -10,7 +10,7 @@ from statics import cube, square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityVolume, Pressure, Traction, Weight
 from ngbrain.forward.common.material import Material
@@ -36,7 +36,7 @@ neo_hooke = LAWS[NeoHooke]
 CASES = {
     "displacements": (neo_hooke, "P2"),
     "continuous pressure": (ogden, "P2/P1"),
-    "condensed pressure": (neo_hooke, Form(2, 0, False)),
+    "condensed pressure": (neo_hooke, ElementPair(2, 0, False)),
 }
 
 
@@ -201,7 +201,7 @@ def test_a_misfit_of_them(rng):
 @pytest.mark.parametrize(
     ("law", "form"),
     [
-        *((neo_hooke, form) for form in ("P2", "P2/P1", Form(2, 0, False))),
+        *((neo_hooke, form) for form in ("P2", "P2/P1", ElementPair(2, 0, False))),
         pytest.param(ogden, "P2/P1", marks=pytest.mark.slow),
     ],
 )

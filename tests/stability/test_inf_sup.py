@@ -9,7 +9,7 @@ from flow import STIFF, error, moved, pressure
 from statics import CUBE, cube, square
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.elements import Form, inf_sup
+from ngbrain.forward.common.elements import ElementPair, inf_sup
 from ngbrain.forward.solid.problem import Problem
 
 # β for n = 2, 4, 8 on squares cut in two, and pressures that no displacement sees beyond the constant.
@@ -22,7 +22,7 @@ FALLING = {
 
 
 def constants(form, sizes=(2, 4, 8)):
-    found = [inf_sup(square(n), Form.named(form)) for n in sizes]
+    found = [inf_sup(square(n), ElementPair.named(form)) for n in sizes]
     print(form, found)
     return zip(*found, strict=True)
 
@@ -32,7 +32,7 @@ def test_the_constant_of_ours_stays(form):
     beta, zeros = constants(form)
     assert beta == pytest.approx(STABLE[form], abs=6e-4)
     assert beta[2] / beta[0] > 0.9 and zeros == (1, 1, 1)
-    assert Form.named(form).unstable(square(2)) == ""
+    assert ElementPair.named(form).unstable(square(2)) == ""
 
 
 @pytest.mark.parametrize("form", FALLING)
@@ -40,7 +40,7 @@ def test_the_constant_of_naive_pairs_falls(form):
     (beta, zeros), (wanted, spurious) = constants(form), FALLING[form]
     assert beta == pytest.approx(wanted, abs=6e-4) and beta[2] < 0.6 * beta[0]
     assert [n - 1 for n in zeros] == list(spurious)
-    with pytest.raises(InputError, match=r"form is .*" + form.replace("(", r"\(").replace(")", r"\)")):
+    with pytest.raises(InputError, match=r"element is .*" + form.replace("(", r"\(").replace(")", r"\)")):
         Problem(square(2), CUBE, {".*": 0}, element=form)
 
 
@@ -57,22 +57,22 @@ def test_a_constant_pressure_under_quadratic_displacements_falls_in_the_plane_to
     ],
 )
 def test_discontinuous_pressures_of_low_order_fall_on_tetrahedra(form, falling):
-    space = [inf_sup(cube(n, size=1.0), Form.named(form)) for n in (2, 3, 4)]
+    space = [inf_sup(cube(n, size=1.0), ElementPair.named(form)) for n in (2, 3, 4)]
     print(form, "in space", space)
     assert [beta for beta, _ in space] == pytest.approx(falling, abs=6e-4)
     with pytest.raises(InputError, match=r"whose inf-sup constant falls") as error:
         Problem(cube(2), CUBE, {".*": 0}, element=form)
-    assert f"form is {form}" in str(error.value) and f"{falling[2]:.3f}"[1:] in str(error.value)
+    assert f"element is {form}" in str(error.value) and f"{falling[2]:.3f}"[1:] in str(error.value)
 
 
 def test_a_test_of_displacements_cannot_see_it():
-    ours, naive = moved(16, "P2/P1", STIFF), moved(16, Form(1, 1), STIFF)
+    ours, naive = moved(16, "P2/P1", STIFF), moved(16, ElementPair(1, 1), STIFF)
     print("pressures", pressure(ours), pressure(naive), "displacements", error(ours), error(naive))
     assert error(naive) < 0.2  # what linear displacements can: no better at ν = 0.3
     assert pressure(naive) == pytest.approx(14.3, rel=0.02) and pressure(ours) == pytest.approx(4.6e-3, rel=0.02)
 
 
 def test_noise_does_not_go_away_with_the_mesh():
-    coarse, fine = (pressure(moved(n, Form(2, 2), STIFF)) for n in (8, 16))
+    coarse, fine = (pressure(moved(n, ElementPair(2, 2), STIFF)) for n in (8, 16))
     print("P2/P2", coarse, fine)
     assert fine > 0.5 * coarse and fine == pytest.approx(13.3, rel=0.05)

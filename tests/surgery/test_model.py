@@ -61,11 +61,13 @@ def test_without_its_offset_contact_is_a_matter_of_the_penalty(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path):
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
     set_threads(1)
     scene = Scene.shipped("idealised_fast")
     scene = replace(
         scene,
+        blade=replace(scene.blade, friction=friction),
         retraction=replace(scene.retraction, ramp=2.0, elapsed=8.0),
         protocols=(SceneProtocol(kind="force", force_gf=30.0),),
     )
@@ -79,6 +81,8 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path):
     held = t >= 2
     assert held.sum() > 3 and np.all(np.diff(way[held]) > 0) and np.all(np.diff(opening[held]) > 0)
     assert way[held][-1] > 1.05 * way[held][0] > 1e-3
+    rubbed, stored = rows["friction_work"][-1], rows["contact_energy"][-1] + rows["tissue_work"][-1]
+    assert rubbed + stored == pytest.approx(rows["blade_work"][-1], rel=2e-3) and (rubbed > 0) == (friction > 0)
     ProtocolRun(model, program, tmp_path).go(until=3.0)
     again = table(ProtocolRun(model, program, tmp_path, resume=True).go().rows)
     assert all(np.array_equal(again[name], rows[name]) for name in rows)

@@ -9,7 +9,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from scipy.optimize import brentq
 from statics import CUBE, SIDE, bonded, cook, cube, tight
 
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.loads import Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
@@ -19,7 +19,7 @@ from ngbrain.mesh import load
 from ngbrain.solvers.newton import Newton
 
 # A bonded cube, 4 × 4 × 4 hexahedra, pressed by a fifth: force (N) on the top by FElupe, dolfinx, scikit-fem.
-DIGITS = {Form(2): -10.76892364, Form(2, 1): -9.254280487, Form(2, 1, False): -9.412578927}
+DIGITS = {ElementPair(2): -10.76892364, ElementPair(2, 1): -9.254280487, ElementPair(2, 1, False): -9.412578927}
 
 
 @pytest.mark.parametrize("form", DIGITS, ids=str)

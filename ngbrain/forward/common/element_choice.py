@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.boundaries import sides, wall
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 
 COMPRESSIBLE = 20.0
 """K/μ up to which displacements alone do."""
@@ -19,18 +19,20 @@ STEEP = 220.0
 """Degrees inside a body beyond which an edge is taken for re-entrant, not for a curve cut into facets."""
 
 
-def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[Form, str]:
+def automatic(mesh: ngs.Mesh, ratio: float, held: Mapping[str, Any]) -> tuple[ElementPair, str]:
     """The cheapest adequate form, and why: by K/μ, and by whether solutions can be smooth on this mesh.
 
     ratio   largest K/μ
     held    boundary pattern → components that are held there
     """
     if ratio <= COMPRESSIBLE:
-        return Form(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
+        return ElementPair(2), f"K/μ is {ratio:.3g}, which does not lock quadratic displacements"
     reason = rough(mesh, held)
     if reason:
-        return Form(2, 1), f"{reason}: order 4 would gain little on it for its cost"
-    return Form(4, 2, False), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
+        return ElementPair(2, 1), f"{reason}: order 4 would gain little on it for its cost"
+    return ElementPair(
+        4, 2, False
+    ), "one region, no re-entrant edges, no clamped boundary that meets a free one: smooth"
 
 
 def rough(mesh: ngs.Mesh, held: Mapping[str, Any]) -> str:

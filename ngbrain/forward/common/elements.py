@@ -16,16 +16,16 @@ Kind = Literal["displacement", "continuous pressure", "discontinuous pressure"]
 
 
 @dataclass(frozen=True)
-class Form:
+class ElementPair:
     """Displacements of an order, and pressures of another or none.
 
     order       k of the displacements
     pressure    order of the pressures; None: no pressure unknowns, U(J) instead
     continuous  pressures in H1, else in L2 and condensed element by element
 
-    >>> Form.named("P4/L2(2)")
-    Form(order=4, pressure=2, continuous=False)
-    >>> str(Form.named("P2/P1")), Form.named("P3").kind
+    >>> ElementPair.named("P4/L2(2)")
+    ElementPair(order=4, pressure=2, continuous=False)
+    >>> str(ElementPair.named("P2/P1")), ElementPair.named("P3").kind
     ('P2/P1', 'displacement')
     """
 
@@ -34,13 +34,13 @@ class Form:
     continuous: bool = True
 
     @classmethod
-    def named(cls, name: str) -> Form:
+    def named(cls, name: str) -> ElementPair:
         """From "P2/P1" (Taylor-Hood), "P4/L2(2)" (discontinuous) or "P3" (displacement); Q instead of P means the same."""
         if not isinstance(name, str):
-            raise InputError("form", repr(name), "a name such as P2/P1 or P3, or auto")
+            raise InputError("element", repr(name), "a name such as P2/P1 or P3, or auto")
         match = re.fullmatch(r"[PQ](\d)(?:/(?:[PQ](\d)|L2\((\d)\)))?", name)
         if not match or match[1] == "0":
-            raise InputError("form", repr(name), 'one such as "P2", "P2/P1", "P4/L2(2)", or "auto"')
+            raise InputError("element", repr(name), 'one such as "P2", "P2/P1", "P4/L2(2)", or "auto"')
         order, continuous, discontinuous = match.groups()
         pressure = continuous or discontinuous
         return cls(int(order), None if pressure is None else int(pressure), discontinuous is None)
@@ -72,7 +72,7 @@ class Form:
         """Refuse a pair whose inf-sup constant falls with the mesh: displacements look right and pressures are noise."""
         reason = self.unstable(mesh)
         if reason:
-            raise InputError("form", f"{self}, {reason}", "a stable pair such as P2/P1, P3/P2, P4/L2(2)")
+            raise InputError("element", f"{self}, {reason}", "a stable pair such as P2/P1, P3/P2, P4/L2(2)")
 
     def unstable(self, mesh: ngs.Mesh) -> str:
         """Why the pair is not stable on a mesh's elements; nothing if it is."""
@@ -93,14 +93,14 @@ FALLING = {2: ".100, .093, .076", 3: ".099, .089, .072"}
 """Inf-sup constants of P_k/L2(k-2) on n³ cubes of six tetrahedra, by k."""
 
 
-def inf_sup(mesh: ngs.Mesh, form: Form, dirichlet: str = ".*") -> tuple[float, int]:
+def inf_sup(mesh: ngs.Mesh, form: ElementPair, dirichlet: str = ".*") -> tuple[float, int]:
     """The inf-sup constant β_h, and how many pressures no displacement sees (1, the constant, is right for a held boundary).
 
     β_h² is the smallest eigenvalue above zero of B A⁻¹ Bᵀ q = β² M q with A the H1 seminorm, B the divergence and M the
     mass of pressures. Dense: for meshes of a few thousand unknowns.
 
     >>> from ngsolve.meshes import MakeStructured2DMesh
-    >>> beta, zeros = inf_sup(MakeStructured2DMesh(quads=False, nx=2, ny=2), Form.named("P2/P1"))
+    >>> beta, zeros = inf_sup(MakeStructured2DMesh(quads=False, nx=2, ny=2), ElementPair.named("P2/P1"))
     >>> round(beta, 3), zeros
     (0.367, 1)
     """

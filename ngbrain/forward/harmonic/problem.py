@@ -23,7 +23,7 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain, Solid, kinematics_of
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
@@ -126,7 +126,7 @@ class Harmonic:
         }  # fmt: skip
         self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
         self.waves, self.absorbing = tuple(waves), tuple(absorbing)
-        self.form, self.kinematics = Form.named(form), kinematics_of(mesh, kinematics)
+        self.form, self.kinematics = ElementPair.named(form), kinematics_of(mesh, kinematics)
         self.axes = "z" if isinstance(self.kinematics, AntiPlane) else "xyz"[: mesh.dim]
         """The components of the displacement."""
         axes = self._check(held)

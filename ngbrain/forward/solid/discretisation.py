@@ -10,7 +10,7 @@ import numpy as np
 from ngbrain.arguments import of_type
 from ngbrain.forward.common.dirichlet import Support, Supports
 from ngbrain.forward.common.element_choice import automatic
-from ngbrain.forward.common.elements import Form, check_elements
+from ngbrain.forward.common.elements import ElementPair, check_elements
 from ngbrain.forward.common.kinematics import Solid, kinematics_of
 from ngbrain.forward.common.material import Material, stiffness
 from ngbrain.forward.common.unknowns import Layout
@@ -41,7 +41,7 @@ class Discretisation:
         mesh: ngs.Mesh,
         materials: Mapping[str, Material],
         conditions: Mapping[str, Support],
-        element: str | Form,
+        element: str | ElementPair,
         kinematics: Solid | None,
         through_time: bool,
         rigid: Sequence[Contact],
@@ -50,13 +50,13 @@ class Discretisation:
         self.mesh, self.materials = mesh, dict(materials)
         self.kinematics, self.supports = kinematics_of(mesh, kinematics), Supports(mesh, conditions)
         instant = {name: Material(m.viscous.instantaneous, m.bulk) for name, m in materials.items()}
-        asked = element if isinstance(element, Form) else None if element == "auto" else self._named(element)
+        asked = element if isinstance(element, ElementPair) else None if element == "auto" else self._named(element)
         points = history_order(mesh, asked.order if asked else 2) if through_time else None
         self._moduli, self.modulus, self.ratio = stiffness(mesh, instant, points)
         if asked is None:
             self.element, why = automatic(mesh, self.ratio, self.supports.held)
         else:
-            self.element, why = asked, "taken at its word" if isinstance(element, Form) else "asked for"
+            self.element, why = asked, "taken at its word" if isinstance(element, ElementPair) else "asked for"
         self.choice = {"element": f"{self.element}: {why}"}
         self._condense = self.element.kind == "discontinuous pressure" and self.ratio <= CONDENSE_UP_TO
         spaces = self.element.spaces(mesh, self._condense, **self.supports.dirichlet)
@@ -74,9 +74,9 @@ class Discretisation:
         self.is_u = part == 0
         self._lengths = self.is_u | (bool(rigid) & (part == 1 + self.layout.pressure))
 
-    def _named(self, element: str) -> Form:
+    def _named(self, element: str) -> ElementPair:
         of_type("element", element, str)
-        named = Form.named(element)
+        named = ElementPair.named(element)
         named.check(self.mesh)
         return named
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support, Supports
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.loads import CavityVolume, Load
 from ngbrain.forward.common.material import Material
@@ -57,8 +57,8 @@ class Problem(Stepped):
     contacts : sequence
         Rigid bodies that walls meet, their friction, walls that slide, walls that close on each other, and one `GivenForce` of
         rigid bodies that are driven by it.
-    element : str or Form
-        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. A `Form` is taken at its word.
+    element : str or ElementPair
+        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. An `ElementPair` is taken at its word.
     kinematics : Solid
         `PlaneStrain` (default in the plane), `Axisymmetric`.
     solver : str
@@ -108,7 +108,7 @@ class Problem(Stepped):
         boundary_conditions: Mapping[str, Support] | None = None,
         loads: Sequence[Load | Inertia] = (),
         contacts: Sequence[Touch | Friction | GivenForce] = (),
-        element: str | Form = "auto",
+        element: str | ElementPair = "auto",
         kinematics: Solid | None = None,
         solver: str = "auto",
         bonus: int = 0,

@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import Breakdown, Failure
-from ngbrain.forward.common.elements import Form
+from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.state import Term
@@ -42,7 +42,7 @@ class Tissue(Term):
         gfu: ngs.GridFunction,
         kinematics: Solid,
         materials: Mapping[str, Material],
-        element: Form,
+        element: ElementPair,
         through_time: bool,
         bonus: int = 0,
     ) -> None:
