@@ -118,6 +118,23 @@ def advance(
     Returns
     -------
     Advanced
+
+    Examples
+    --------
+    A block that is pressed at once relaxes; a state is a value, from which one can go on in two ways.
+
+    >>> from ngbrain.forward import Material, Problem
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> tissue, conditions = {".*": Material(Prony(NeoHooke(1e3), [0.5], [1.0]), 1e5)}, {"bottom": 0, "top": (0, 0, -1e-4)}
+    >>> body = Problem(block((0.1, 0.1, 0.1), 0.1), tissue, conditions, element="P2/P1")
+    >>> prescribed, newton = Prescribed(body), newton_for(body)
+    >>> def step(state, dt):
+    ...     return advance(body, state, dt, prescribed, lambda: newton.solve(body, body.load(state.x, 1.0))).state
+    >>> pressed = step(body.rest(), 1e-3)
+    >>> forces = [body.force("top")[2] for dt in (0.1, 30.0) if step(pressed, dt)]
+    >>> bool(forces[0] < forces[1] < 0)
+    True
     """
     prescribed.set(state.t)
     problem.set_state(state)

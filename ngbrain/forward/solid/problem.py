@@ -58,7 +58,8 @@ class Problem(Stepped):
         Rigid bodies that walls meet, their friction, walls that slide, walls that close on each other, and one `GivenForce` of
         rigid bodies that are driven by it.
     element : str or ElementPair
-        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. An `ElementPair` is taken at its word.
+        "P2/P1", "P4/L2(2)", "P3", …, or "auto"; refused if its inf-sup constant falls with the mesh. An `ElementPair` is taken at
+        its word.
     kinematics : Solid
         `PlaneStrain` (default in the plane), `Axisymmetric`.
     solver : str
