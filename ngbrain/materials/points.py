@@ -14,6 +14,9 @@ from ngsolve.meshes import Make1DMesh
 from ngbrain.materials.base import Deformation, Law, Value, density
 
 EVERYWHERE = slice(None)
+AT_ONCE = 16
+"""Points of one element that NGSolve evaluates a function at together. It counts those beyond from 0 again, and as fields at
+quadrature points know a point by its number in its element, they are then read where others' values, or none, are."""
 _CONSTANT = re.compile(r"(ZeroCF|Identity matrix|[-+]?[\d.]+(e[-+]?\d+)?\s*$)")
 """What numbers are called in NGSolve's steps of an expression."""
 
@@ -32,6 +35,7 @@ class Points:
 
     def __init__(self, space: ngs.FESpace, mapped: np.ndarray) -> None:
         self.space, self.mapped = space, mapped
+        self._crowded = bool(np.bincount(mapped["nr"]).max(initial=0) > AT_ONCE)
 
     @classmethod
     def line(cls, n: int) -> Points:
@@ -60,11 +64,15 @@ class Points:
         """Its values (components, n), tensors by rows; or those at some points, all of their elements (`beside`): fields know
         a point by its place in its element.
         """
+        if self._crowded:
+            field = ngs.GridFunction(self.space if function.dim == 1 else ngs.VectorValued(self.space, function.dim))
+            field.Interpolate(function)
+            return np.array(field.vec.FV().NumPy().reshape(function.dim, -1)[:, where])
         return np.ascontiguousarray(evaluated(function, self.mapped[where]).T)
 
 
 def evaluated(function: CoefficientFunction, mapped: np.ndarray) -> np.ndarray:
-    """Values (n, components) at the points of elements of one shape, each element with all of its points.
+    """Values (n, components) at the points of elements of one shape, each with all of its points, `AT_ONCE` at most.
 
     NGSolve gives every thread an equal share of the points, and fields at quadrature points know a point by its place in its
     element: a share that began inside one would read others' values. So the last element is repeated until shares are whole.

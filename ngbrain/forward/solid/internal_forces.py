@@ -12,7 +12,7 @@ from ngsolve.comp import IntegrationRuleSpace
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.unknowns import Layout
 from ngbrain.materials.base import Deformation
-from ngbrain.materials.points import evaluated
+from ngbrain.materials.points import Points
 from ngbrain.tensors import isochoric, right_cauchy_green, volume_free
 
 Density = Callable[[Deformation, CoefficientFunction | None], CoefficientFunction]
@@ -71,7 +71,7 @@ class Forces:
         self._derived = self.mesh.MaterialCF(
             {pattern: stresses(density, F, now.p) for pattern, density in densities.items()}
         )
-        self._points = self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL)
+        self._points = Points(space, self.mesh.MapToAllElements(dict(space.GetIntegrationRules()), ngs.VOL))
         self._moving = np.ones(space.ndof, bool)
         P = ngs.CF(tuple(self._stress[i] for i in range(9)), dims=(3, 3))
         work = ngs.InnerProduct(P, kinematics.change(test.u, ngs.Grad(test.u)))
@@ -93,7 +93,7 @@ class Forces:
 
     def __call__(self) -> np.ndarray:
         """At the current state, one number for each unknown."""
-        self._values[:, self._moving] = evaluated(self._derived, self._points[self._moving]).T
+        self._values[:, self._moving] = self._points(self._derived, self._moving)
         self._stress.vec.FV().NumPy()[:] = self._values.ravel()
         self._form.Assemble()
         return self._form.vec.FV().NumPy().copy()

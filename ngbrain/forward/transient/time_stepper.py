@@ -25,6 +25,8 @@ PROBE = 1e-3
 """Part of a step's load over which the residual's derivative is taken."""
 WHOLES = 1
 """Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
+LANDINGS = 5
+"""Ways that a rigid body of given force is led to the tissue by; each as long as the gap that is left."""
 FORESEEN = 2
 """Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
 
@@ -93,8 +95,7 @@ class TimeStepper:
         while True:
             made = self._attempt(start, dt, tries)
             tries += 1
-            at.work += made.record.work
-            at.newton += made.record.iterations
+            self._count(made.record)
             if made.failure is None:
                 self._accept(start.x, dt)
                 return made.record
@@ -156,10 +157,13 @@ class TimeStepper:
     def _guess(self, start: Array, dt: float, tries: int) -> Array:
         """Where a step from some unknowns may end, after so many tries."""
         at, guess, prescribed, tool = self.progress, start, self.prescribed, self.problem.tool
-        if prescribed.factor(at.t) != prescribed.factor(at.t + dt):
-            return self._ahead(start, at.t, at.t + dt)
+        loads = prescribed.factor(at.t) != prescribed.factor(at.t + dt)
+        if loads:
+            start = guess = self._ahead(start, at.t, at.t + dt)
         if tool is not None and not at.touching and tool.given.force:
             return self._landed(start, tool)
+        if loads:
+            return guess
         start = guess = prescribed.lifted(start, at.t + dt)
         if tries >= FORESEEN:
             return start
@@ -172,15 +176,30 @@ class TimeStepper:
         return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
 
     def _landed(self, start: Array, tool: DrivenTool) -> Array:
-        """With a rigid body that does not touch led to where it does: there the force depends on its way."""
-        given = tool.given
-        self.problem.x = start
-        given.held = start[-1] + max(self.problem.min_gap(), 0.0) + given.nudge
-        guess, record = self.newton.solve(self, np.append(start[:-1], given.held))
+        """With a rigid body that does not touch led to where it does: there the force depends on its way.
+
+        Tissue that other loads move may go away from it meanwhile.
+        """
+        given, away = tool.given, False
+        self.problem.x = guess = start
+        for _ in range(LANDINGS):
+            given.held = tool.way + max(self.problem.min_gap(), 0.0) + given.nudge
+            guess, record = self.newton.solve(self, np.append(guess[:-1], given.held))
+            if not record.converged and not away:  # what other loads do is found without it first
+                self._count(record)
+                given.held, away = given.away, True
+                guess, record = self.newton.solve(self, np.append(start[:-1], given.held))
+            self._count(record)
+            self.problem.x = guess
+            if not record.converged or self.problem.min_gap() < 0:
+                break
         given.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
+        return guess if record.converged else start
+
+    def _count(self, record: NewtonRecord) -> None:
+        """Add the work of a solve."""
         self.progress.work += record.work
         self.progress.newton += record.iterations
-        return guess if record.converged else start
 
     def _ahead(self, start: Array, t: float, end: float) -> Array:
         """Along the tangent of a change of load, where there is one."""
