@@ -67,8 +67,12 @@ def shaped(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
 
 
 class SolverError(NgbrainError, RuntimeError):
-    """A computation gave up; the message says what happened and what to try, `record` what was done (where there is one)."""
+    """A computation gave up: the message says what happened and what to try, `kind` in which way, `record` what was done.
 
+    `record` is that of the load path, or of Newton's method in the last time step; None where there is none.
+    """
+
+    kind: Failure | None = None
     record: Any = None
 
 
@@ -86,6 +90,8 @@ class Failure(StrEnum):
 class Breakdown(SolverError, FloatingPointError):
     """A step of a computation cannot be taken; whoever tries others catches it."""
 
+    kind: Failure
+
     def __init__(self, message: str = "", kind: Failure = Failure.STALLED) -> None:
         super().__init__(message)
         self.kind = kind
@@ -99,15 +105,16 @@ class InvertedElementError(SolverError):
     """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
 
 
-def gave_up(message: str, kind: Failure | None) -> SolverError:
-    """The error to raise for a kind of failure.
+def gave_up(message: str, kind: Failure | None, record: object = None) -> SolverError:
+    """The error to raise for a kind of failure, with the record of what was done.
 
     >>> gave_up("it folds", Failure.INVERTED)
     InvertedElementError('it folds')
     """
-    if kind is Failure.INVERTED:
-        return InvertedElementError(message)
-    return (ContactError if kind is Failure.PENETRATION else ConvergenceError)(message)
+    types = {Failure.INVERTED: InvertedElementError, Failure.PENETRATION: ContactError}
+    error = ConvergenceError(message) if kind is None else types.get(kind, ConvergenceError)(message)
+    error.kind, error.record = kind, record
+    return error
 
 
 class ContactError(SolverError):

@@ -183,7 +183,8 @@ def run(kind: str, ingredients: set[str], controller: str) -> None:
     law = tissue(ingredients, relaxing=controller == "differentiated run")
     element = "P2" if "displacements alone" in ingredients else "P2/P1"
     if "discontinuous pressures" in ingredients:
-        element = "P4/L2(2)" if "hex" not in kind else "P3/L2(1)"
+        hexes = any(each.type is ngs.HEX for each in body.mesh.Elements())
+        element = "P3/L2(1)" if hexes else "P4/L2(2)"
     options = {"element": element, "kinematics": body.kinematics}
     problem = Problem(body.mesh, {".*": Material(law, BULK)}, supports, loads, contacts, **options)
     volume = problem.volume("inner") if body.growth else 0.0
@@ -330,6 +331,7 @@ def cell(found: dict[tuple[str, str, str], str], ingredient: str, column: str, n
 if __name__ == "__main__":
     text = PAGE.read_text()
     for name, made in (("table", table(outcomes())), ("pairs", table(pairs(), INGREDIENTS))):
-        begin, end = f"<!-- {name} -->\n", f"\n<!-- end of {name} -->"
-        text = re.sub(f"{begin}.*{end}", lambda _, b=begin, e=end, m=made: f"{b}{m}{e}", text, flags=re.DOTALL)
+        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+        put = f"{begin}\n{made}\n{end}"
+        text = re.sub(f"{begin}.*?{end}", lambda _, put=put: put, text, flags=re.DOTALL)
     PAGE.write_text(text)

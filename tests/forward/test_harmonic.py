@@ -33,7 +33,7 @@ REFUSED = {
     "unknown edge": (lambda: body(absorbing=[Absorbing("up", 1.0)]), "boundary"),
     "pressure without bulk": (lambda: body(bulk=None, form="P2/P1"), "bulk"),
     "unstable pair": (lambda: body(form="P2/L2(1)"), "stable pair"),
-    "no such form": (lambda: body(form="T2"), "form"),
+    "no such form": (lambda: body(form="T2"), "element"),
     "negative density": (lambda: body(density=-1.0), "density"),
     "negative bulk": (lambda: body(bulk=-1.0), "bulk"),
     "law of large strain": (lambda: body(NeoHooke(1e3)), "small strain"),

@@ -205,7 +205,7 @@ def test_threads_of_a_solve_are_its_own():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"element": "P2+P1"}, ["form", "'P2+P1'", "P2/P1"]),
+        ({"element": "P2+P1"}, ["element", "'P2+P1'", "P2/P1"]),
         ({"element": "P2/P2"}, ["P2/P2", "order 2 under displacements of order 2"]),
         ({"element": "P2/L2(1)"}, ["P2/L2(1)", "one order below"]),
         ({"solver": "sparsecholeski"}, ["sparsecholeski", "sparsecholesky"]),

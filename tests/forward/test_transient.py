@@ -123,8 +123,9 @@ def test_too_deep_a_penetration_is_rejected_and_named(make_body, plate):
     drive = plate((0, 4), (0, 4e-3))
     body = make_body(contacts=[drive.contact(penalty=1e5)])
     transient = TimeStepper(body, drive, StepControl(1.0), penetration_limit=1e-3)
-    with pytest.raises(ContactError, match="penetration"):
+    with pytest.raises(ContactError, match="penetration") as error:
         transient.run(lambda *_: None)
+    assert error.value.kind is Failure.PENETRATION and error.value.record.converged
     assert transient.progress.rejected > 0 and body.min_gap() > -1e-3
 
 

@@ -191,6 +191,4 @@ class LoadPath:
 
     def _error(self, record: PathRecord) -> SolverError:
         advice = f"try a finer or graded mesh, another element than {self.problem.element}, or a smaller load"
-        error = gave_up(f"{record.reason}; {advice}", record.failure)
-        error.record = record
-        return error
+        return gave_up(f"{record.reason}; {advice}", record.failure, record)

@@ -103,7 +103,7 @@ class TimeStepper:
             at.cut = True
             dt = dt / 3
             if dt < self.control.shortest:
-                raise _error(made.failure, at.t, dt)
+                raise _error(made.failure, made.record, at.t, dt)
 
     def _propose(self) -> float:
         """Step length from what the control says, landing on touch and events."""
@@ -297,9 +297,9 @@ def _forced(motion: Motion | None) -> bool:
     return isinstance(motion, GivenForce)
 
 
-def _error(failed: Breakdown, t: float, dt: float) -> Exception:
+def _error(failed: Breakdown, record: NewtonRecord, t: float, dt: float) -> Exception:
     advice = "try a finer mesh where it fails, a slower motion or a smaller one"
-    return gave_up(f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.kind)
+    return gave_up(f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.kind, record)
 
 
 def run_load_history(

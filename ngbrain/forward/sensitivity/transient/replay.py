@@ -161,7 +161,7 @@ class Replay:
             said = (
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
-            raise gave_up(said, made.failure.kind)
+            raise gave_up(said, made.failure.kind, made.record)
         return replace(made.state, t=self.grid[n + 1])
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
