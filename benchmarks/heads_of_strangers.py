@@ -1,11 +1,16 @@
-"""Heads that nothing was tuned on: which of them are recognised, segmented and meshed, and how well.
+"""Heads that nothing was tuned on: which of them are recognised, segmented, meshed and operated on, and how well.
 
 Runs over a folder of T1s (NIfTI or MGH). A head NAME_t1.nii.gz may have a map of labels NAME_muse_labels.nii.gz in the
 MUSE numbering on the same voxels; its tissues are then compared, and the ceiling is printed: the Dice overlaps that the
 best thresholds inside MUSE's own grey and white matter reach, cerebrum and cerebellum apart, deep grey matter given.
 
-    python benchmarks/heads_of_strangers.py FOLDER [--mesh] [--executor WHO] > records.json      a list of records, one a head
-    python benchmarks/heads_of_strangers.py --table < records.json              the same as a table in Markdown
+    python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] [--executor WHO] > records.json     a record a head
+    python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] --into records.json   added to what is known of heads
+    python benchmarks/heads_of_strangers.py --table < records.json         labels and meshes by hull as a table in Markdown
+    python benchmarks/heads_of_strangers.py --page < records.json           tables between the marks of the page of results
+
+WHAT is labels (which alone are measured by default); hull, lattice, conforming: the mesh by that route, its labels found
+before; demo: `ngbrain demo --fast --no-checks` from an empty cache, whose results stay in the folder that --keep names.
 """
 
 from __future__ import annotations
@@ -13,26 +18,31 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import meshio
 import numpy as np
 from _command import add_executor, executor_of, run, sweep
+from _heads_page import filled
 
 from ngbrain.errors import InputError, require
 from ngbrain.image import read_scan
 from ngbrain.image.niftifile import on_grid
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
-from ngbrain.image.tissues import grey_white_contrast, tissues
+from ngbrain.image.tissues import grey_white_contrast, template_place, tissues
+from ngbrain.io import write_json
+from ngbrain.scene import Scene
 
 Record = dict
 
+PAGE = Path(__file__).parent / "results" / "heads.md"
+LABELS, DEMO, ROUTES = "labels", "demo", ("hull", "lattice", "conforming")
 ENDINGS = (".nii.gz", ".nii", ".mgz", ".mgh")
 # Numbers of MUSE.
 VENTRICLES = (4, 11, 49, 50, 51, 52)
@@ -42,16 +52,27 @@ CEREBELLUM = (38, 39, 40, 41, 71, 72, 73)
 LEFT_OUT = (1, 35, 61, 62)  # fluid outside, the brain stem
 
 
-def anew(path: Path, mesh: bool) -> Record:
-    """The same with an empty cache, so that nothing is there from before."""
+def anew(path: Path, wanted: list[str], keep: Path | None) -> Record:
+    """What is wanted of one head: its labels' numbers, and a record for each other thing by its name."""
+    found: Record = {"head": path.name}
     with tempfile.TemporaryDirectory() as cache:
         os.environ["NGBRAIN_CACHE"] = cache
-        return measure(path, mesh)
+        if LABELS in wanted:
+            found |= measure(path)
+        elif set(wanted) & set(ROUTES):
+            with suppress(InputError):  # which the mesh will say
+                tissues(read_scan(path))
+        found |= {route: meshed(path, route) for route in ROUTES if route in wanted}
+    if DEMO in wanted:
+        with tempfile.TemporaryDirectory() as cache:
+            os.environ["NGBRAIN_CACHE"] = cache
+            found[DEMO] = operated(path, keep / path.name.partition(".")[0] if keep else Path(cache, "demo"))
+    return found
 
 
-def measure(path: Path, mesh: bool) -> Record:
-    """Everything about one head."""
-    found: Record = {"head": path.name, "recognised": False}
+def measure(path: Path) -> Record:
+    """Labels of one head."""
+    found: Record = {"recognised": False}
     begun = time.process_time()
     try:
         scan = read_scan(path)
@@ -64,7 +85,7 @@ def measure(path: Path, mesh: bool) -> Record:
         found["warnings"] = sorted({str(each.message) for each in caught})
         found["cpu_s"] = round(time.process_time() - begun, 1)
     except InputError as error:
-        return found | {"reason": str(error).removeprefix(f"{path}: ")}
+        return found | {"reason": plain(str(error), path)}
     counts = np.bincount(labels.data.ravel(), minlength=5) * labels.voxel_volume * 1e6
     found["brain_ml"] = round(float(counts[1:].sum()), 1)
     for name, label in (("csf", CSF), ("grey", GREY), ("white", WHITE), ("ventricles", VENTRICLE)):
@@ -75,7 +96,7 @@ def measure(path: Path, mesh: bool) -> Record:
         theirs = np.rint(np.asarray(nibabel.load(muse).dataobj)).astype(int)
         grey_values = np.asarray(nibabel.load(path).dataobj, float)
         found |= overlaps(on_grid(labels, scan.file_affine, scan.file_shape).data, theirs, grey_values)
-    return found | (meshed(path) if mesh else {})
+    return found
 
 
 def overlaps(ours: np.ndarray, muse: np.ndarray, grey_values: np.ndarray) -> Record:
@@ -120,28 +141,69 @@ def ceiling(grey_values: np.ndarray, muse: np.ndarray) -> tuple[float, float]:
     return dice(grey, truth == GREY), dice(free & ~grey, truth == WHITE)
 
 
-def meshed(path: Path) -> Record:
-    """What `ngbrain mesh` with no option but the route makes of a head."""
+def meshed(path: Path, route: str) -> Record:
+    """What `ngbrain mesh` with no option but the route makes of a head whose labels are in the cache."""
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder, "head.vtu")
-        before = _children()
-        done = subprocess.run(
-            [sys.executable, "-m", "ngbrain", "mesh", str(path), "--route", "hull", "-o", str(made), "-q"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        used = round(_children() - before, 1)
-        found: Record = {"mesh_exit": done.returncode, "mesh_cpu_s": used}  # labels are in the cache
-        if done.returncode or not made.exists():
-            return found | {"mesh_reason": (done.stderr.strip().splitlines() or [""])[-1][:300]}
+        found, text = ngbrain("mesh", path, "--route", route, "-o", made, "-q")
+        if found["exit"] or not made.exists():
+            return found | {"reason": plain(text, path)}
         mesh = meshio.read(made)
         regions = json.loads(made.with_name("result.json").read_text())["regions"]
-    for name, region in regions.items():
-        if name in ("brain", "ventricles"):
-            found[f"mesh_{name}_off"] = round(region["volume_ml"] / region["label_volume_ml"] - 1, 5)
+    found |= {f"{name}_off": round(of["volume_ml"] / of["label_volume_ml"] - 1, 5) for name, of in regions.items()}
     tets = np.concatenate([block.data for block in mesh.cells if block.type == "tetra"])
     return found | {"tetrahedra": len(tets), "smallest_dihedral_deg": round(smallest_dihedral(mesh.points, tets), 1)}
+
+
+def operated(path: Path, folder: Path) -> Record:
+    """What the fast demo makes of a head, to its report: where the cleft lies, pressures and forces."""
+    found, text = ngbrain("demo", "--fast", "--no-checks", "--threads", "1", "--image", path, "-o", folder, "--force")
+    found["report"] = (folder / "report.html").exists()
+    if not (folder / "result.json").exists():
+        return found | {"reason": plain(text, path)}
+    return found | outcome(json.loads((folder / "result.json").read_text()), path)
+
+
+def outcome(result: Record, path: Path) -> Record:
+    """The main numbers of a demo's result; `place_off_mm` is how far the cleft's target lies, in the space of the template,
+    from that of the demo on the template, by the affine registration of the brains."""
+    head, model, geometry = result["head"], result["model"], result["geometry"]
+    there = np.linalg.solve(template_place(read_scan(path)), [*geometry["target_m"], 1.0])[:3]
+    wanted = np.array(Scene.shipped("demo_fast").cleft.target)
+    volumes = head["label_volumes_ml"]
+    return {
+        "brain_ml": round(head["label_brain_ml"] + volumes["ventricle"], 1),
+        "ventricles_ml": round(volumes["ventricle"], 1),
+        "brain_off": round(model["brain_ml"] / head["label_brain_ml"] - 1, 5),
+        "ventricles_off": round(model["ventricles_ml"] / volumes["ventricle"] - 1, 5),
+        "smallest_dihedral_deg": round(head["min_dihedral_deg"], 1),
+        "tetrahedra": model["n_tets"],
+        "target_mm": [round(1e3 * x, 1) for x in geometry["target_m"]],
+        "target_in_template_mm": [round(1e3 * x, 1) for x in there],
+        "place_off_mm": round(1e3 * float(np.linalg.norm(there - wanted)), 1),
+        "depth_mm": round(1e3 * geometry["depth_m"], 1),
+        "peak_pressure_mmHg": {name: round(a["peak_pressure_mmHg"], 1) for name, a in result["answers"].items()},
+        "peak_force_N": {name: round(a["peak_force_N"], 2) for name, a in result["answers"].items()},
+        "warnings": result["warnings"],
+    }
+
+
+def plain(text: str, path: Path) -> str:
+    """A message without the names of the command and of the file."""
+    return text.removeprefix("ngbrain: ").removeprefix(f"{path}: ")
+
+
+def ngbrain(*arguments: str | Path) -> tuple[Record, str]:
+    """Exit status, CPU seconds and memory of the command in a process of its own, and the last line that it wrote."""
+    command = [sys.executable, "-m", "ngbrain", *map(str, arguments)]
+    with tempfile.TemporaryFile("w+") as stream:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stream)
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        stream.seek(0)
+        last = (stream.read().strip().splitlines() or [""])[-1][:300]
+    cpu, memory = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
+    return {"exit": process.returncode, "cpu_s": round(cpu, 1), "peak_gib": round(memory, 2)}, last
 
 
 def smallest_dihedral(points: np.ndarray, tets: np.ndarray) -> float:
@@ -157,14 +219,8 @@ def smallest_dihedral(points: np.ndarray, tets: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosines, -1, 1)).min()))
 
 
-def _children() -> float:
-    """CPU seconds of processes that were started and have ended."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return float(used.ru_utime + used.ru_stime)
-
-
 def table(records: list[Record]) -> str:
-    """Records as Markdown: a line a head, then medians and worst values."""
+    """Labels and meshes by hull as Markdown: a line a head, then medians and worst values."""
     columns = {
         "head": "head",
         "labels CPU s": "cpu_s",
@@ -177,21 +233,26 @@ def table(records: list[Record]) -> str:
         "brain": "dice_brain",
         "ceiling grey": "ceiling_grey",
         "ceiling white": "ceiling_white",
-        "smallest dihedral": "smallest_dihedral_deg",
-        "brain off": "mesh_brain_off",
-        "ventricles off": "mesh_ventricles_off",
-        "mesh CPU s": "mesh_cpu_s",
+        "smallest dihedral": "hull_smallest_dihedral_deg",
+        "brain off": "hull_brain_off",
+        "ventricles off": "hull_ventricles_off",
+        "mesh CPU s": "hull_cpu_s",
     }
+    records = [
+        record | {f"hull_{key}": value for key, value in record.get("hull", {}).items()}
+        for record in records
+        if "recognised" in record
+    ]
     columns = {title: key for title, key in columns.items() if any(key in record for record in records)}
     lines = ["| " + " | ".join([*columns, "note"]) + " |", "|" + "---|" * (len(columns) + 1)]
     for record in records:
-        notes = [record.get("reason", ""), record.get("mesh_reason", ""), *record.get("warnings", [])]
+        notes = [record.get("reason", ""), record.get("hull_reason", ""), *record.get("warnings", [])]
         cells = [str(record.get(key, "")) for key in columns.values()]
         lines.append("| " + " | ".join([*cells, "; ".join(filter(None, notes))]) + " |")
     seen = [record for record in records if record["recognised"]]
     lines.append(f"\nRecognised: {len(seen)} of {len(records)}.")
-    if any("mesh_exit" in record for record in records):
-        lines[-1] += f" Meshed: {sum(record.get('mesh_exit') == 0 for record in seen)} of those."
+    if any("hull" in record for record in records):
+        lines[-1] += f" Meshed: {sum(record.get('hull_exit') == 0 for record in seen)} of those."
     for name in ("grey", "white", "ventricles"):
         scores = [record[f"dice_{name}"] for record in seen if f"dice_{name}" in record]
         if scores:
@@ -202,24 +263,42 @@ def table(records: list[Record]) -> str:
 
 
 def main() -> None:
-    """Measure a folder, or write the table of what was measured."""
+    """Measure a folder, or write tables of what was measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path)
-    parser.add_argument("--mesh", action="store_true")
+    parser.add_argument("--measure", nargs="+", choices=[LABELS, *ROUTES, DEMO], default=[LABELS], metavar="WHAT")
+    parser.add_argument("--into", type=Path, metavar="JSON", help="a file of records that this run's are added to")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="where the demos' results stay")
     parser.add_argument("--table", action="store_true")
+    parser.add_argument("--page", action="store_true")
     add_executor(parser)
     arguments = parser.parse_args()
     if arguments.table:
         print(table(json.load(sys.stdin)))
         return
+    if arguments.page:
+        PAGE.write_text(filled(PAGE.read_text(), json.load(sys.stdin)))
+        return
     if arguments.folder is None or not arguments.folder.is_dir():
         parser.error("FOLDER: a folder of T1s")
     paths = [p for p in sorted(arguments.folder.iterdir()) if p.name.endswith(ENDINGS) and "_labels" not in p.name]
-    heads = {path.name: (path, arguments.mesh) for path in paths}
-    with executor_of(parser, arguments.executor) as executor:
-        records = sweep(anew, heads, executor, lambda record: print(record, file=sys.stderr, flush=True))
+    heads = {path.name: (path, arguments.measure, arguments.keep) for path in paths}
     made = run()
-    print(json.dumps([record | {"run": made} for record in records], indent=1))
+    before = json.loads(arguments.into.read_text()) if arguments.into and arguments.into.exists() else []
+    known = {record["head"]: record for record in before}
+
+    def finished(record: Record) -> None:
+        print(record, file=sys.stderr, flush=True)
+        parts = {what: part | {"run": made} for what, part in record.items() if what in (*ROUTES, DEMO)}
+        labels = {"run": made} if LABELS in arguments.measure else {}
+        known[record["head"]] = known.get(record["head"], {}) | record | labels | parts
+        if arguments.into:
+            write_json(arguments.into, list(known.values()))
+
+    with executor_of(parser, arguments.executor) as executor:
+        sweep(anew, heads, executor, finished)
+    if not arguments.into:
+        print(json.dumps(list(known.values()), indent=1))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,82 @@
+"""Tables of the page of results on heads, written from the records of `heads_of_strangers` between marks in its text."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+Record = dict
+
+ROUTES = ("lattice", "conforming")
+MARKS = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def filled(page: str, records: list[Record]) -> str:
+    """The page with the text between `<!-- table: NAME -->` and `<!-- end -->` written anew, NAME one of `TABLES`."""
+    return MARKS.sub(lambda found: f"{found[1]}{TABLES[found[2]](records)}\n{found[3]}", page)
+
+
+def demos(records: list[Record]) -> str:
+    """The fast demo on each head, and how many reached the report."""
+    rows = [record for record in records if "demo" in record]
+    titles = (
+        "T1", "report", "CPU s", "GiB", "brain ml", "ventricles ml", "off by", "smallest dihedral",
+        "cleft off its place, deep (mm)", "peak pressure (mmHg)", "peak force (N)",
+    )  # fmt: skip
+    reached = sum(record["demo"]["report"] for record in rows)
+    return f"{reached} of {len(rows)} reached the report ({_made(rows, 'demo')}).\n\n{_table(titles, map(_demo, rows))}"
+
+
+def _demo(record: Record) -> list[str]:
+    demo = record["demo"]
+    start = [_name(record), "yes" if demo["report"] else "**no**", f"{demo['cpu_s']:.0f}", f"{demo['peak_gib']:.1f}"]
+    if "brain_ml" not in demo:
+        return [*start, demo["reason"], *[""] * 6]
+    off = max(abs(demo["brain_off"]), abs(demo["ventricles_off"]))
+    return [
+        *start, f"{demo['brain_ml']:.0f}", f"{demo['ventricles_ml']:.1f}", f"{off:.2%}",
+        f"{demo['smallest_dihedral_deg']}°", f"{demo['place_off_mm']}, {demo['depth_mm']}",
+        _range(demo["peak_pressure_mmHg"], 0), _range(demo["peak_force_N"], 2),
+    ]  # fmt: skip
+
+
+def routes(records: list[Record]) -> str:
+    """Meshes by the routes that keep tissues apart."""
+    rows = [(record, route) for route in ROUTES for record in records if route in record]
+    titles = ("T1", "route", "mesh", "smallest dihedral", "regions off by at most", "tetrahedra", "CPU s", "GiB")
+    lines = []
+    for record, route in rows:
+        made = record[route]
+        off = [abs(value) for key, value in made.items() if key.endswith("_off")]
+        cells = [made.get("reason", "made"), *[""] * 3]
+        if off:
+            cells = ["made", f"{made['smallest_dihedral_deg']}°", f"{max(off):.2%}", str(made["tetrahedra"])]
+        lines.append([_name(record), route, *cells, f"{made['cpu_s']:.0f}", f"{made['peak_gib']:.1f}"])
+    return _table(titles, lines)
+
+
+TABLES = {"demos": demos, "routes": routes}
+
+
+def _name(record: Record) -> str:
+    name = record["head"].partition("_t1")[0].partition(".")[0]
+    return f"{name}: {record['about']}" if "about" in record else name
+
+
+def _range(values: dict[str, float], digits: int) -> str:
+    low, high = np.min(list(values.values())), np.max(list(values.values()))
+    return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def _made(records: list[Record], what: str) -> str:
+    commits = sorted({record[what]["run"]["commit"] for record in records})
+    dates = sorted({record[what]["run"]["date"] for record in records})
+    return f"commit {', '.join(commits)}, {' to '.join(dates)}"
+
+
+def _table(titles: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    lines = ["| " + " | ".join(titles) + " |"]
+    lines.append("|" + "---|" * (lines[0].count("|") - 1))
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
