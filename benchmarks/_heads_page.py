@@ -18,6 +18,37 @@ def filled(page: str, records: list[Record]) -> str:
     return MARKS.sub(lambda found: f"{found[1]}{TABLES[found[2]](records)}\n{found[3]}", page)
 
 
+def labels(records: list[Record]) -> str:
+    """Labels beside MUSE's, ° behind a head that was never segmented before."""
+    titles = (
+        "head", "CPU s", "brain ml", "ventricles ml", "contrast", "grey", "white", "ventricles", "brain",
+        "grey of the ceiling", "white of the ceiling",
+    )  # fmt: skip
+    lines = []
+    for of in sorted((record for record in records if "dice_grey" in record), key=_order):
+        overlaps = [f"{of[f'dice_{name}']:.3f}" for name in ("grey", "white", "ventricles", "brain")]
+        shares = [f"{of[f'dice_{name}'] / of[f'ceiling_{name}']:.3f}" for name in ("grey", "white")]
+        numbers = [str(of[key]) for key in ("cpu_s", "brain_ml", "ventricles_ml", "contrast")]
+        lines.append([_name(of) + "°" * of.get("unseen", False), *numbers, *overlaps, *shares])
+    return _table(titles, lines)
+
+
+def meshes(records: list[Record]) -> str:
+    """Labels and meshes by hull of T1s that no map of labels comes with, those that are refused too."""
+    titles = (
+        "T1", "labels CPU s", "brain ml", "ventricles ml", "contrast", "mesh CPU s", "both", "smallest dihedral",
+    )  # fmt: skip
+    lines = []
+    for of in records:
+        if not of.get("recognised", True):
+            lines.append([_name(of), f"refused: {of['reason'].partition('; wanted')[0]}", *[""] * 6])
+        elif "hull" in of and "dice_grey" not in of:
+            numbers = [str(of[key]) for key in ("cpu_s", "brain_ml", "ventricles_ml", "contrast")]
+            mesh, both = of["hull"], f"{of['cpu_s'] + of['hull']['cpu_s']:.1f}"
+            lines.append([_name(of), *numbers, str(mesh["cpu_s"]), both, f"{mesh['smallest_dihedral_deg']}°"])
+    return _table(titles, lines)
+
+
 def demos(records: list[Record]) -> str:
     """The fast demo on each head, and how many reached the report."""
     rows = [record for record in records if "demo" in record]
@@ -57,7 +88,13 @@ def routes(records: list[Record]) -> str:
     return _table(titles, lines)
 
 
-TABLES = {"demos": demos, "routes": routes}
+TABLES = {"labels": labels, "meshes": meshes, "demos": demos, "routes": routes}
+
+
+def _order(record: Record) -> tuple[bool, str, int]:
+    """s2 before s10, and persons last."""
+    name = _name(record)
+    return name.startswith("person"), name.rstrip("0123456789"), int(re.sub(r"\D", "", name) or 0)
 
 
 def _name(record: Record) -> str:
