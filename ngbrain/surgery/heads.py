@@ -12,7 +12,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.interpolation import quadrature_field, quadrature_points
-from ngbrain.image import Scan, Volume, check_extracted, mni152, read_scan
+from ngbrain.image import Scan, Volume, mni152, read_scan
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.maps import read_map
@@ -223,18 +223,9 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
 
 
 def likewise(scene: Scene, image: str) -> Scene:
-    """A scene on the MNI152 head, moved to the like place of another scan: as many standard deviations from its middle."""
+    """A scene on the MNI152 head, moved to the like place of another scan: where the template lies in it."""
     space = "mni152" if scene.body.shear_modulus_map else None
     body = replace(scene.body, head="scan", image=image, shear_modulus_space=space)
-    template, scan = mni152(), read_scan(image)
-    middle, spread = _extent(check_extracted(template), template.volume)
-    there, theirs = _extent(tissues(scan).data > 0, scan.volume)
-    target = there + theirs * (np.array(scene.cleft.target) - middle) / spread
+    target = template_place(read_scan(image)) @ [*(scene.cleft.target or ()), 1.0]
     title = scene.title.replace("the MNI152 average brain", Path(image).name)
-    return replace(scene, title=title, body=body, cleft=replace(scene.cleft, target=tuple(target.tolist())))
-
-
-def _extent(brain: np.ndarray, volume: Volume) -> tuple[np.ndarray, np.ndarray]:
-    """Middle of a brain, a mask on the voxels of a volume, and standard deviation along each axis (m)."""
-    points = volume.to_world(np.argwhere(brain))
-    return points.mean(axis=0), points.std(axis=0)
+    return replace(scene, title=title, body=body, cleft=replace(scene.cleft, target=tuple(target[:3].tolist())))
