@@ -3,9 +3,12 @@
 import ngsolve as ngs
 import numpy as np
 import pytest
+from indenting import Indenter, forces
 from ngsolve.meshes import MakeStructured2DMesh
+from scipy.optimize import brentq
 
 from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import Spring
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
@@ -18,37 +21,12 @@ from ngbrain.materials import NeoHooke, Prony
 SIDE, MU = 0.02, 1e3
 
 
-class Plate:
-    """A plate on top of a square: down, then along (m), straight in between."""
-
-    def __init__(self, times, down, along):
-        self.times, self.ways, self.events = times, (down, along), tuple(times[1:])
-        self.down, self.along = ngs.Parameter(0.0), ngs.Parameter(0.0)
-
-    def set(self, t):
-        for way, values in zip((self.down, self.along), self.ways, strict=True):
-            way.Set(np.interp(t, self.times, values))
-
-    def travel(self, start, end):
-        return sum(float(np.interp(end, self.times, w) - np.interp(start, self.times, w)) for w in self.ways)
-
-
-def forces(body):
-    """Sums of the contact's nodal forces, by components (N/m)."""
-    found, field = body.contact_forces(), ngs.GridFunction(body.u.space)
-    sums = []
-    for i in range(body.mesh.dim):
-        field.Set(ngs.CF(tuple(float(i == j) for j in range(body.mesh.dim))))
-        sums.append(float(field.vec.FV().NumPy() @ found))
-    return np.array(sums)
-
-
 @pytest.mark.parametrize("quads", [False, True])
 def test_full_slide_is_amontons(quads):
     """Plane strain, a relaxing block under a plate that presses it and goes along until all of the top slides: T = μ N."""
     coefficient = 0.1
     mesh = MakeStructured2DMesh(quads=quads, nx=4, ny=4, mapping=lambda x, y: (SIDE * x, SIDE * y))
-    plate = Plate((0.0, 1.0, 4.0), (0, 5e-4, 5e-4), (0, 0, 3e-3))
+    plate = Indenter((0.0, 1.0, 4.0), (0, 5e-4, 5e-4), (0, 0, 3e-3))
     contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, plate.along)
     rubs = Friction(contact, coefficient, 5e-5, lambda x: ngs.CF((1.0, 0.0)))
     tissue = {".*": Material(Prony(NeoHooke(MU), [0.5], [2.0]), 1e4)}
@@ -66,7 +44,7 @@ def indented(n, depth, radius=0.02, size=0.02):
     mesh = MakeStructured2DMesh(
         quads=True, nx=n, ny=n, mapping=lambda x, y: (size * x**2.5, size * (1 - (1 - y) ** 2.5))
     )
-    ball = Plate((0.0, 1.0), (0.0, depth), (0.0, 0.0))
+    ball = Indenter((0.0, 1.0), (0.0, depth))
     met = Contact("top", lambda x: ngs.Norm(x - ngs.CF((0.0, size + radius - ball.down))) - radius, 1e8, 1e-7, 0.99)
     body = Problem(
         mesh, {".*": Material(NeoHooke(MU), 1e5)}, {"bottom": (None, 0), "left": (0, None)}, contacts=[met],
@@ -96,7 +74,7 @@ def test_a_maxwell_bar_between_plates():
     rollers, strain = {"bottom": (None, 0), "left": (0, None)}, 3e-4
     held = Problem(mesh, tissue, rollers | {"top": (None, -strain * SIDE)}, element="P2/P1")
     by_support = np.array(run_load_history(held, times, np.minimum(times / 0.01, 1), lambda t: held.force("top")[1]))
-    plate = Plate((0.0, 0.01, 8.0), (0, strain * SIDE, strain * SIDE), (0, 0, 0))
+    plate = Indenter((0.0, 0.01, 8.0), (0, strain * SIDE, strain * SIDE))
     contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e8, 1e-8, 0.999, plate.along)
     pressed, rows = Problem(mesh, tissue, rollers, contacts=[contact], element="P2/P1"), []
     TimeStepper(pressed, plate, StepControl(0.01, dt_max=0.25), 1e-3).run(
@@ -113,17 +91,33 @@ def test_a_maxwell_bar_between_plates():
 
 
 @pytest.mark.filterwarnings("ignore::ngbrain.errors.StabilityWarning")
-def test_a_strut_buckles_where_euler_says():
-    """Plane strain, clamped, its top pressed by a guide that may sway: P = π² E' I/L². The straight state goes on, and the
-    tangent's smallest eigenvalue changes its sign at the load step that passes it."""
-    length, thick = 1.0, 0.05
+@pytest.mark.parametrize("slenderness", [4, 20])
+def test_a_strut_buckles_where_it_should(slenderness):
+    """Plane strain, incompressible, between guides that may sway; the straight state goes on, and after every load step the sign
+    of the tangent's smallest eigenvalue says on which side of the critical stretch λ it is.
+
+    A strut of thickness 2h and length π/k, of Neo-Hooke, bends where (1 + λ⁴)² tanh(kh/λ²) = 4λ² tanh(kh) (Biot 1963, by the
+    stream function of an increment); a slender one by Euler's strain, (kh)²/3.
+    """
+    length, thick = 1.0, 1.0 / slenderness
+    kh = np.pi / length * thick / 2
+
+    def unbalanced(stretch):
+        return (1 + stretch**4) ** 2 * np.tanh(kh / stretch**2) - 4 * stretch**2 * np.tanh(kh)
+
+    euler = kh**2 / 3
+    critical = brentq(unbalanced, 1 - 1.5 * euler, 1 - 0.5 * euler)
+    assert slenderness < 20 or 1 - critical == pytest.approx(euler, rel=0.02)
     mesh = MakeStructured2DMesh(quads=True, nx=1, ny=10, mapping=lambda x, y: (thick * x, length * y))
-    strain = np.pi**2 / 12 * (thick / length) ** 2  # of both ends clamped against turning, free to sway: P = π² E' I/L²
-    tissue = {".*": Material(NeoHooke(MU), 1e7)}
-    body = Problem(mesh, tissue, {"bottom": 0, "top": (None, -2 * strain * length)}, element="P4/P3")
-    record = LoadPath(body).solve(steps=8, eigenvalues=True)
+    tissue = {".*": Material(NeoHooke(MU), 1e8)}
+    guides = {"bottom": (None, 0), "top": (None, 2 * (critical - 1) * length)}
+    # A soft spring keeps the strut from drifting sideways; what bends need not stretch it.
+    body, pressed = Problem(mesh, tissue, guides, [Spring("bottom", MU)], element="P4/P3"), []
+    record = LoadPath(body).solve(steps=15, eigenvalues=True, callback=lambda t: pressed.append(body.force("top")[1]))
     t, found = np.array(record.eigenvalues).T
-    print(t, found)
-    assert len(t) == 8 and np.all(np.diff(found) < 0)
-    crossing = np.interp(0.0, -found, t) * 2
-    assert crossing == pytest.approx(1.0, abs=0.1)
+    stretch = 1 + 2 * t * (critical - 1)
+    crossing = 1 - np.interp(0.0, -found, 1 - stretch)
+    print(critical, crossing, euler, found)
+    assert len(found) == 15 and np.all((found > 0) == (stretch > critical))
+    assert 1 - crossing == pytest.approx(1 - critical, rel=0.01)
+    assert pressed == pytest.approx(MU * (stretch - stretch**-3) * thick, rel=2e-3)
