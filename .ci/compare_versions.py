@@ -32,7 +32,7 @@ LIMIT = 1.05
 """CPU time and memory of the new version over the old one's."""
 LEAST, LONG = 0.02, 120.0
 """CPU seconds of a record below which its time is not compared, of a case above which no more runs look whether it is too slow."""
-MEASURED = {"run", "versions", "cpu_s", "memory_mib"}
+MEASURED = {"run", "versions", "cpu_s", "wall_s", "wall_min", "memory_mib"}
 """Entries of records that are no answers even where they happen to be the same."""
 SET_UP = """
 import json, sys, time
