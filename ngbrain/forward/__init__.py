@@ -1,8 +1,9 @@
 """Equations and their solution.
 
 One nonlinear solid, `Problem`, and what drives it: `LoadPath` to equilibrium, `TimeStepper` and `run_load_history` through time.
+For a loop of one's own `advance` makes a step from one `State` to the next, under what is `Prescribed`.
 What it is made of: `Material` by region; supports by boundary; loads (`Traction`, `Weight`, `Pressure`, `Spring`, `RigidFace`,
-`RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`); in space or in
+`RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`, `GivenForce`); in space or in
 `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body `PrestressedModel`. Models that are
 differentiated by parameters: `StaticModel` of equilibria (`Case`), `RunModel` of runs, `WaveModel` of waves.
 """
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         Weight,
     )
     from ngbrain.forward.common.material import Material
+    from ngbrain.forward.common.state import State
     from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.contact.friction import Friction
     from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.forward.sensitivity.static_model import Case, StaticModel
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
-    from ngbrain.forward.solid.advance import LoadHistory
+    from ngbrain.forward.solid.advance import LoadHistory, Prescribed, advance, newton_for
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.statics.load_path import LoadPath
@@ -52,7 +54,8 @@ _HOME = {
     ),
     "common.material": ("Material",),
     "sensitivity.harmonic.prestressed": ("PrestressedModel",),
-    "solid.advance": ("LoadHistory",),
+    "common.state": ("State",),
+    "solid.advance": ("LoadHistory", "Prescribed", "advance", "newton_for"),
     "solid.problem": ("Problem",),
     "sensitivity.harmonic.wave_model": ("WaveModel",),
     "transient.step_control": ("ErrorControl", "GivenSteps", "StepControl"),
@@ -80,6 +83,7 @@ __all__ = [
     "LoadPath",
     "Material",
     "PlaneStrain",
+    "Prescribed",
     "Pressure",
     "PrestressedModel",
     "Problem",
@@ -88,6 +92,7 @@ __all__ = [
     "RunModel",
     "Sliding",
     "Spring",
+    "State",
     "StaticModel",
     "StepControl",
     "TimeStepper",
@@ -95,6 +100,8 @@ __all__ = [
     "Wave",
     "WaveModel",
     "Weight",
+    "advance",
+    "newton_for",
     "run_load_history",
 ]
 
