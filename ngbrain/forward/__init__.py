@@ -1,7 +1,7 @@
 """Equations and their solution.
 
 One nonlinear solid, `Problem`, and what drives it: `LoadPath` to equilibrium, `TimeStepper` and `run_load_history` through time.
-For a loop of one's own `advance` makes a step from one `State` to the next, under what is `Prescribed`.
+For a loop of one's own `advance` makes a step from one `State` to the next, under what is `LoadProgram`.
 What it is made of: `Material` by region; supports by boundary; loads (`Traction`, `Weight`, `Pressure`, `Spring`, `RigidFace`,
 `RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`,
 `GivenForce`); in space or in `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.forward.sensitivity.static_model import Case, StaticModel
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
-    from ngbrain.forward.solid.advance import LoadHistory, Prescribed, advance, newton_for
+    from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
     from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
     from ngbrain.forward.solid.problem import Problem
     from ngbrain.forward.statics.load_path import LoadPath
@@ -56,7 +56,7 @@ _HOME = {
     "common.material": ("Material",),
     "sensitivity.harmonic.prestressed": ("PrestressedModel",),
     "common.state": ("State",),
-    "solid.advance": ("LoadHistory", "Prescribed", "advance", "newton_for"),
+    "solid.advance": ("LoadHistory", "LoadProgram", "advance", "newton_for"),
     "solid.problem": ("Problem",),
     "sensitivity.harmonic.wave_model": ("WaveModel",),
     "transient.step_control": ("ErrorControl", "GivenSteps", "StepControl"),
@@ -82,9 +82,9 @@ __all__ = [
     "Inertia",
     "LoadHistory",
     "LoadPath",
+    "LoadProgram",
     "Material",
     "PlaneStrain",
-    "Prescribed",
     "Pressure",
     "PrestressedModel",
     "Problem",

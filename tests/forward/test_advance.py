@@ -7,7 +7,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 
 from ngbrain.errors import Breakdown, Failure
 from ngbrain.forward import Contact, Friction, GeneralizedAlpha, GivenForce, Inertia, Material, Problem
-from ngbrain.forward.solid.advance import LoadHistory, Prescribed, advance, newton_for
+from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous
 
 SIDE = 0.02
@@ -33,7 +33,7 @@ def pressed(forced=False):
     mesh = MakeStructured2DMesh(quads=True, nx=3, ny=3, mapping=lambda x, y: (SIDE * x, SIDE * y))
     loads, contacts = [Inertia(1000.0, GeneralizedAlpha(0.0))], [plate, rubs, *([given] if forced else [])]
     body = Problem(mesh, {".*": Material(law, 2e4)}, {"bottom": 0}, loads, contacts, element="P2/P1")
-    return body, Prescribed(body, given if forced else Plate())
+    return body, LoadProgram(body, given if forced else Plate())
 
 
 def stepped(body, prescribed, state, *lengths):
@@ -113,7 +113,7 @@ def test_rest_forgets_all():
 @pytest.mark.one_thread
 def test_a_load_history_and_a_motion_are_put_where_they_are_at_a_time():
     body, prescribed = pressed()
-    both = Prescribed(body, prescribed.motion, LoadHistory([0.0, 2.0, 4.0], [0.0, 1.0, 0.5]))
+    both = LoadProgram(body, prescribed.motion, LoadHistory([0.0, 2.0, 4.0], [0.0, 1.0, 0.5]))
     assert both.events == (2.0, 4.0, 9.0) and both.factor(3.0) == 0.75 and both.travel(0.0, 0.5) == 1e-3
     both.set(3.0)
     assert body.factor.Get() == 0.75

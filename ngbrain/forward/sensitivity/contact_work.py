@@ -53,7 +53,7 @@ class ContactForms:
         contacts, order = self._body.contacts, self._body.element.order
         rigid = [Term(weight * c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
         films = [Term(weight * c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
-        loads = [term for load in self._loads for term in terms(load.energy(self._body.applied.place(u)))]
+        loads = [term for load in self._loads for term in terms(load.energy(self._body.external.place(u)))]
         return reduce(by, numbers, rigid + films + loads)
 
     def columns(self) -> sp.csr_array:

@@ -39,7 +39,7 @@ class LoadHistory:
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class LoadProgram:
     """What is prescribed of a problem at any time: where its rigid bodies are, and its load factor.
 
     Parameters
@@ -83,7 +83,7 @@ class Prescribed:
 
 
 @dataclass(frozen=True)
-class Advanced:
+class StepResult:
     """What became of a step: the state at its end, or that at its start where `failure` says why there is none; Newton's record."""
 
     state: State
@@ -95,10 +95,10 @@ def advance(
     problem: Problem,
     state: State,
     dt: float,
-    prescribed: Prescribed,
+    program: LoadProgram,
     solve: Callable[[], tuple[Array, NewtonRecord]],
     judge: Callable[[NewtonRecord], Breakdown | None] | None = None,
-) -> Advanced:
+) -> StepResult:
     """One step of `dt` from a state. The problem then shows the state at its end, or again that at its start if it fails.
 
     Parameters
@@ -107,8 +107,8 @@ def advance(
     state : State
         Where the step starts.
     dt : float
-        Its length, in what `prescribed` goes by: seconds, or load factor.
-    prescribed : Prescribed
+        Its length, in what the program goes by: seconds, or load factor.
+    program : LoadProgram
         What moves and loads the problem.
     solve : callable
         Finds the unknowns at the end of the step begun, with what is prescribed there already set.
@@ -117,7 +117,7 @@ def advance(
 
     Returns
     -------
-    Advanced
+    StepResult
 
     Examples
     --------
@@ -128,29 +128,29 @@ def advance(
     >>> from ngbrain.mesh import block
     >>> tissue, conditions = {".*": Material(Prony(NeoHooke(1e3), [0.5], [1.0]), 1e5)}, {"bottom": 0, "top": (0, 0, -1e-4)}
     >>> body = Problem(block((0.1, 0.1, 0.1), 0.1), tissue, conditions, element="P2/P1")
-    >>> prescribed, newton = Prescribed(body), newton_for(body)
+    >>> program, newton = LoadProgram(body), newton_for(body)
     >>> def step(state, dt):
-    ...     return advance(body, state, dt, prescribed, lambda: newton.solve(body, body.load(state.x, 1.0))).state
+    ...     return advance(body, state, dt, program, lambda: newton.solve(body, body.load(state.x, 1.0))).state
     >>> pressed = step(body.rest(), 1e-3)
     >>> forces = [body.force("top")[2] for dt in (0.1, 30.0) if step(pressed, dt)]
     >>> bool(forces[0] < forces[1] < 0)
     True
     """
-    prescribed.set(state.t)
+    program.set(state.t)
     problem.set_state(state)
     problem.begin(dt)
-    prescribed.set(state.t + dt)
+    program.set(state.t + dt)
     problem.x, record = solve()
     if not record.converged:
         failure: Breakdown | None = Breakdown(record.reason, record.failure or Failure.STALLED)
     else:
         failure = judge(record) if judge else None
     if failure is not None:
-        prescribed.set(state.t)
+        program.set(state.t)
         problem.set_state(state)
-        return Advanced(state, record, failure)
+        return StepResult(state, record, failure)
     problem.finish()
-    return Advanced(problem.state(state.t + dt), record, None)
+    return StepResult(problem.state(state.t + dt), record, None)
 
 
 def newton_for(problem: Problem, **settings: Any) -> Newton:

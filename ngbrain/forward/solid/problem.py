@@ -17,9 +17,9 @@ from ngbrain.forward.common.regions import boundaries, check_apart, check_region
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
 from ngbrain.forward.contact.friction import Friction, Grip
 from ngbrain.forward.contact.rigid import Contact, Sliding, Touch, surface_rules
-from ngbrain.forward.solid.applied import Applied
+from ngbrain.forward.solid.external_loads import ExternalLoads
 from ngbrain.forward.solid.inertia import Inertia, Momentum
-from ngbrain.forward.solid.stepped import Stepped
+from ngbrain.forward.solid.stateful import Stateful
 from ngbrain.forward.solid.tangent import Tangent
 from ngbrain.forward.solid.tissue import Tissue
 from ngbrain.solvers import linear
@@ -37,7 +37,7 @@ ROUGHLY, AT_MOST = 0.1, 6
 """it has to bring the first residual down to this share in so many iterations."""
 
 
-class Problem(Stepped):
+class Problem(Stateful):
     """A body: energy Σ W(F; history) + U(J) or p(J - 1) - p²/2K, + loads + contacts + inertia; equilibrium where it is stationary.
 
     It has neither time nor loop: steps are made by `advance`, of a `LoadPath` that makes loads grow, or a `TimeStepper`. Its
@@ -135,8 +135,8 @@ class Problem(Stepped):
         self.tissue = Tissue(*parts, solid, materials, self.element, through_time, bonus)
         self.friction = Grip(*parts, [each for each in contacts if isinstance(each, Friction)], solid)
         self.inertia = Momentum(*parts, masses, solid, self.element.order) if masses else None
-        self.applied = Applied(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
-        self.factor = self.applied.factor
+        self.external = ExternalLoads(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
+        self.factor = self.external.factor
         self.gaps = [
             (each.gap(self.u).Compile(), mesh.MapToAllElements(surface_rules(mesh), mesh.Boundaries(each.wall)))
             for each in rigid
@@ -145,7 +145,7 @@ class Problem(Stepped):
         if given is not None:
             self.tool = DrivenTool(given, *parts, self.contacts, self.friction, solid, self.min_gap)
         self.terms = tuple(
-            term for term in (self.tissue, self.applied, self.friction, self.inertia, self.tool) if term is not None
+            term for term in (self.tissue, self.external, self.friction, self.inertia, self.tool) if term is not None
         )
         size = GAP if contacts else RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self._scale = np.where(self._lengths, size, self.modulus)
@@ -311,7 +311,7 @@ class Problem(Stepped):
     @property
     def symmetric(self) -> bool:
         """Whether the tangent is: a pressure that follows has no energy."""
-        return self.applied.symmetric
+        return self.external.symmetric
 
     def with_materials(self, materials: Mapping[str, Material]) -> None:
         """Put other materials in the place of those that are there."""

@@ -12,8 +12,8 @@ from ngbrain.forward.common.loads import CavityVolume, volume
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.contact.friction import Grip
-from ngbrain.forward.solid.applied import Applied
 from ngbrain.forward.solid.discretisation import Discretisation
+from ngbrain.forward.solid.external_loads import ExternalLoads
 from ngbrain.forward.solid.inertia import Momentum
 from ngbrain.forward.solid.tissue import Tissue
 
@@ -26,7 +26,7 @@ class Reactions(Discretisation):
     tissue: Tissue
     friction: Grip
     inertia: Momentum | None
-    applied: Applied
+    external: ExternalLoads
     form: ngs.BilinearForm
     terms: tuple[Term, ...]
     gaps: list[tuple[CoefficientFunction, Array]]
@@ -56,7 +56,7 @@ class Reactions(Discretisation):
 
     def contact_energy(self) -> float:
         """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
-        return float(self.applied.form.Energy(self.gfu.vec))
+        return float(self.external.form.Energy(self.gfu.vec))
 
     def friction_work(self) -> float:
         """What went into friction (J) since the present time step began."""
@@ -106,7 +106,7 @@ class Reactions(Discretisation):
 
     def volume(self, boundary: str) -> float:
         """Volume (m³; in plane strain m²) that a cavity's boundary encloses, as far as the mesh goes."""
-        return volume(self.applied.place(self.u, self.u), self.u, boundary)
+        return volume(self.external.place(self.u, self.u), self.u, boundary)
 
     def cavity_pressures(self) -> list[float]:
         """Pressures (Pa) of the loads that prescribe a volume, in their order."""
@@ -119,9 +119,9 @@ class Reactions(Discretisation):
 
     def _outer_forces(self) -> Array:
         """Of contacts, their friction and loads, one number for each unknown."""
-        if not self.applied.contacts and not self.applied.loads:
+        if not self.external.contacts and not self.external.loads:
             return np.zeros(self.fes.ndof)
-        return self._applied(self.applied.form) + self.friction.forces()
+        return self._applied(self.external.form) + self.friction.forces()
 
     def _stand(self, x: Array) -> None:
         """Go to unknowns x, with all that depends on where they are in a time step."""

@@ -13,7 +13,7 @@ from ngbrain.forward.common.element_choice import COMPRESSIBLE
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
-from ngbrain.forward.solid.advance import LoadHistory, Prescribed, advance, newton_for
+from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics import stability
 from ngbrain.solvers import continuation, linear
@@ -56,7 +56,7 @@ class LoadPath:
             raise InputError("materials", "a relaxing law", "elastic ones, such as its `equilibrium`, or a TimeStepper")
         if problem.inertia is not None:
             raise InputError("loads", "with Inertia", "none for equilibrium, or a TimeStepper")
-        self.problem, self.prescribed = problem, Prescribed(problem, motion, LoadHistory((0.0, 1.0), (0.0, 1.0)))
+        self.problem, self.program = problem, LoadProgram(problem, motion, LoadHistory((0.0, 1.0), (0.0, 1.0)))
         self.residual, self.factorise, self.min_det = problem.residual, problem.factorise, problem.min_det
 
     def solve(
@@ -102,7 +102,8 @@ class LoadPath:
         if not body.contacts:
             check_held(body.supports, body.loads, body.kinematics)
         newton = newton or newton_for(body)
-        body.rest()
+        if start is not None:
+            body.rest()
         signs: list[tuple[float, float]] = []
 
         def tell(t: float, x: np.ndarray) -> None:
@@ -157,20 +158,21 @@ class LoadPath:
 
     def load(self, x: np.ndarray, t: float) -> np.ndarray:
         """Unknowns x with what is prescribed at a load factor, and rigid bodies put where they are there."""
-        return self.prescribed.lifted(x, t)
+        return self.program.lifted(x, t)
 
     def step(
         self, newton: Newton, x: np.ndarray, t: float, goal: float, guess: np.ndarray
     ) -> tuple[np.ndarray, NewtonRecord]:
         """From equilibrium x at a load factor to the one at another."""
         start = State(t, x, self.problem.state(t).internal)
-        made = advance(self.problem, start, goal - t, self.prescribed, lambda: newton.solve(self.problem, guess))
+        made = advance(self.problem, start, goal - t, self.program, lambda: newton.solve(self.problem, guess))
         return made.state.x, made.record
 
     def follow(
         self, newton: Newton, steps: int = 1, tell: Callable[[float, np.ndarray], None] | None = None
     ) -> tuple[np.ndarray, PathRecord]:
         """From rest to load factor 1 as far as it goes; `newton` keeps the last factor, and nothing is raised."""
+        self.problem.rest()
         newton.inverse, newton.largest = None, 0.0
         return continuation.follow(self, newton, np.zeros(len(self.problem.weights)), steps, tell)
 

@@ -13,7 +13,7 @@ from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
 from ngbrain.forward.contact.motion import Motion
-from ngbrain.forward.solid.advance import Advanced, LoadHistory, Prescribed, advance, newton_for
+from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, StepResult, advance, newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve
 from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
@@ -66,17 +66,17 @@ class TimeStepper:
                 "motion", type(motion).__name__, "the GivenForce that is among the problem's contacts, or none in both"
             )
         self.problem, self.motion, self.control = problem, motion, control
-        self.prescribed = Prescribed(problem, motion, loads)
+        self.program = LoadProgram(problem, motion, loads)
         self.penetration_limit = penetration_limit
         self.newton = replace(newton or newton_for(problem), inverse=None, largest=0.0)
         self.progress = Progress(t=0.0 if loads is None else float(loads.times[0]), dt=control.touch)
-        self.events = self.prescribed.events
+        self.events = self.program.events
         self.follow = np.zeros(len(problem.x))
         self.drift = np.zeros(len(problem.x))
         self._begun, self._now, self._wholes = self.progress.t, self.progress.t, 0
         self._factored: list[dict[str, Any]] = []
         x = problem.x
-        self.prescribed.set(self.progress.t)
+        self.program.set(self.progress.t)
         if problem.tool is not None:
             problem.tool.stays(x[-1])
 
@@ -109,7 +109,7 @@ class TimeStepper:
         """Step length from what the control says, landing on touch and events."""
         at = self.progress
         left = self.events[at.event] - at.t
-        dt = self.control.proposed(at, lambda ahead: self.prescribed.travel(at.t, at.t + min(left, ahead)))
+        dt = self.control.proposed(at, lambda ahead: self.program.travel(at.t, at.t + min(left, ahead)))
         if not at.touching:
             dt = self._up_to_touch(dt)
         # Two even steps rather than a long one and a sliver before an event.
@@ -121,23 +121,23 @@ class TimeStepper:
         A rigid body that is asked for a force is there at once.
         """
         at, touch_dt = self.progress, self.control.touch
-        speed = self.prescribed.travel(at.t, at.t + touch_dt) / touch_dt
+        speed = self.program.travel(at.t, at.t + touch_dt) / touch_dt
         if not speed > 0:
             return dt
         way = 0.0 if self.problem.tool is not None else max(self.problem.min_gap(), 0.0)
         return min(dt, way / speed + touch_dt)
 
-    def _attempt(self, start: State, dt: float, tries: int) -> Advanced:
+    def _attempt(self, start: State, dt: float, tries: int) -> StepResult:
         self._now, self._wholes = start.t + dt, 0
 
         def solve() -> tuple[Array, NewtonRecord]:
             return self.newton.solve(self, self._guess(start.x, dt, tries))
 
-        made = advance(self.problem, start, dt, self.prescribed, solve, lambda record: self._judge(start))
+        made = advance(self.problem, start, dt, self.program, solve, lambda record: self._judge(start))
         tool = self.problem.tool
         if made.failure is None and tool is not None and tool.way > tool.given.limit:
             way, force = tool.way, tool.given.force
-            self.prescribed.set(start.t)
+            self.program.set(start.t)
             self.problem.set_state(start)
             raise ContactError(
                 f"a force of {force:.3g} N at t = {start.t + dt:.3f} s takes the blade {1e3 * way:.2f} mm far, beyond the limit of "
@@ -156,18 +156,18 @@ class TimeStepper:
 
     def _guess(self, start: Array, dt: float, tries: int) -> Array:
         """Where a step from some unknowns may end, after so many tries."""
-        at, guess, prescribed, tool = self.progress, start, self.prescribed, self.problem.tool
-        loads = prescribed.factor(at.t) != prescribed.factor(at.t + dt)
+        at, guess, program, tool = self.progress, start, self.program, self.problem.tool
+        loads = program.factor(at.t) != program.factor(at.t + dt)
         if loads:
             start = guess = self._ahead(start, at.t, at.t + dt)
         if tool is not None and not at.touching and tool.given.force:
             return self._landed(start, tool)
         if loads:
             return guess
-        start = guess = prescribed.lifted(start, at.t + dt)
+        start = guess = program.lifted(start, at.t + dt)
         if tries >= FORESEEN:
             return start
-        travel = prescribed.travel(at.t, at.t + dt)
+        travel = program.travel(at.t, at.t + dt)
         if at.touching and travel:
             # The tissue follows the body as it did when it was last pushed, or goes back the same way.
             guess = start + self.follow * travel
@@ -203,7 +203,7 @@ class TimeStepper:
 
     def _ahead(self, start: Array, t: float, end: float) -> Array:
         """Along the tangent of a change of load, where there is one."""
-        lift = self.prescribed.lifted
+        lift = self.program.lifted
         lifted = lift(start, end)
         guess, inverse = lifted, self.newton.inverse
         if inverse is not None and not np.array_equal(lifted, start):
@@ -221,7 +221,7 @@ class TimeStepper:
     def _accept(self, start: Array, dt: float) -> None:
         at = self.progress
         touched = self.problem.min_gap() < 0
-        travel, moved = self.prescribed.travel(at.t, at.t + dt), self.problem.x - start
+        travel, moved = self.program.travel(at.t, at.t + dt), self.problem.x - start
         if touched and travel and (at.touching or at.t == 0):  # a run starts in touch
             self.follow = moved / travel
         if not travel:
@@ -283,13 +283,13 @@ class TimeStepper:
         for make, factor in zip(makes, saved["factors"], strict=False):
             problem.freeze(factor["x"], factor["frozen"])
             self._now = factor["t"]
-            self.prescribed.set(self._now)
+            self.program.set(self._now)
             self.newton.inverse = make(factor["x"])
         self._factored = list(saved["factors"])
         self.progress = Progress(**{**saved["progress"], "work": Work(**saved["progress"]["work"])})
         self.follow, self.drift = np.array(saved["follow"]), np.array(saved["drift"])
         self.newton.largest = saved["largest"]
-        self.prescribed.set(self.progress.t)
+        self.program.set(self.progress.t)
         problem.set_state(State(**saved["state"]))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ngbrain.errors import InputError, gave_up
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
-from ngbrain.forward.solid.advance import Prescribed, advance
+from ngbrain.forward.solid.advance import LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.solvers.newton import Newton
@@ -93,8 +93,8 @@ class Replay:
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
         self.solved = 0
-        self._prescribed = Prescribed(body, motion)
-        self._prescribed.set(0.0)
+        self._program = LoadProgram(body, motion)
+        self._program.set(0.0)
         self.kept: list[Kept] = []
         self._last: list[Step] = []
         self._keeping, self._states, self._known = states, list[Array](), list[Array]()
@@ -156,7 +156,7 @@ class Replay:
             seen(steps[-1])
 
         dt = self.grid[n + 1] - self.grid[n]
-        made = advance(self.body, start, dt, self._prescribed, lambda: self._end(n, start.x, before), look)
+        made = advance(self.body, start, dt, self._program, lambda: self._end(n, start.x, before), look)
         if made.failure is not None:
             said = (
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
@@ -202,7 +202,7 @@ class Replay:
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
-        self._prescribed.set(t)
+        self._program.set(t)
         x, record = self._near.solve(self.body, guess)
         if record.converged:
             self._newton.inverse = self._near.inverse
@@ -214,7 +214,7 @@ class Replay:
         body = self.body
         body.set_state(replace(step.start, x=step.x))
         body.begin(self.grid[step.n + 1] - self.grid[step.n])
-        self._prescribed.set(self.grid[step.n + 1])
+        self._program.set(self.grid[step.n + 1])
         self._flow(step.x)
         return step
 

@@ -272,10 +272,10 @@ class Replayed:
     def _tissue(self, motions: Array) -> Array:
         """K_f z of some motions z, where the body's tangent was just made: what is not contact's."""
         body, found = self.model.body, np.zeros(motions.shape)
-        body.applied.form.AssembleLinearization(body.gfu.vec)
+        body.external.form.AssembleLinearization(body.gfu.vec)
         z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         for i in np.flatnonzero(motions.any(axis=1)):  # displacements have none
             z.FV().NumPy()[:] = motions[i]
-            product.data = body.applied.form.mat * z
+            product.data = body.external.form.mat * z
             found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
         return found

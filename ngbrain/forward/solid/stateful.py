@@ -16,7 +16,7 @@ from ngbrain.forward.solid.reactions import Reactions
 Array = np.ndarray
 
 
-class Stepped(Reactions):
+class Stateful(Reactions):
     """States and steps of a `Problem`: what its terms remember."""
 
     _free: Array

@@ -15,7 +15,7 @@ from ngbrain.forward.common.unknowns import Layout
 from ngbrain.forward.contact.rigid import Touch
 
 
-class Applied(Term):
+class ExternalLoads(Term):
     """Contacts and loads, whose energies and virtual work remember nothing.
 
     factor   load factor (`ngs.Parameter`)
