@@ -87,7 +87,7 @@ class Problem:
 def solve(task: c.Task) -> dict:
     """Undamped Newton in equal load steps; a step's motion enters through its first iteration."""
     problem = Problem(task)
-    form, state = problem.form, problem.x
+    form, state = problem.form, problem.state
     free = problem.X.FreeDofs(True)
     residual, rhs, change, minus = (state.vec.CreateVector() for _ in range(4))
     inverse, newton = None, 0

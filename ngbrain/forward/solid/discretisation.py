@@ -67,7 +67,8 @@ class Discretisation:
         self.fes = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
         self.gfu = ngs.GridFunction(self.fes)
         self._vec = self.gfu.vec.CreateVector()
-        self.u, self.p, self.offset = (getattr(self.layout.fields(self.gfu), name) for name in ("u", "p", "offset"))
+        now = self.layout.fields(self.gfu)
+        self.u, self.p, self.offset = now.u, now.p, now.offset
         check_elements(mesh)
         self.prescribed, self.held = self.supports.coefficients(spaces[0])
         part = np.repeat(np.arange(self.layout.count), [space.ndof for space in spaces])

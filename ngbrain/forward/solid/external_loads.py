@@ -73,6 +73,8 @@ class ExternalLoads(Term):
 
     def _loads(self) -> list[tuple[Load, Any]]:
         """Each load with its part of a form."""
+        if not self.loads:
+            return []
         at, test = (self.layout.fields(of) for of in self.fes.TnT())
         place, cavities = self.place(at.u, test.u), iter(at.cavities)
         found: list[tuple[Load, Any]] = []

@@ -341,6 +341,8 @@ def check_contacts(
     mesh: ngs.Mesh, conditions: Mapping[str, Support], contacts: Sequence[Touch | Friction | GivenForce]
 ) -> None:
     """Refuse walls that are held, walls that slide and meet a rigid body, and more than one given force."""
+    if not contacts:
+        return
     rigid = [each for each in contacts if isinstance(each, Contact)]
     held = {p for p, components in Supports(mesh, conditions).held.items() if len(components) == mesh.dim}
     walls = [each.wall for each in contacts if not isinstance(each, GivenForce)]

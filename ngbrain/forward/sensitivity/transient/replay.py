@@ -149,20 +149,26 @@ class Replay:
         return Kept(steps[-1].n + 1, state, before)
 
     def _step(self, n: int, start: State, before: Array, steps: list[Step], seen: Callable[[Step], None]) -> State:
+        end = np.empty(0)
+
+        def solve() -> tuple[Array, NewtonRecord]:
+            nonlocal end
+            end, record = self._end(n, start.x, before)
+            return end, record
+
         def look(record: NewtonRecord) -> None:
-            x = self.body.x
-            self._flow(x)
-            steps.append(Step(n, start, x))
+            self._flow(end)
+            steps.append(Step(n, start, end))
             seen(steps[-1])
 
         dt = self.grid[n + 1] - self.grid[n]
-        made = advance(self.body, start, dt, self._program, lambda: self._end(n, start.x, before), look)
+        made = advance(self.body, start, dt, self._program, solve, look)
         if made.failure is not None:
             said = (
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
             raise gave_up(said, made.failure.kind, made.record)
-        return replace(made.state, t=self.grid[n + 1])
+        return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step from x: known, or solved for."""
