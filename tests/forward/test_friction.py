@@ -11,6 +11,7 @@ from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 
@@ -65,6 +66,24 @@ def test_no_friction_is_what_there_was():
         ends.append(body.x)
         assert body.friction_work() == body.friction_driving() == 0
     assert np.array_equal(*ends)
+
+
+def test_a_load_path_remembers_its_slip_as_time_does():
+    """A plate that presses, goes along and comes back rubs against its way back: what it slid on the way there stays slid."""
+    path = ((0, 0.25, 0.5, 1.0), (0, 5e-4, 5e-4, 5e-4), (0, 0, 1e-3, 0))
+    found = []
+    for drive in ("load path", "time"):
+        drag = Drag(*path)
+        contact = drag.contact(1e6, 0.5)
+        cube, contacts = block((0.02,) * 3, 0.02), [contact, drag.friction(contact, 0.2, 2e-5)]
+        body = Problem(cube, SOFT, {"bottom": 0}, contacts=contacts, element="P2/P1")
+        if drive == "time":
+            transient(body, drag, 1 / 16).run(lambda *_: None)
+        else:
+            LoadPath(body, drag).solve(steps=16)
+        found.append(body.force("bottom"))
+    assert found[0] == pytest.approx(found[1], rel=2e-3, abs=2e-3 * abs(found[1][2]))
+    assert found[0][0] > 0.15 * found[0][2] > 0
 
 
 MASS = (Inertia(1000.0, GeneralizedAlpha(0.0)),)

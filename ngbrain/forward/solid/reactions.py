@@ -125,7 +125,9 @@ class Reactions(Discretisation):
 
     def _stand(self, x: Array) -> None:
         """Go to unknowns x, with all that depends on where they are in a time step."""
-        raise NotImplementedError
+        self.x = x
+        for term in self.terms:
+            term.stand()
 
     @cached_property
     def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:

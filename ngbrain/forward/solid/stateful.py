@@ -51,11 +51,6 @@ class Stateful(Reactions):
         for term in self.terms:
             term.finish()
 
-    def _stand(self, x: Array) -> None:
-        self.x = x
-        for term in self.terms:
-            term.stand()
-
     def halving(self, before: Array) -> tuple[float, float]:
         """By how much (Pa) the overstress at the end of the step from `before` would change in two half steps, and its size.
 
