@@ -18,7 +18,7 @@ MISSING = "not measured: no GPU was at hand"
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Draw what was measured, failures as crosses; on a reference device nothing counts as measured."""
+    """Draw what was measured, failures (ended after 20 s, or a residual over 1e-8) as crosses; on a reference device nothing counts as measured."""
     plt, made, axes = figure(11, 10, 3, 2)
     rows = [r | {"method": r["method"].rpartition(": ")[2]} for r in records]
     bandwidth = max(
@@ -41,6 +41,11 @@ def counts(record: Record) -> bool:
     return not record["method"].endswith("device") or record["device"] != "host"
 
 
+def seconds(record: Record) -> float:
+    """To set up and solve; the cap where a method was ended."""
+    return float(record["setup_s"] + record["solve_s"]) if "solve_s" in record else 20.0
+
+
 def colour(method: str, spare: list[str]) -> str:
     """Fixed for devices, in turn for the processor."""
     return COLOURS.get(method) or spare.pop(0)
@@ -58,19 +63,19 @@ def solving(axis: object, problem: str, rows: list[Record], bandwidth: float | N
         shade = colour(method, spare)
         axis.loglog(
             [r["ndof"] for r in good],
-            [r["setup_s"] + r["solve_s"] for r in good],
+            [seconds(r) for r in good],
             "o-",
             color=shade,
             label=method,
             ms=4,
         )
-        axis.plot([r["ndof"] for r in failed], [20] * len(failed), "x", color=shade)
+        axis.plot([r["ndof"] for r in failed], [seconds(r) for r in failed], "x", color=shade)
         if bandwidth and method in ("cg, device", "minres, device", "tfqmr, device"):
             limit = [r["iterations"] * 12 * r["entries"] / bandwidth for r in good]
             axis.plot([r["ndof"] for r in good], limit, ":", color=shade, label="limit of the memory's bandwidth")
-    axis.set(title=problem, xlabel="unknowns", ylabel="seconds to set up and solve")
+    axis.set(title=problem, xlabel="thousand unknowns", ylabel="seconds to set up and solve")
     sizes = sorted({r["ndof"] for r in rows if r["ndof"]})
-    axis.set_xticks(sizes, [f"{size / 1000:.0f} 000" for size in sizes])
+    axis.set_xticks(sizes, [f"{size / 1000:.0f}" for size in sizes])
     axis.minorticks_off()
     absent(axis, [r for r in rows if r["method"].endswith("device") and counts(r) and not r.get("missing")])
 

@@ -199,7 +199,7 @@ def _try(device: Device) -> None:
 CPU = Device("cpu", partial(OnProcessor, kind="sparsecholesky"))
 PIVOTED = Device("cpu, with pivots", partial(OnProcessor, kind="umfpack"))
 """Where a factor that chooses no pivots, or few, leaves too much."""
-CROSSING = 23_000
-"""Complex unknowns from which on a GPU (H100) factorises and solves waves faster than 16 threads: `benchmarks/gpu.py`."""
+CROSSING = 21_000
+"""Complex unknowns from which on a GPU (H200) factorises and solves waves faster than 16 threads: `benchmarks/gpu.py`."""
 AUTO = Device("auto", CPU.make)
 DEVICES = {"auto": AUTO, "cpu": CPU, "cuda": Device("cuda", OnGpu), "ngsolve": Device("ngsolve", OnNgsolve)}
