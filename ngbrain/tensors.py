@@ -6,6 +6,7 @@ Symbols: F deformation gradient, C = FᵀF, J = det F, C̄ = J^(-2/3) C (isochor
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import ngsolve as ngs
 import numpy as np
@@ -14,6 +15,22 @@ from ngsolve import CoefficientFunction
 # Added under the root of |dev C|²/6: large enough that derivatives stay finite at equal stretches, small enough not to
 # show in residual and tangent; much smaller, and the tangent there is wrong.
 EQUAL_STRETCH_GUARD = 1e-12
+
+
+def tensor(*entries: CoefficientFunction | float) -> CoefficientFunction:
+    """3×3 tensor of nine entries by rows, or a vector of fewer: numbers and scalar functions.
+
+    >>> tensor(1, 0, 0, 0, 1, 0, 0, 0, ngs.x).dims
+    (3, 3)
+    """
+    made = tuple(each if isinstance(each, CoefficientFunction) else constant(float(each)) for each in entries)
+    return ngs.CF(made, dims=(3, 3)) if len(made) == 9 else ngs.CF(made)
+
+
+@lru_cache(maxsize=64)
+def constant(value: float) -> CoefficientFunction:
+    """A number as a function, made once: in a tuple of others NGSolve takes .1 ms to make it, longer than for all the rest."""
+    return ngs.CF(value)
 
 
 def deformation_gradient(u: CoefficientFunction) -> CoefficientFunction:

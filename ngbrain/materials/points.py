@@ -12,6 +12,7 @@ from ngsolve import CoefficientFunction
 from ngsolve.meshes import Make1DMesh
 
 from ngbrain.materials.base import Deformation, Law, Value, density
+from ngbrain.tensors import tensor
 
 EVERYWHERE = slice(None)
 AT_ONCE = 16
@@ -125,7 +126,7 @@ def varies(law: Law) -> bool:
 def _sheared() -> tuple[CoefficientFunction, CoefficientFunction]:
     """F of simple shear, and the shear, which is nothing."""
     shear = ngs.CF(0.0).MakeVariable()
-    return ngs.CF((1, shear, 0, 0, 1, 0, 0, 0, 1), dims=(3, 3)), shear
+    return tensor(1, shear, 0, 0, 1, 0, 0, 0, 1), shear
 
 
 def isotropic(law: Law) -> bool:

@@ -9,6 +9,7 @@ import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
+from ngbrain.tensors import tensor
 
 AXIS = 1e-12
 """Distance (m) up to which a point is on the axis."""
@@ -82,7 +83,7 @@ class AntiPlane(Solid):
 
     def gradient(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """F with F₃₁ = ∂u/∂x and F₃₂ = ∂u/∂y."""
-        return ngs.CF((1, 0, 0, 0, 1, 0, grad[0], grad[1], 1), dims=(3, 3))
+        return tensor(1, 0, 0, 0, 1, 0, grad[0], grad[1], 1)
 
     def position(self, u: CoefficientFunction) -> CoefficientFunction:
         """In the mesh's coordinates nothing moves."""
@@ -95,11 +96,11 @@ def _around(u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFun
 
 
 def _in_plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:
-    return ngs.CF((grad[0, 0], grad[0, 1], 0, grad[1, 0], grad[1, 1], 0, 0, 0, third), dims=(3, 3))
+    return tensor(grad[0, 0], grad[0, 1], 0, grad[1, 0], grad[1, 1], 0, 0, 0, third)
 
 
 def _plane(grad: CoefficientFunction, third: CoefficientFunction | float) -> CoefficientFunction:
-    return ngs.CF((1 + grad[0, 0], grad[0, 1], 0, grad[1, 0], 1 + grad[1, 1], 0, 0, 0, 1 + third), dims=(3, 3))
+    return tensor(1 + grad[0, 0], grad[0, 1], 0, grad[1, 0], 1 + grad[1, 1], 0, 0, 0, 1 + third)
 
 
 def kinematics_of(mesh: ngs.Mesh, asked: Solid | None) -> Solid:

@@ -17,6 +17,7 @@ from ngbrain.forward.common.boundaries import check_closed, outward
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.penalty import soft_penalty
 from ngbrain.materials.base import Value
+from ngbrain.tensors import tensor
 
 Vector: TypeAlias = tuple[Value, ...] | CoefficientFunction
 Terms: TypeAlias = ngs.comp.SumOfIntegrals
@@ -232,4 +233,4 @@ def _rules(shapes: tuple[ngs.ET, ...], order: int) -> dict[ngs.ET, ngs.Integrati
 
 
 def _vector(value: Vector) -> CoefficientFunction:
-    return value if isinstance(value, CoefficientFunction) else ngs.CF(tuple(value))
+    return value if isinstance(value, CoefficientFunction) else tensor(*value)

@@ -33,6 +33,7 @@ class ExternalLoads(Term):
         self.fes, self.layout, self.kinematics, self.order = fes, layout, kinematics, order
         self.loads, self.contacts = tuple(loads), tuple(contacts)
         self.factor = ngs.Parameter(0.0)
+        self._parts = self._of_loads()
         # Pairs of walls that close have to live as long as the form that they are in.
         self._pairs = WeakKeyDictionary[ngs.BilinearForm, list[object]]()
         self.form = ngs.BilinearForm(fes, symmetric=self.symmetric)
@@ -49,7 +50,7 @@ class ExternalLoads(Term):
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add all to a form of the problem's."""
-        for _, part in self._loads():
+        for _, part in self._parts:
             form += part
         for contact in self.contacts:
             self._add(form, contact)
@@ -57,7 +58,7 @@ class ExternalLoads(Term):
     def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with the boundary that it acts on; None of a load on none."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
-        for load, part in self._loads():
+        for load, part in self._parts:
             form = ngs.BilinearForm(self.fes)
             form += part
             found.append((getattr(load, "boundary", None), form))
@@ -71,7 +72,7 @@ class ExternalLoads(Term):
         pairs = contact.join(form, self.layout.fields(self.fes.TrialFunction()), self.kinematics)
         self._pairs.setdefault(form, []).append(pairs)
 
-    def _loads(self) -> list[tuple[Load, Any]]:
+    def _of_loads(self) -> list[tuple[Load, Any]]:
         """Each load with its part of a form."""
         if not self.loads:
             return []
