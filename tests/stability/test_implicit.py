@@ -244,12 +244,13 @@ def test_ours_crosses_it(start, truth, touches):
 @pytest.mark.slow
 @pytest.mark.parametrize("optimiser", OPTIMISERS, ids=lambda o: o.__name__)
 def test_ours_crosses_it_from_a_fifth(optimiser):
-    """Where trials fail, too."""
+    """Where trials fail, too; bounded steps go nowhere near the moduli with which they would."""
     model, _ = below_a_plate()
     reduced, counted = problem(model, model.at([3e3]).data, 600.0)
     found = optimiser(reduced, reduced.unknowns.start, Given())
     print(optimiser.__name__, np.exp(found.x), counted.failed)
-    assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4) and (counted.failed or optimiser is newton_cg)
+    assert np.exp(found.x) == pytest.approx([3e3], rel=1e-4)
+    assert bool(counted.failed) == (optimiser in (bfgs, l_bfgs))
 
 
 def test_an_absurd_step_leaves_nothing_behind():
