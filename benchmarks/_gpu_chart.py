@@ -18,7 +18,10 @@ MISSING = "not measured: no GPU was at hand"
 
 
 def chart(records: list[Record], png: str) -> None:
-    """Draw what was measured, failures (ended after 20 s, or a residual over 1e-8) as crosses; on a reference device nothing counts as measured."""
+    """Draw what was measured, failures (ended after 20 s, or a residual over 1e-8) as crosses.
+
+    On a reference device nothing counts as measured.
+    """
     plt, made, axes = figure(11, 10, 3, 2)
     rows = [r | {"method": r["method"].rpartition(": ")[2]} for r in records]
     bandwidth = max(

@@ -12,7 +12,7 @@ from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.loads import Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements
+from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.reference_shape import Positions
 from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
 from ngbrain.forward.solid.problem import Problem

@@ -29,8 +29,8 @@ from _front import figure
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.forward.common.material import Material
+from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
-from ngbrain.forward.sensitivity.observations import Displacements
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import LinearElastic, NeoHooke

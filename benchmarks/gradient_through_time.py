@@ -24,7 +24,7 @@ from _front import figure
 
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import Replayed, RunModel
 from ngbrain.forward.sensitivity.transient.step import Parameter
 from ngbrain.forward.solid.problem import Problem
@@ -86,9 +86,9 @@ def pressed(
     """The model: the plate's force and displacements of `POINTS` are seen at the end of every step."""
     drive = Drive(PRESS)
     plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
-    readings = [Force("top"), Displacements(POINTS)]
+    observables = [Force("top", (0, 0, 1)), Displacements(POINTS)]
     return RunModel(
-        Problem(mesh, materials, {"bottom": 0}, contacts=[plate], element="P2/P1"), drive, times, p, readings, **how
+        Problem(mesh, materials, {"bottom": 0}, contacts=[plate], element="P2/P1"), drive, times, p, observables, **how
     )
 
 

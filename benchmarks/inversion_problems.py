@@ -38,7 +38,7 @@ from _hanging import NOISE, SIDE, Hanging, meshed, rms
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found

@@ -32,7 +32,7 @@ from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 from ngbrain.errors import NgbrainError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact, Sliding
-from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
@@ -137,8 +137,8 @@ def model(problem: Case, values: Numbers, grid: Grid) -> RunModel:
     films = [Sliding.on(mesh, wall, FILM) for wall in ("left", "front")]
     materials = {name: Material(law, BULK) for name, law in tissues.items()}
     body = Problem(mesh, materials, {"bottom": 0}, contacts=[plate, *films], element=f"P{grid.order}/P{grid.order - 1}")
-    readings = [Force("top")] if problem.whole else [Force("top"), Displacements(POINTS)]
-    return RunModel(body, drive, np.concatenate([[0.0], grid.times]), p, readings, problem.seen)
+    observables = [Force("top", (0, 0, 1))] if problem.whole else [Force("top", (0, 0, 1)), Displacements(POINTS)]
+    return RunModel(body, drive, np.concatenate([[0.0], grid.times]), p, observables, problem.seen)
 
 
 class Counts:

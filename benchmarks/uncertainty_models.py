@@ -29,8 +29,7 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.sensitivity.observations import Displacements, Force
-from ngbrain.forward.sensitivity.readings import Force as Pressed
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -80,7 +79,9 @@ def relaxing() -> tuple[RunModel, dict[str, Unknown]]:
     plate = Contact("top", lambda x: side - drive.parameter - x[2], 1e8, 2e-5)
     body = Problem(block((side,) * 3, side), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
     times = np.concatenate([np.linspace(0, 4, 6), 4 + np.geomspace(0.5, 36, 9)])
-    return RunModel(body, drive, times, p, [Pressed("top")]), {name: Unknown(q.Get(), Log()) for name, q in p.items()}
+    return RunModel(body, drive, times, p, [Force("top", (0, 0, 1))]), {
+        name: Unknown(q.Get(), Log()) for name, q in p.items()
+    }
 
 
 CASES: dict[str, Callable[[], tuple[Model, dict[str, Unknown]]]] = {"large strain": large_strain, "relaxing": relaxing}

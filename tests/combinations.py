@@ -20,7 +20,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
-from ngbrain.forward.sensitivity.readings import Force
+from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem

@@ -9,7 +9,7 @@ from statics import square
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force, Functional
+from ngbrain.forward.observables import Displacements, Force, Functional
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem

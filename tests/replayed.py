@@ -9,7 +9,7 @@ from netgen.occ import Box, Glue, OCCGeometry, Z
 from ngbrain.forward.common.loads import Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact, Sliding
-from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Prony, Viscous
@@ -20,7 +20,11 @@ SIDE = 0.02
 GRID = (0.0, 1.0, 2.5, 4.0, 9.0, 40.0)
 HOLD = Protocol("hold", (0.0, 4.0, 40.0), (0.0, 2e-3, 2e-3))
 LIFT = Protocol("lift", (0.0, 2.5, 4.0, 40.0), (0.0, 2e-3, -1e-3, -1e-3))
-SEEN = (Force("top"), Force("bottom", (1.0, 0.0, 1.0)), Displacements([[0.013, 0.01, 0.015], [0.005, 0.01, 0.01]]))
+SEEN = (
+    Force("top", (0, 0, 1)),
+    Force("bottom", (1.0, 0.0, 1.0)),
+    Displacements([[0.013, 0.01, 0.015], [0.005, 0.01, 0.01]]),
+)
 
 
 @cache

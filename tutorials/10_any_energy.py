@@ -23,8 +23,7 @@ import ngbrain
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.sensitivity.observations import Displacements, Force
-from ngbrain.forward.sensitivity.readings import Force as ForceOverTime
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -208,7 +207,7 @@ def relaxing(values):
         contacts=[plate],
         element="P2/P1",
     )
-    return RunModel(body, drive, [0.0, *times], parameters, [ForceOverTime("top")])
+    return RunModel(body, drive, [0.0, *times], parameters, [Force("top", (0, 0, 1))])
 
 
 curve = (run := relaxing(relaxes)).at(run.theta).data

@@ -18,7 +18,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Force
+from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -157,7 +157,7 @@ class Blocks(CurveFit):
             raise InputError("law", "a relaxing one", "an elastic one")
         material = Material(self.law(**self.parameters), self._plates._bulk(law))
         tests = [self._plates._tests(curve.mode, curve.stretches, material) for curve in self.curves]
-        seen = [Force("top", (MOTIONS[curve.mode],)) for curve in self.curves]
+        seen = [Force("top", motions=(MOTIONS[curve.mode],)) for curve in self.curves]
         cases = [Case(body, [force]) for (bodies, _), force in zip(tests, seen, strict=True) for body in bodies]
         self.model = StaticModel(cases, self.parameters)
         self._matrices = [matrix for _, matrix in tests]

@@ -75,7 +75,7 @@ def recover(
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.sensitivity.static_model import Case
     >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.sensitivity.observations import Force
+    >>> from ngbrain.forward.observables import Force
     >>> from ngbrain.forward.solid.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block

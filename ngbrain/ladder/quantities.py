@@ -8,7 +8,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
+from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.scene.loading import Ask
 
@@ -65,61 +66,37 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
     return body.load(body.x, factor)
 
 
+def observable(ask: Ask, state: State) -> Observable:
+    """What a question asks of a body: without the load factor, and for a metre of a section."""
+    if ask.quantity == "force":
+        return Force(ask.boundary, along(ask.unit, state.plane))
+    if ask.quantity == "displacement":
+        point_in(state.body.mesh, ask, state.plane)
+        return Displacements([along(ask.point or (0.0, 0.0, 0.0), state.plane)], along(ask.unit, state.plane))
+    near = None if ask.within is None else along(ask.point or (), state.plane)
+    measure = "small" if state.linear else "Green-Lagrange"
+    return StrainPercentile(ask.percentile, ask.region, near, ask.within, BAND, measure, 1 / state.factor)
+
+
 def answer(ask: Ask, state: State) -> float:
     """The number that is asked for, in SI units."""
     state.stand()
-    if ask.quantity == "force":
-        return _force(ask, state)
-    return _displacement(ask, state) if ask.quantity == "displacement" else _strain(ask, state)
+    observed = observable(ask, state).on(state.body)
+    return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(ask, state)
 
 
 def slope(ask: Ask, state: State) -> Array:
-    """How the number changes with the free unknowns of a linear body at rest (ndof,).
-
-    Of a percentile: the mean over elements whose strains are within `BAND` of its place, along their largest strains.
-    """
-    by = {"force": _of_force, "displacement": _of_displacement, "strain": _of_strain}[ask.quantity]
+    """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
     state.stand()
-    return np.where(state.body.weights > 0, by(ask, state), 0.0) / state.factor
+    gradient = observable(ask, state).gradient(state.body) * _times(ask, state)
+    return np.where(state.body.weights > 0, gradient, 0.0)
 
 
-def _of_force(ask: Ask, state: State) -> Array:
-    """The stiffness times a motion of the boundary, a difference quotient."""
-    body, field = state.body, ngs.GridFunction(state.body.u.space)
-    field.Set(ngs.CF(along(ask.unit, state.plane)), definedon=body.mesh.Boundaries(ask.boundary), dual=True)
-    h = float(np.abs(state.x[body.is_u]).max()) or 1.0
-    moved = state.x.copy()
-    moved[body.is_u] += h * field.vec.FV().NumPy() * body.reaction_shares(ask.boundary)
-    return (body.residual(moved)[0] - body.residual(state.x)[0]) * state.thickness / h
-
-
-def _of_displacement(ask: Ask, state: State) -> Array:
-    body, found = state.body, np.zeros(state.body.fes.ndof)
-    point = np.array([along(ask.point or (0.0, 0.0, 0.0), state.plane)])
-    row = evaluation(ngs.H1(body.mesh, order=body.element.order), point).toarray()[0]
-    found[body.is_u] = np.concatenate([way * row for way in along(ask.unit, state.plane)])
-    return found
-
-
-def _of_strain(ask: Ask, state: State) -> Array:
-    body, dim = state.body, state.body.mesh.dim
-    sizes = ngs.Integrate(_within(body.mesh, ask), body.mesh, element_wise=True).NumPy()
-    strain, mean = ngs.Sym(ngs.Grad(body.u)), ngs.GridFunction(ngs.MatrixValued(ngs.L2(body.mesh, order=0), dim))
-    mean.Set(strain)
-    values, ways = np.linalg.eigh(mean.vec.FV().NumPy().reshape(dim, dim, -1).transpose(2, 0, 1))
-    order = np.argsort(values[:, -1])
-    place = np.empty(len(order))
-    place[order] = (np.cumsum(sizes[order]) - sizes[order] / 2) / sizes.sum()
-    away = np.where(sizes > 0, np.abs(place - ask.percentile / 100), np.inf)
-    there = sizes * (away <= max(BAND, away.min()))
-    volumes = ngs.Integrate(ngs.CF(1), body.mesh, element_wise=True).NumPy()
-    weight = ngs.GridFunction(mean.space)
-    weight.vec.FV().NumPy()[:] = np.einsum("k,ki,kj->ijk", there / there.sum() / volumes, *2 * [ways[:, :, -1]]).ravel()
-    test = body.fes.TestFunction()
-    form = ngs.LinearForm(body.fes)
-    form += ngs.InnerProduct(weight, ngs.Grad(test if body.p is None else test[0])) * ngs.dx
-    form.Assemble()
-    return np.asarray(form.vec.FV().NumPy().copy())
+def _times(ask: Ask, state: State) -> float:
+    """What an observable is multiplied by: a percentile has the load factor in it."""
+    if ask.quantity == "strain":
+        return 1.0
+    return (state.thickness if ask.quantity == "force" else 1.0) / state.factor
 
 
 def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
@@ -155,18 +132,6 @@ def scale_of(ask: Ask, state: State) -> float:
     return largest * state.thickness / state.factor
 
 
-def _force(ask: Ask, state: State) -> float:
-    body = state.body
-    way = ngs.CF(along(ask.unit, state.plane))
-    return float(body.conjugate(way, ask.boundary)) * state.thickness / state.factor
-
-
-def _displacement(ask: Ask, state: State) -> float:
-    return float(
-        np.dot(state.displacement()(point_in(state.body.mesh, ask, state.plane)), along(ask.unit, state.plane))
-    )
-
-
 def point_in(mesh: ngs.Mesh, ask: Ask, plane: bool) -> ngs.MeshPoint:
     """The question's point; `InputError` for one outside."""
     found = mesh(*along(ask.point or (0.0, 0.0, 0.0), plane))
@@ -189,19 +154,6 @@ def percentile(measured: Measured, percent: float) -> float:
     weights = measured.weights[order]
     share = np.cumsum(weights)
     return float(np.interp(percent / 100 * share[-1], share - weights / 2, measured.values[order]))
-
-
-def _strain(ask: Ask, state: State) -> float:
-    """Of the largest principal strain."""
-    body = state.body
-    points, weights = within(body.mesh, ask)
-    F = body.kinematics.gradient(state.displacement(), ngs.Grad(body.u) / state.factor)
-    gradient = np.array(F.Compile()(points)).reshape(-1, 3, 3)
-    if state.linear:
-        strain = (gradient + gradient.transpose(0, 2, 1)) / 2 - np.eye(3)
-    else:
-        strain = (gradient.transpose(0, 2, 1) @ gradient - np.eye(3)) / 2
-    return percentile(Measured(np.linalg.eigvalsh(strain)[:, -1], weights), ask.percentile)
 
 
 def within(mesh: ngs.Mesh, ask: Ask) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ import numpy as np
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import inside
-from ngbrain.forward.sensitivity.readings import Displacements, Force, Reading
+from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.band import LEVEL, Band
@@ -93,10 +93,10 @@ class Retracted:
         run = model.run(program, materials=model.scaled(self.factors))
         self.grid = times_of(model.run(program)) if grid is None else grid
         x, y, z = (float(c) for c in model.cleft.across)
-        readings: list[Reading] = [Displacements(landmarks)] if len(landmarks) else []
-        readings.append(Force(WALLS[0], (x, y, z)))
+        observables: list[Observable] = [Displacements(landmarks)] if len(landmarks) else []
+        observables.append(Force(WALLS[0], (x, y, z)))
         assert run.motion is not None  # a blade moves
-        self.run = RunModel(run.problem, run.motion, self.grid, self.factors, readings, times)
+        self.run = RunModel(run.problem, run.motion, self.grid, self.factors, observables, times)
 
 
 @reporting()

@@ -8,7 +8,7 @@ from statics import square
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt

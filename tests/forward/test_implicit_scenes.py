@@ -13,7 +13,7 @@ from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityPressure, CavityVolume, Pressure, RigidBody, Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_equilibrium import Equilibrium
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, Held, Nodes, StaticModel
 from ngbrain.forward.solid.problem import Problem
@@ -169,7 +169,7 @@ def test_observations_are_what_they_say():
     J = ngs.Det(body.kinematics.gradient(body.u, ngs.Grad(body.u)))
     wanted = ngs.Integrate((J - 1) ** 2 * ngs.InnerProduct(body.u, body.u), body.mesh, order=4)
     assert swelling == pytest.approx([wanted], rel=1e-3)
-    twist = Force("top", [ngs.CF((-ngs.y, ngs.x))])
+    twist = Force("top", motions=[ngs.CF((-ngs.y, ngs.x))])
     mine = StaticModel([Case(body, [twist])], {"none": number(0.0)})
     assert mine.at(mine.theta).data == pytest.approx([body.conjugate(ngs.CF((-ngs.y, ngs.x)), "top")])
 

@@ -9,7 +9,7 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.reference_shape import Positions
 from ngbrain.forward.sensitivity.static_model import Case, Nodes, StaticModel
 from ngbrain.forward.solid.problem import Problem

@@ -7,7 +7,7 @@ import pytest
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.loads import Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.readings import Displacements
+from ngbrain.forward.observables import Displacements
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem

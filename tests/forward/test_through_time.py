@@ -9,7 +9,8 @@ from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Closing
-from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
+from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import Nodes
 from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
 from ngbrain.forward.sensitivity.transient import run_model as through_time
@@ -17,7 +18,7 @@ from ngbrain.forward.sensitivity.transient import step as step_forms
 from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
 from ngbrain.forward.sensitivity.transient import tangents
 from ngbrain.forward.sensitivity.transient.replay import Replay, times_of
-from ngbrain.forward.sensitivity.transient.run_model import Replayed, RunModel
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.sensitivity.transient.step import StepForms
 from ngbrain.forward.sensitivity.transient.step_turned import Shifted
 from ngbrain.forward.sensitivity.transient.tangents import FEW, MOST, Tangents
@@ -83,13 +84,12 @@ def test_data_are_those_of_the_stepping_that_was_recorded():
 
     body, drive, _ = made()
     transient = TimeStepper(body, drive, StepControl(1.0, dt_max=10), 1e-3)
-    (_, Z), rows = Force("top").on(body), []
-    z = Z.toarray()[0, body.is_u]
+    seen, rows = Force("top", (0, 0, 1)).on(body), []
     step = transient.step
-    transient.step = lambda: (step(), rows.append(z @ body.tissue_forces()))[0]
+    transient.step = lambda: (step(), rows.append(seen.value()[0]))[0]
     grid = times_of(transient)
     body, drive, parameters = made()
-    of = RunModel(body, drive, grid, parameters, [Force("top")])
+    of = RunModel(body, drive, grid, parameters, [Force("top", (0, 0, 1))])
     assert of.at(of.theta).data[:, 0] == pytest.approx(np.array(rows), rel=1e-5, abs=1e-9)
     assert len(rows) == len(grid) - 1 > 8
 
@@ -306,20 +306,20 @@ def test_bad_input():
     drive = Drive(protocol)
     body = Problem(mesh, materials, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
     with pytest.raises(InputError, match="grid"):
-        RunModel(body, drive, [0.5, 1.0], parameters, [Force("top")], times=[1.0])
+        RunModel(body, drive, [0.5, 1.0], parameters, [Force("top", (0, 0, 1))], times=[1.0])
     with pytest.raises(InputError, match="times"):
-        RunModel(body, drive, GRID, parameters, [Force("top")], times=[50.0])
+        RunModel(body, drive, GRID, parameters, [Force("top", (0, 0, 1))], times=[50.0])
     with pytest.raises(InputError, match="every"):
-        RunModel(body, drive, GRID, parameters, [Force("top")], every=-1)
+        RunModel(body, drive, GRID, parameters, [Force("top", (0, 0, 1))], every=-1)
     with pytest.raises(InputError, match=r"parameters\.mu"):
-        RunModel(body, drive, GRID, {"mu": 3.0}, [Force("top")])
+        RunModel(body, drive, GRID, {"mu": 3.0}, [Force("top", (0, 0, 1))])
     with pytest.raises(InputError, match="direction"):
         RunModel(body, drive, GRID, parameters, [Force("top", (0.0, 0.0, 0.0))])
     with pytest.raises(InputError, match="boundary"):
         RunModel(body, drive, GRID, parameters, [Force("lid")])
     with pytest.raises(InputError, match="outside"):
         RunModel(body, drive, GRID, parameters, [Displacements([[1.0, 0.0, 0.0]])])
-    of = RunModel(body, drive, GRID, parameters, [Force("top")])
+    of = RunModel(body, drive, GRID, parameters, [Force("top", (0, 0, 1))])
     with pytest.raises(InputError, match="theta"):
         of.at(np.ones(2))
     with pytest.raises(ConvergenceError, match="a step too far"):
@@ -352,8 +352,8 @@ def forwards(patch):
 
 
 def force_of_nothing(patch):
-    """A force's own change with the state forgotten."""
-    patch.setattr(Replayed, "_tissue", lambda self, motion: 0 * motion)
+    """What presses on a boundary itself counted as a part of the body."""
+    patch.setattr(Reaction, "own_stiffness", lambda self, motion: 0 * motion)
 
 
 def stale_factor(patch):
@@ -442,7 +442,7 @@ def test_a_law_of_a_parameters_gradient_is_refused():
 
 def test_nothing_that_is_seen_and_weights_of_another_shape_are_refused():
     of = model(grid=GRID[:3])
-    with pytest.raises(InputError, match="readings is none"):
+    with pytest.raises(InputError, match="observables is none"):
         RunModel(of.body, of.replay.motion, GRID, of.parameters, [])
     there = of.at(of.theta)
     with pytest.raises(InputError, match=r"w is of shape \(2,\)"):

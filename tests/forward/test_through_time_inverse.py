@@ -7,7 +7,7 @@ from replayed import HOLD, SIDE, plate, two_layers
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.readings import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
@@ -36,7 +36,7 @@ def pressed(values, grid=TIMES, law=None, times=TIMES):
         contacts=[plate(drive)],
         element="P2/P1",
     )
-    return RunModel(body, drive, np.concatenate([[0.0], grid]), p, [Force("top")], times)
+    return RunModel(body, drive, np.concatenate([[0.0], grid]), p, [Force("top", (0, 0, 1))], times)
 
 
 def inverted(model, measured, sigma, starts, transforms, search=levenberg_marquardt):
@@ -94,7 +94,7 @@ def test_moduli_of_two_regions_from_landmarks_and_force(search, rng):
         drive = Drive(HOLD)
         tissues = {name: Material(Prony(NeoHooke(mu), [0.5], [5.0]), 1e6) for name, mu in p.items()}
         landmarks = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
-        seen = [Displacements(landmarks), Force("top")]
+        seen = [Displacements(landmarks), Force("top", (0, 0, 1))]
         body = Problem(two_layers(), tissues, {"bottom": 0}, contacts=[plate(drive)], element="P2/P1")
         return RunModel(body, drive, [0.0, 1.0, 2.5, 4.0, 9.0, 40.0], p, seen, times=[4.0, 40.0])
 

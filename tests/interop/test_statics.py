@@ -11,7 +11,7 @@ from ngbrain.adjoint.check import taylor
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Force
+from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.interop import jax as to_jax

@@ -10,7 +10,7 @@ from statics import square
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.parameters import Log, Scaled, Unknown

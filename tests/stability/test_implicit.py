@@ -11,8 +11,8 @@ from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.common.loads import Traction, Weight
 from ngbrain.forward.common.material import Material
+from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity import tangent_inverse as implicit_solve
-from ngbrain.forward.sensitivity.observations import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt

@@ -7,7 +7,7 @@ from replayed import SIDE, plate
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.readings import Force
+from ngbrain.forward.observables import Force
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
@@ -40,10 +40,10 @@ def stepped(theta):
     for parameter, value in zip(p.values(), theta, strict=True):
         parameter.Set(value)
     body.history.rest()
-    _, Z = Force("top").on(body)
+    seen = Force("top", (0, 0, 1)).on(body)
     transient = TimeStepper(body, drive, CONTROL, 1e-3, Newton(rtol=1e-10, max_iter=80))
     grid = times_of(transient)
-    return grid, float(Z.toarray()[0, body.is_u] @ body.tissue_forces())
+    return grid, float(seen.value()[0])
 
 
 def rates(force, slope, first=2e-4):
@@ -52,7 +52,7 @@ def rates(force, slope, first=2e-4):
 
 def replayed(grid, newton=TIGHT):
     body, drive, p = pressed()
-    return RunModel(body, drive, grid, p, [Force("top")], times=[20.0], newton=newton, states=False)
+    return RunModel(body, drive, grid, p, [Force("top", (0, 0, 1))], times=[20.0], newton=newton, states=False)
 
 
 def slope_of(of):

@@ -10,7 +10,7 @@ from statics import SIDE, cube, square
 
 from ngbrain.forward.common.loads import Traction, Weight
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.sensitivity.observations import Force, Functional
+from ngbrain.forward.observables import Force, Functional
 from ngbrain.forward.sensitivity.static_model import Case, Held, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Ogden, density

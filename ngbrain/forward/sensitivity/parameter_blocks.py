@@ -14,8 +14,8 @@ from ngbrain.errors import InputError, InvertedElementError
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.differences import change
-from ngbrain.forward.sensitivity.virtual_work import Terms, by, terms, vector
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Terms, by, terms, vector
 
 Array = np.ndarray
 

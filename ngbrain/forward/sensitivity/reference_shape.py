@@ -26,7 +26,7 @@ class Positions:
     >>> from ngbrain.forward.sensitivity.static_model import Case
     >>> from ngbrain.forward.common.loads import Weight
     >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.sensitivity.observations import Displacements
+    >>> from ngbrain.forward.observables import Displacements
     >>> from ngbrain.forward.solid.problem import Problem
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh.grid import rectangles

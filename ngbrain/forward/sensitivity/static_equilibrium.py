@@ -15,12 +15,12 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import gave_up
-from ngbrain.forward.sensitivity.observations import Observation
+from ngbrain.errors import InputError, gave_up
+from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
-from ngbrain.forward.sensitivity.virtual_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Motion, Terms, Work, slope, vector
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.solvers.linear import Solve
 from ngbrain.solvers.newton import Newton
@@ -40,7 +40,7 @@ class Case:
     """A body under its loads, and what is seen of it."""
 
     body: Problem
-    observations: Sequence[Observation]
+    observations: Sequence[Observable]
 
 
 class Equilibrium:
@@ -59,6 +59,9 @@ class Equilibrium:
         self.size = sum(seen.size for seen in self.seen)
         self.linear = all(seen.matrix is not None for seen in self.seen)
         """Whether all data are B u."""
+        for seen in self.seen:
+            if not seen.symbolic and any(isinstance(block, Nodes) for block in blocks.values()):
+                raise InputError("parameters", "nodes", f"others, for a {type(seen).__name__.lower()}")
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
         """The last factor, which Newton's method begins with."""
@@ -111,16 +114,17 @@ class Equilibrium:
 
     def values(self) -> Array:
         """Data (size,)."""
-        return np.concatenate([seen.values() for seen in self.seen])
+        return np.concatenate([seen.value() for seen in self.seen])
 
     def weigh(self, w: Array) -> None:
         """Set the weights of L."""
         for seen, where in zip(self.seen, self.slices, strict=True):
-            seen.weigh(w[where])
+            if seen.symbolic:
+                seen.weigh(w[where])
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """L at a state, and its derivative along each motion; of what is no matrix."""
-        parts = [term for seen in self.seen for term in seen.functional(state, *along)]
+        """L at a state, and its derivative along each motion; of what is an integral."""
+        parts = [term for seen in self.seen if seen.symbolic for term in seen.functional(state, *along)]
         return parts + [term.times(-1) for term in self._work(state, self.adjoint, *along)]
 
     @cached_property
@@ -147,6 +151,11 @@ class Equilibrium:
 
     def turned(self) -> tuple[Array, Array]:
         """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
+        for seen in self.seen:
+            if not seen.symbolic:
+                raise InputError(
+                    type(seen).__name__, "asked for second derivatives", "an observable that is an integral"
+                )
         by_state, by_theta = (of() for of in self._turned_slopes)
         for block in self.blocks.values():
             if isinstance(block, Nodes):
@@ -177,12 +186,12 @@ class Equilibrium:
         slopes = [block.slope(parts, self.body.mesh) for block in self.blocks.values()]
         return lambda: np.concatenate([slope() for slope in slopes])
 
-    # Observations that are matrices are left out of L.
+    # Observables that are matrices, or no integrals, are left out of L.
 
     def spread(self, w: Array) -> Array:
-        """Bᵀ w of the matrices (ndof,)."""
+        """How w · d changes with the state where d is a matrix or no integral (ndof,)."""
         b = np.zeros(self.body.fes.ndof)
         for seen, where in zip(self.seen, self.slices, strict=True):
-            if seen.matrix is not None:
-                b += seen.matrix.T @ w[where]
+            if seen.matrix is not None or not seen.symbolic:
+                b += seen.gradient(w[where])
         return b

@@ -6,7 +6,7 @@ Equilibrium R(u; θ) = 0 with u = g on the boundary, data d = B(u, θ):
     Jᵀ w:  Kᵀ λ = B_uᵀ w ,     -R_θᵀ λ + B_θᵀ w             one solve for each body
     (w·d)'' δθ:                two solves more, `Equilibria.second`
 
-R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `implicit_work`; second ones by
+R, K, R_θ and all second derivatives come from the energies of materials and loads by symbols, see `virtual_work`; second ones by
 node positions from differences of first ones, see `differences`.
 Source: Plessix 2006, 10.1111/j.1365-246X.2006.02978.x.
 """
@@ -25,8 +25,8 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Parameter, block, places
 from ngbrain.forward.sensitivity.static_equilibrium import Case, Equilibrium
 from ngbrain.forward.sensitivity.tangent_inverse import Inverses
-from ngbrain.forward.sensitivity.virtual_work import Term
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Term
 from ngbrain.solvers.newton import Newton
 
 __all__ = ["Case", "Equilibria", "Held", "Nodes", "StaticModel"]
@@ -48,7 +48,7 @@ class StaticModel:
 
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.sensitivity.observations import Displacements, Force
+    >>> from ngbrain.forward.observables import Displacements, Force
     >>> from ngbrain.materials import NeoHooke
     >>> from ngbrain.mesh import block
     >>> cube = block((0.1, 0.1, 0.1), 0.1)
@@ -281,8 +281,9 @@ class Equilibria:
         each = self.model.equilibria[k]
         by_state, by_theta = [], []
         for seen, where in zip(each.seen, each.slices, strict=True):
-            if seen.matrix is not None:
-                by_state.append(seen.matrix)
+            if seen.matrix is not None or not seen.symbolic:
+                rows = [seen.gradient(unit) for unit in np.eye(seen.size)] if seen.matrix is None else []
+                by_state.append(sp.csr_array(np.array(rows)) if seen.matrix is None else seen.matrix)
                 by_theta.append(sp.csr_array((seen.size, self.model.size)))
                 continue
             for i in range(where.start, where.stop):

@@ -2,7 +2,8 @@
 
 `problem` (`Problem`: residual and tangent) is built on its `discretisation`, the `reactions` of its supports and its states
 (`stateful`). Its parts: `tissue` with `internal_forces` and `internal_variables`, `inertia`, `external_loads` (contacts and loads)
-and the factorised `tangent`. `advance` makes a step; load paths, time stepping and replays are controllers over it.
+and the factorised `tangent`. `virtual_work` has its work as expressions to be differentiated. `advance` makes a step; load paths,
+time stepping and replays are controllers over it.
 """
 
 __all__ = [
@@ -17,4 +18,5 @@ __all__ = [
     "stateful",
     "tangent",
     "tissue",
+    "virtual_work",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import ngsolve as ngs
 import numpy as np
@@ -325,11 +326,18 @@ class Problem(Stateful):
         self.form = self._form(self.tissue.terms)
         self.new_factor = linear.prepare(self.solver, self.form, self._moduli)
         self._kept = None
+        self.__dict__.pop("uncondensed", None)
         self.changed()
 
-    def _form(self, tissue: Sequence[ngs.comp.BFI]) -> ngs.BilinearForm:
+    @cached_property
+    def uncondensed(self) -> ngs.BilinearForm:
+        """The form with all unknowns in its matrix, for products with the whole tangent."""
+        return self._form(self.tissue.terms, condense=False) if self._condense else self.form
+
+    def _form(self, tissue: Sequence[ngs.comp.BFI], condense: bool | None = None) -> ngs.BilinearForm:
         """Energies of tissue, contacts, friction, loads and inertia."""
-        form = ngs.BilinearForm(self.fes, symmetric=self.symmetric, condense=self._condense)
+        condense = self._condense if condense is None else condense
+        form = ngs.BilinearForm(self.fes, symmetric=self.symmetric, condense=condense)
         for part in tissue:
             form += part
         for term in self.terms[1:]:

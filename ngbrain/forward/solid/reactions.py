@@ -72,14 +72,17 @@ class Reactions(Discretisation):
         They balance the body's own forces, its weight, and what loads on other boundaries put on nodes that are shared. What
         supports exert there belongs to those of them that hold the node's component, see `Supports.shares`.
         """
-        self._stand(self.x)
-        forces = self.tissue.forces()[self.is_u]
-        for pattern, acting in self._acting:
+        return self.unshared_forces(boundary) * self.reaction_shares(boundary)
+
+    def unshared_forces(self, boundary: str, tissue: Array | None = None) -> Array:
+        """The same where no support shares a node with others; `tissue` are `tissue_forces`, where they are known."""
+        forces = self.tissue_forces() if tissue is None else tissue
+        for pattern, acting in self.acting:
             if not self._on(boundary, pattern):
                 forces = forces + self._applied(acting)[self.is_u]
         if self.inertia is not None:
             forces = forces + self.inertia.forces()
-        return forces * self.reaction_shares(boundary)
+        return forces
 
     def reaction_shares(self, boundary: str) -> Array:
         """How much of the forces at each displacement unknown is a boundary's own: see `Supports.shares`.
@@ -87,7 +90,7 @@ class Reactions(Discretisation):
         Where nothing acts on the boundary its free unknowns bear nothing, and what a solution leaves there is none of its force.
         """
         shares = self.supports.shares(self.u.space, boundary)
-        own = any(self._on(boundary, pattern) for pattern, _ in self._acting)
+        own = any(self._on(boundary, pattern) for pattern, _ in self.acting)
         return shares if own else np.where(self.held, shares, 0.0)
 
     def _on(self, boundary: str, pattern: str | None) -> bool:
@@ -130,7 +133,7 @@ class Reactions(Discretisation):
             term.stand()
 
     @cached_property
-    def _acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
+    def acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """What acts from outside, one after the other: on which boundary, and its forces."""
         return [part for term in self.terms for part in term.by_boundary()]
 

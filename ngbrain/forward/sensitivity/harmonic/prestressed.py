@@ -29,10 +29,10 @@ from ngbrain.errors import InputError, shaped
 from ngbrain.forward.common.dirichlet import Supports
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.problem import Wave
+from ngbrain.forward.observables.points import Displacements, Unknowns
 from ngbrain.forward.sensitivity.harmonic.prestressed_factor import Factor
 from ngbrain.forward.sensitivity.harmonic.prestressed_work import WaveWork
 from ngbrain.forward.sensitivity.harmonic.slopes import complexified
-from ngbrain.forward.sensitivity.observations import Displacements, Unknowns
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter
 from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
 from ngbrain.forward.solid.problem import Problem

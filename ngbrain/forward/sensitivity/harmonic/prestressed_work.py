@@ -14,8 +14,8 @@ from ngbrain.forward.contact.rigid import offsets
 from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.harmonic.slopes import complexified
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes
-from ngbrain.forward.sensitivity.virtual_work import Motion, Seen, Terms, Work, slope, vector
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Motion, Seen, Terms, Work, slope, vector
 from ngbrain.materials.base import Deformation, Value, density
 
 Array = np.ndarray

@@ -1,7 +1,7 @@
 """How what a run shows changes with what its body is made of: forces over time, displacements at points and times.
 
 Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data are d = B x + Z f of the tissue's nodal forces f
-(`readings`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
+(`run_observables`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
 
     J δθ:   K δx = -(R_h δh + (R_θ + C_θ) δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
     Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
@@ -17,14 +17,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.contact.motion import Motion
+from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes, block, places
-from ngbrain.forward.sensitivity.readings import Reading
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
+from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
 from ngbrain.forward.sensitivity.transient.step_hessian import StepCurvature
 from ngbrain.forward.sensitivity.transient.step_shape import StepShapes
@@ -46,7 +46,7 @@ class RunModel:
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
                 way, or `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
-    readings    what is seen, see `readings`
+    observables  what is seen, see `ngbrain.forward.observables`
     times       (s) when; steps end there too. None: at the end of every step
     newton, every, states   see `Replay`
 
@@ -54,7 +54,7 @@ class RunModel:
     >>> from ngbrain.forward.common.material import Material
     >>> from ngbrain.forward.contact.rigid import Contact
     >>> from ngbrain.forward.solid.problem import Problem
-    >>> from ngbrain.forward.sensitivity.readings import Force
+    >>> from ngbrain.forward.observables import Force
     >>> from ngbrain.materials import NeoHooke, Prony
     >>> from ngbrain.mesh import block
     >>> from ngbrain.surgery.protocols import Drive, Protocol
@@ -64,7 +64,7 @@ class RunModel:
     >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
     >>> cube = block((0.02, 0.02, 0.02), 0.02)
     >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
-    >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top")])
+    >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
     >>> there = model.at(model.theta)
     >>> there.data.shape, there.gradient(there.data).shape
     ((3, 1), (2,))
@@ -76,7 +76,7 @@ class RunModel:
         motion: Motion,
         grid: Sequence[float] | Array,
         parameters: Mapping[str, Parameter | Nodes],
-        readings: Sequence[Reading],
+        observables: Sequence[Observable],
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
         every: int | None = None,
@@ -89,18 +89,14 @@ class RunModel:
                 "times", np.array2string(times, threshold=4), f"increasing, after 0 and up to {grid[-1]:g} s"
             )
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
-        if not readings:
-            raise InputError("readings", "none", "one or more: what is seen of a run")
+        if not observables:
+            raise InputError("observables", "none", "one or more: what is seen of a run")
         self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
         values = {name: of for name, of in self.parameters.items() if not isinstance(of, Nodes)}
         self.forms, self.tangents = StepForms(body, values), Tangents(body)
         nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
         self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
-        B, Z = zip(*(reading.on(body) for reading in readings), strict=True)
-        self.observed = places([part.shape[0] for part in B])
-        """Where each reading is in a row of the data."""
-        self.B, self.Z = sp.csr_array(sp.vstack(B)), sp.csr_array(sp.vstack(Z))
         if (own := getattr(motion, "parameter", None)) is not None:
             for name, parameter in self.parameters.items():
                 if parameter is own:
@@ -109,6 +105,9 @@ class RunModel:
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
         self.contacts = ContactForms(body, self.parts)
+        self.seen = RunObservables(body, observables, self.parts)
+        self.observed = self.seen.slices
+        """Where each observable is in a row of the data."""
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
         """Which row of the data a step gives."""
 
@@ -120,7 +119,7 @@ class RunModel:
     @cached_property
     def curvature(self) -> StepCurvature:
         """What second derivatives need; made when first asked for."""
-        return StepCurvature(self.forms, self.parts, self.contacts)
+        return StepCurvature(self.forms, self.parts, self.contacts, self.seen)
 
     def at(self, theta: Array) -> Replayed:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
@@ -144,13 +143,11 @@ class Replayed:
 
     def __init__(self, model: RunModel) -> None:
         self.model = model
-        self.data = np.zeros((len(model.times), model.B.shape[0]))
+        self.data = np.zeros((len(model.times), model.seen.size))
 
         def seen(step: Step) -> None:
             if step.n in model.row:
-                forces = np.zeros(len(step.x))
-                forces[model.body.is_u] = model.body.tissue_forces()
-                self.data[model.row[step.n]] = model.B @ step.x + model.Z @ forces
+                self.data[model.row[step.n]] = model.seen.value()
 
         try:
             with np.errstate(divide="raise", over="raise", invalid="raise"):
@@ -185,7 +182,8 @@ class Replayed:
             shifts = {name: shapes.slopes(adjoint + motion, weights) for name, shapes in model.shapes.items()}
             weights, slopes = forms.back(adjoint + motion, weights)
             slopes |= shifts
-            total += np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes(adjoint)
+            total += np.concatenate([slopes[name] for name in model.parts]) + self._touched(adjoint)
+            total += model.seen.by_theta(self._row(step, w))
         return total
 
     def second(self, w: Array, direction: Array) -> Array:
@@ -202,23 +200,30 @@ class Replayed:
         for step, x, history in self._changes_back(direction):
             adjoint, motion, solve = self._adjoint(step, w, weights, FINER)
             curved.aim(x, history, theta)
+            model.seen.weigh(self._row(step, w))
             forces, bent, slopes = curved(adjoint, adjoint + motion, weights)
             change = -solve(forces + forms.remembered(turned))
             turned, more = forms.back(change, turned)
             turned = turned + bent
             weights, _ = forms.back(adjoint + motion, weights)
-            total += slopes + np.concatenate(list(more.values())) + model.contacts.slopes(change)
+            total += slopes + np.concatenate(list(more.values())) + self._touched(change)
         return total
 
     def _adjoint(self, step: Step, w: Array, weights: Array, exact: float = EXACT) -> tuple[Array, Array, Solve]:
         """λ and Zᵀw of a step at whose end the body stands, and the solver."""
         model, solve = self.model, self._begin(step, 1, exact)
-        row = w[model.row[step.n]] if step.n in model.row else np.zeros(w.shape[1])
-        motion = model.Z.T @ row
-        b = model.B.T @ row + model.forms.remembered(weights)
-        if motion.any():
-            b += self._tissue(motion[None])[0]
-        return -solve(b), motion, solve
+        row = self._row(step, w)
+        b = model.seen.by_state(row, model.tangents.apply) + model.forms.remembered(weights)
+        return -solve(b), model.seen.motions.T @ row, solve
+
+    def _row(self, step: Step, w: Array) -> Array:
+        """Weights of what is seen at the end of a step."""
+        return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
+
+    def _touched(self, adjoint: Array) -> Array:
+        """C_θᵀ λ."""
+        self.model.contacts.weigh(adjoint)
+        return self.model.contacts.slopes()
 
     def _changes_back(self, direction: Array) -> Iterator[tuple[Step, Array, Array]]:
         """δx and δh of all steps, from the last one back, where the body stands; histories' changes are kept as these are."""
@@ -248,14 +253,14 @@ class Replayed:
             solve, contacts = self._begin(step, len(directions)), model.contacts.columns()
             shifted = {name: shapes.columns() for name, shapes in model.shapes.items()}
             seen = model.row.get(step.n)
-            stiff = self._tissue(model.Z.toarray()) if seen is not None else np.empty(0)
+            by_state, by_theta = model.seen.rows(model.tangents.apply) if seen is not None else (np.empty(0),) * 2
             for i, direction in enumerate(directions):
                 theta = model.split(direction)
                 r = forms.changed(histories[i], theta)
                 r += sum(columns @ theta[name] for name, columns in shifted.items())
                 x = -solve(r + contacts @ direction)
                 if seen is not None:
-                    data[i, seen] = model.B @ x + stiff @ x + model.Z @ r
+                    data[i, seen] = by_state @ x + model.seen.motions @ r + by_theta @ direction
                 histories[i] = forms.moved(x)
                 histories[i] += sum(shapes.moved(theta[name]) for name, shapes in model.shapes.items())
         return data
@@ -268,14 +273,3 @@ class Replayed:
     def _set(self, step: Step) -> None:
         grid = self.model.replay.grid
         self.model.forms.begin(step.start.internal, grid[step.n + 1] - grid[step.n])
-
-    def _tissue(self, motions: Array) -> Array:
-        """K_f z of some motions z, where the body's tangent was just made: what is not contact's."""
-        body, found = self.model.body, np.zeros(motions.shape)
-        body.external.form.AssembleLinearization(body.gfu.vec)
-        z, product = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
-        for i in np.flatnonzero(motions.any(axis=1)):  # displacements have none
-            z.FV().NumPy()[:] = motions[i]
-            product.data = body.external.form.mat * z
-            found[i] = self.model.tangents.apply(motions[i]) - product.FV().NumPy()
-        return found

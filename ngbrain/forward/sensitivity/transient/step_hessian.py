@@ -3,9 +3,11 @@
 With ℓ of `step_forms` and the contacts' work C, what second derivatives need beside first ones is, for a motion λ + Zᵀw of the
 tissue and λ of the contacts, weights Λ, and ways (δx, δh, δθ),
 
-    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[λ + Zᵀw] + Λ · U(x + s δx, h + s δh; θ + s δθ) + C(x + s δx; θ + s δθ)[λ] )
+    ℓ' = d/ds ( W'(x + s δx; h + s δh, θ + s δθ)[λ + Zᵀw] + Λ · U(x + s δx, h + s δh; θ + s δθ) + C(x + s δx; θ + s δθ)[λ]
+                + w · q(x + s δx; θ + s δθ) )
 
-by x, h and θ: of the contacts by symbols, of the tissues see `step_turned`.
+by x, h and θ, with q what is seen beside the tissue's forces: of the contacts and of q by symbols, of the tissues see
+`step_turned`.
 """
 
 from __future__ import annotations
@@ -20,9 +22,10 @@ from ngbrain.forward.contact.rigid import Closing
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import Block
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
+from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import StepForms
 from ngbrain.forward.sensitivity.transient.step_turned import Shifted, Slopes, Symbols
-from ngbrain.forward.sensitivity.virtual_work import Motion, Terms, vector
+from ngbrain.forward.solid.virtual_work import Motion, Terms, vector
 
 Array = np.ndarray
 
@@ -33,8 +36,10 @@ class StepCurvature:
     Raises `InputError` for walls that close on each other.
     """
 
-    def __init__(self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms) -> None:
-        self._parts, self._contacts, body = list(parts.values()), contacts, forms.body
+    def __init__(
+        self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms, seen: RunObservables
+    ) -> None:
+        self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
         if any(isinstance(contact, Closing) for contact in body.contacts):
             raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
         self._tissues = Shifted(forms, parts) if body.history.flows else Symbols(forms)
@@ -58,7 +63,8 @@ class StepCurvature:
         return by_state + self._by_state(), by_history, by_theta + of_contacts
 
     def _touched(self, *tested: Motion) -> Terms:
-        """The contacts' part of ℓ', or its derivative along a motion that is tested."""
-        still = self._contacts.work(self._adjoint, *tested)
+        """The part of ℓ' that contacts and what is seen have, or its derivative along a motion that is tested."""
+        still = self._contacts.work(self._adjoint, *tested) + self._seen.terms(*tested)
         along = [term for part in self._parts for term in part.along(still)]
-        return self._contacts.work(self._adjoint, self._way, *tested) + along
+        moved = self._contacts.work(self._adjoint, self._way, *tested) + self._seen.terms(self._way, *tested)
+        return moved + along

@@ -23,7 +23,7 @@ from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import Part, put, values, weighed
 from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
-from ngbrain.forward.sensitivity.virtual_work import Motion, Term, Terms, vector
+from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray

@@ -118,59 +118,11 @@ class Seen(Place):
         return self.along if u is self.u else super().slope(u)
 
 
-class Work:
-    """Virtual work of a `Problem` with all its loads, or with some of them.
+class StateView:
+    """States of a `Problem` as functionals see them, moved by numbers."""
 
-    >>> import ngsolve as ngs
-    >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.materials import NeoHooke
-    >>> from ngbrain.mesh import block
-    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, element="P1")
-    >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
-    >>> work = Work(body)
-    >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(body.gfu, v, v)), 6)  # (4/3 μ + K) V
-    6.333333
-    """
-
-    def __init__(
-        self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[Touch] | None = None
-    ) -> None:
+    def __init__(self, body: Problem) -> None:
         self.body = body
-        self._acting = {id(load) for load in (body.loads if loads is None else loads)}
-        self._contacts = body.contacts if contacts is None else contacts
-        if body.friction.frictions or any(isinstance(contact, Closing) for contact in body.contacts):
-            raise InputError(
-                "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
-            )
-
-    def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
-        """R(state)[virtual] and, for each motion more, its derivative along it."""
-        at, numbers = self._moved(state, (virtual, *along))
-        body = self.body
-        energies = [
-            Term(
-                at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p),
-                ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
-            )
-            for pattern, m in body.materials.items()
-        ]
-        for contact in self._contacts:
-            weight = at.kinematics.weight()
-            if isinstance(contact, Contact):
-                energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
-            elif isinstance(contact, Sliding):
-                energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
-        followers: Terms = []
-        cavities = iter(at.cavities)
-        for load in body.loads:
-            pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
-            if id(load) not in self._acting:
-                continue
-            if isinstance(load, Pressure):
-                followers += terms(load.work(at))
-            else:
-                energies += terms(load.energy(at, *pressure))
-        return _derived(by(energies, numbers[0]) + followers, numbers[1:])
 
     def of(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
         """A functional of a state, ∫ q, and for each motion its derivative along it."""
@@ -208,6 +160,61 @@ class Work:
         if self.body.u is self.body.gfu:
             return [motion]
         return motion.components if isinstance(motion, ngs.GridFunction) else motion
+
+
+class Work(StateView):
+    """Virtual work of a `Problem` with all its loads, or with some of them.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.materials import NeoHooke
+    >>> from ngbrain.mesh import block
+    >>> body = Problem(block((0.1,) * 3, 0.1), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, element="P1")
+    >>> v = ngs.GridFunction(body.fes); v.Set((0, 0, ngs.z))
+    >>> work = Work(body)
+    >>> round(sum(ngs.Integrate(term.integral, body.mesh) for term in work(body.gfu, v, v)), 6)  # (4/3 μ + K) V
+    6.333333
+    """
+
+    def __init__(
+        self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[Touch] | None = None
+    ) -> None:
+        super().__init__(body)
+        self._acting = {id(load) for load in (body.loads if loads is None else loads)}
+        self._contacts = body.contacts if contacts is None else contacts
+        if body.friction.frictions or any(isinstance(contact, Closing) for contact in body.contacts):
+            raise InputError(
+                "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
+            )
+
+    def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
+        """R(state)[virtual] and, for each motion more, its derivative along it."""
+        at, numbers = self._moved(state, (virtual, *along))
+        body = self.body
+        energies = [
+            Term(
+                at.kinematics.weight() * m.energy(Deformation.of(at.F), at.p),
+                ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules),
+            )
+            for pattern, m in body.materials.items()
+        ]
+        for contact in self._contacts:
+            weight = at.kinematics.weight()
+            if isinstance(contact, Contact):
+                energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
+            elif isinstance(contact, Sliding):
+                energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
+        followers: Terms = []
+        cavities = iter(at.cavities)
+        for load in body.loads:
+            pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
+            if id(load) not in self._acting:
+                continue
+            if isinstance(load, Pressure):
+                followers += terms(load.work(at))
+            else:
+                energies += terms(load.energy(at, *pressure))
+        return _derived(by(energies, numbers[0]) + followers, numbers[1:])
 
 
 def _derived(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:

@@ -1,0 +1,30 @@
+"""What is asked of a problem's state: numbers with a unit, and how they change with the unknowns.
+
+`base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
+`Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
+`StrainPercentile`.
+
+    Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
+    StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
+
+One of a user's own is a class with `name`, `unit` and `on`; where it is an integral, `Functional` is all it takes.
+"""
+
+from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.force import Force, Moment
+from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
+from ngbrain.forward.observables.percentiles import StrainPercentile
+from ngbrain.forward.observables.points import Displacements, Unknowns
+
+__all__ = [
+    "Displacements",
+    "Force",
+    "Functional",
+    "Moment",
+    "Observable",
+    "Observed",
+    "StrainEnergy",
+    "StrainPercentile",
+    "Unknowns",
+    "region_volume",
+]

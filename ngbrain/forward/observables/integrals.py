@@ -1,0 +1,125 @@
+"""Any integral of the state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Integrand, Motion, Seen, StateView, Terms, slope
+from ngbrain.materials.base import Deformation
+
+Array = np.ndarray
+
+
+class Functional(Observable):
+    """Integrals of the state, a number each.
+
+    Parameters
+    ----------
+    *integrands : callable
+        From a `virtual_work.Seen` (u, F, p, …) to an integral over `inside(region)` or `on(boundary)`.
+    name, unit : str
+        In words; of SI.
+
+    Examples
+    --------
+    >>> volume = Functional(lambda at: ngs.Det(at.F) * at.inside(".*"), name="volume", unit="m³")
+    """
+
+    def __init__(self, *integrands: Integrand, name: str = "integral", unit: str = "") -> None:
+        self.integrands, self._name, self.unit = integrands, name, unit
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return self._name
+
+    def on(self, problem: Problem) -> Integrals:
+        """By quadrature."""
+        return Integrals(problem, self.integrands)
+
+
+def region_volume(region: str = ".*") -> Functional:
+    """Current volume (m³; in plane strain m²) of the regions that match a pattern."""
+    return Functional(
+        lambda at: at.kinematics.weight() * ngs.Det(at.F) * at.inside(region), name=f"volume of {region}", unit="m³"
+    )
+
+
+@dataclass(frozen=True)
+class StrainEnergy(Observable):
+    """Energy (J) that elastic tissue stores, by the laws of its materials.
+
+    Parameters
+    ----------
+    region : str
+        A pattern.
+
+    Raises
+    ------
+    InputError
+        When told of a problem, for tissue that relaxes: it has no unique free energy.
+    """
+
+    region: str = ".*"
+    unit = "J"
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return f"strain energy of {self.region}"
+
+    def on(self, problem: Problem) -> Integrals:
+        """By the quadrature of the problem's own energy."""
+        within = problem.mesh.Materials(self.region)
+
+        def stored(at: Seen) -> ngs.comp.SumOfIntegrals:
+            parts = [
+                at.kinematics.weight()
+                * material.energy(Deformation.of(at.F), at.p)
+                * ngs.dx(definedon=problem.mesh.Materials(pattern) * within, intrules=problem.tissue.rules)
+                for pattern, material in problem.materials.items()
+            ]
+            return sum(parts[1:], parts[0])
+
+        return Integrals(problem, [stored])
+
+
+class Integrals(Observed):
+    """Integrals over one problem's mesh."""
+
+    def __init__(self, problem: Problem, integrands: Sequence[Integrand]) -> None:
+        super().__init__(problem)
+        self._integrands, self.size = integrands, len(integrands)
+        self._work = StateView(problem)
+        self._weights = [ngs.Parameter(0.0) for _ in integrands]
+        self._now = [[term.integral for term in self._work.of(q, problem.gfu)] for q in integrands]
+
+    def value(self) -> Array:
+        """Each."""
+        return np.array([sum(ngs.Integrate(part, self.problem.mesh) for part in parts) for parts in self._now])
+
+    def gradient(self, weights: Array) -> Array:
+        """By symbols."""
+        self.weigh(weights)
+        return self._slope()
+
+    @cached_property
+    def _slope(self) -> Callable[[], Array]:
+        return slope(self.problem, self.functional(self.problem.fes.TrialFunction()))
+
+    def weigh(self, weights: Array) -> None:
+        """Set the weights of `functional`."""
+        for weight, value in zip(self._weights, weights, strict=True):
+            weight.Set(float(value))
+
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """Weighed."""
+        weighed = zip(self._weights, self._integrands, strict=True)
+        return [part.times(weight) for weight, q in weighed for part in self._work.of(q, state, *along)]

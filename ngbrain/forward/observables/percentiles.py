@@ -1,0 +1,176 @@
+"""Percentiles of strain over a region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.interpolation import quadrature_points
+from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials.base import checked
+
+Array = np.ndarray
+ORDER = 2
+"""Of the quadrature whose points have a share in a percentile: strains of elements of order 2 have that of their square."""
+MEASURES = ("Green-Lagrange", "small")
+
+
+@dataclass(frozen=True)
+class StrainPercentile(Observable):
+    """A percentile of the largest principal strain over a region's volume at rest.
+
+    Strain below which so much of the volume is has no gradient; the mean of the percentiles about it has, weighed by
+    3/4 (1 - s²) with s from -1 to 1 over a band of percentiles. Its value is that mean; `Percentile.raw` is without.
+
+    Parameters
+    ----------
+    percent : float
+        0 to 100.
+    region : str
+        A pattern.
+    centre : sequence of float, optional
+        With `within` only what is so near (m) to a point at rest (m) counts.
+    within : float, optional
+        See `centre`.
+    band : float
+        Of the volume to both sides, .001 to .5; nearer to 0 or 100 % than this the band is the last one.
+    measure : str
+        "Green-Lagrange" (FᵀF - 1)/2, or "small", the symmetric part of ∇u.
+    factor : float
+        Displacements count so many times.
+
+    Raises
+    ------
+    InputError
+        For numbers that make no sense; when told of a problem, for a region and a distance that hold nothing of it.
+
+    References
+    ----------
+    L-estimators: Serfling 1980, Approximation Theorems of Mathematical Statistics, 8.1, 10.1002/9780470316481.
+    """
+
+    percent: float
+    region: str = ".*"
+    centre: Sequence[float] | None = None
+    within: float | None = None
+    band: float = 0.05
+    measure: str = "Green-Lagrange"
+    factor: float = 1.0
+    unit = ""
+
+    def __post_init__(self) -> None:
+        checked(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
+        checked(self.band, "band", lambda b: 0.001 <= b <= 0.5, "0.001 to 0.5 of the volume")
+        if self.measure not in MEASURES:
+            raise InputError("measure", repr(self.measure), " or ".join(map(repr, MEASURES)))
+        if (self.centre is None) != (self.within is None):
+            raise InputError("within", self.within, "a distance (m) and a centre, or neither")
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        near = "" if self.within is None else f" within {1e3 * self.within:g} mm of a point"
+        return f"{self.percent:g} % percentile of the largest {self.measure} strain in {self.region}{near}"
+
+    def on(self, problem: Problem) -> Percentile:
+        """At quadrature points of order 2."""
+        return Percentile(problem, self)
+
+
+class Percentile(Observed):
+    """A `StrainPercentile` of one problem."""
+
+    size, symbolic = 1, False
+
+    def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
+        super().__init__(problem)
+        self.asked, mesh = asked, problem.mesh
+        self._space, points = quadrature_points(mesh, ORDER)
+        inside = ngs.GridFunction(self._space)
+        inside.Interpolate(mesh.MaterialCF({asked.region: 1.0}, default=0.0))
+        volumes = self._volumes() * (inside.vec.FV().NumPy() > 0.5)
+        if asked.within is not None:
+            volumes *= np.linalg.norm(points - np.asarray(asked.centre, float), axis=1) <= asked.within
+        if not volumes.any():
+            raise InputError("region", repr(asked.region), "a region and a distance that hold some of the body")
+        self._counted = np.flatnonzero(volumes)
+        self._shares = volumes[self._counted] / volumes.sum()
+        gradient = problem.kinematics.gradient(problem.u, ngs.Grad(problem.u))
+        self._gradient, self._F = gradient.Compile(), ngs.GridFunction(ngs.MatrixValued(self._space, 3))
+
+    def _volumes(self) -> Array:
+        """What each point stands for (m³; in plane strain m²)."""
+        v = self._space.TestFunction()
+        form = ngs.LinearForm(self._space)
+        form += self.problem.kinematics.weight() * v * ngs.dx(intrules=self._space.GetIntegrationRules())
+        form.Assemble()
+        return np.array(form.vec.FV().NumPy())
+
+    def strains(self) -> tuple[Array, Array, Array]:
+        """The largest principal strain at each point that counts, its direction and F there."""
+        self._F.Interpolate(self._gradient)
+        change = self._F.vec.FV().NumPy().reshape(9, -1)[:, self._counted].T.reshape(-1, 3, 3) - np.eye(3)
+        F = np.eye(3) + self.asked.factor * change
+        small = self.asked.measure == "small"
+        E = (F + F.transpose(0, 2, 1)) / 2 - np.eye(3) if small else (F.transpose(0, 2, 1) @ F - np.eye(3)) / 2
+        values, directions = np.linalg.eigh(E)
+        return values[:, -1], directions[:, :, -1], F
+
+    def value(self) -> Array:
+        """The mean over the band (1,)."""
+        strain = self.strains()[0]
+        return np.array([self._weights(strain) @ strain])
+
+    @property
+    def raw(self) -> float:
+        """The percentile itself, between points by interpolation."""
+        strain = self.strains()[0]
+        order = np.argsort(strain)
+        share = np.cumsum(self._shares[order])
+        return float(np.interp(self.asked.percent / 100, share - self._shares[order] / 2, strain[order]))
+
+    def _weights(self, strain: Array) -> Array:
+        """Of each point: the part of the kernel that its ranks have."""
+        order, band = np.argsort(strain, kind="stable"), self.asked.band
+        ends = np.concatenate([[0.0], np.cumsum(self._shares[order])])
+        middle = np.clip(self.asked.percent / 100, band, 1 - band)
+        s = np.clip((ends / ends[-1] - middle) / band, -1, 1)
+        found = np.empty(len(strain))
+        found[order] = np.diff((3 * s - s**3) / 4)
+        return found
+
+    def gradient(self, weights: Array) -> Array:
+        """Points keep their ranks where all move a little, so that only strains change: n · (Fᵀ ∂F) n, or n · ∂F n."""
+        strain, n, F = self.strains()
+        share = weights[0] * self.asked.factor * self._weights(strain)
+        image = n if self.asked.measure == "small" else np.einsum("kij,kj->ki", F, n)
+        field = ngs.GridFunction(self._F.space)
+        entries = field.vec.FV().NumPy().reshape(9, -1)
+        entries[:, self._counted] = (share[:, None, None] * image[:, :, None] * n[:, None, :]).reshape(-1, 9).T
+        # Each point's share is no density: its part of the volume is taken out again.
+        entries[:, self._counted] /= self._volumes_here
+        form = self._form(field)
+        form.Assemble()
+        return np.array(form.vec.FV().NumPy())
+
+    @cached_property
+    def _volumes_here(self) -> Array:
+        return self._volumes()[self._counted]
+
+    def _form(self, field: ngs.GridFunction) -> ngs.LinearForm:
+        problem = self.problem
+        v = problem.layout.fields(problem.fes.TestFunction()).u
+        change = problem.kinematics.change(v, ngs.Grad(v))
+        form = ngs.LinearForm(problem.fes)
+        form += (
+            problem.kinematics.weight()
+            * ngs.InnerProduct(field, change)
+            * ngs.dx(intrules=self._space.GetIntegrationRules())
+        )
+        return form

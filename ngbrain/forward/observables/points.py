@@ -1,0 +1,90 @@
+"""Displacements at points, and all unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.interpolation import evaluation
+from ngbrain.forward.observables.base import Linear, Observable
+from ngbrain.forward.solid.problem import Problem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements(Observable):
+    """Displacements (m) at points.
+
+    Parameters
+    ----------
+    points : array (n, dim)
+        Where the points are at rest (m).
+    direction : sequence of float, optional
+        The component along it, one number a point; None: all components of the first point, then of the next.
+
+    Raises
+    ------
+    InputError
+        When told of a problem, for points outside of its mesh and a direction that is zero.
+    """
+
+    points: Sequence[Sequence[float]] | Array
+    direction: Sequence[float] | None = None
+    unit = "m"
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        n = len(self.points)
+        return f"displacement at {n} point{'s' * (n != 1)}{along_axis(self.direction)}"
+
+    def on(self, problem: Problem) -> Linear:
+        """A matrix of interpolation."""
+        points, dim = np.asarray(self.points, float), problem.mesh.dim
+        scalar = evaluation(ngs.H1(problem.mesh, order=problem.element.order), points)
+        n = len(points)
+        if scalar.shape[1] * dim != problem.u.space.ndof:
+            raise InputError("element", str(problem.element), "components of the displacement in spaces of their own")
+        if self.direction is None:
+            matrix = sp.csr_array(
+                sp.block_diag([scalar] * dim, format="csr")[np.arange(n * dim).reshape(dim, n).T.ravel()]
+            )
+        else:
+            matrix = sp.csr_array(sp.hstack([part * scalar for part in axis(self.direction, dim)]))
+        matrix.resize((matrix.shape[0], problem.fes.ndof))
+        return Linear(problem, matrix)
+
+
+@dataclass(frozen=True)
+class Unknowns(Observable):
+    """All unknowns of a problem's space (n,), for models that go on from its state."""
+
+    unit = "various"
+    name = "all unknowns"
+
+    def on(self, problem: Problem) -> Linear:
+        """The identity."""
+        return Linear(problem, sp.eye_array(problem.fes.ndof, format="csr"))
+
+
+def axis(direction: Sequence[float], dim: int) -> Array:
+    """A direction as it is, as an array; `InputError` for one that is zero or has other components than a mesh."""
+    found = np.asarray(direction, float)
+    if found.shape != (dim,) or not np.any(found):
+        raise InputError("direction", list(direction), f"a vector of {dim} components that is not zero")
+    return found
+
+
+def along_axis(direction: Sequence[float] | None) -> str:
+    """A direction in words.
+
+    >>> along_axis((0, 0, 1))
+    ' along (0, 0, 1)'
+    """
+    return "" if direction is None else f" along ({', '.join(f'{c:g}' for c in direction)})"

@@ -1,0 +1,121 @@
+"""What is seen of a run at the end of a time step, and how it changes with the state and the parameters.
+
+Forces are Z f(x; h, θ) + Z c(x; θ) with the tissue's nodal forces f, which remember, and those c of contacts and loads on other
+boundaries; the rest is q(x; θ).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.force import Reaction
+from ngbrain.forward.sensitivity.contact_work import ContactForms
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Motion, Terms
+
+Array = np.ndarray
+
+
+class RunObservables:
+    """Observables of one body, with parameters as `parts`.
+
+    Attributes
+    ----------
+    size : int
+        Of a row of data.
+    slices : list of slice
+        Where each observable is in it.
+    motions : csr_array (size, ndof)
+        Z; rows of what is no force are zero.
+    """
+
+    def __init__(self, body: Problem, observables: Sequence[Observable], parts: Mapping[str, Block]) -> None:
+        self.body, self.each = body, [observable.on(body) for observable in observables]
+        self.slices = places([of.size for of in self.each])
+        self.size = sum(of.size for of in self.each)
+        rows = [of.motions if of.motions is not None else np.zeros((of.size, body.fes.ndof)) for of in self.each]
+        self.motions = sp.csr_array(np.vstack(rows))
+        self._outer = [_Outer(of, parts) for of in self.each]
+        self._n_theta = sum(part.size for part in parts.values())
+
+    def value(self) -> Array:
+        """At the state where the body stands (size,)."""
+        tissue = self.body.tissue_forces() if self.motions.nnz else None
+        return np.concatenate([of.value(tissue) if isinstance(of, Reaction) else of.value() for of in self.each])
+
+    def by_state(self, weights: Array, stiffness: Callable[[Array], Array]) -> Array:
+        """∂(w · value)/∂x (ndof,); `stiffness` is the product with the tangent, made there."""
+        found = np.zeros(self.body.fes.ndof)
+        for of, where in zip(self.each, self.slices, strict=True):
+            if not weights[where].any():
+                continue
+            if isinstance(of, Reaction):
+                motion = weights[where] @ of.motions
+                found += stiffness(motion) - of.own_stiffness(motion)
+            else:
+                found += of.gradient(weights[where])
+        return found
+
+    def by_theta(self, weights: Array) -> Array:
+        """∂(w · value)/∂θ (θ,) but for what the tissue's forces have."""
+        found = np.zeros(self._n_theta)
+        for outer, where in zip(self._outer, self.slices, strict=True):
+            if weights[where].any():
+                found += outer.slopes(weights[where])
+        return found
+
+    def rows(self, stiffness: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Both for each number: (size, ndof) and (size, θ)."""
+        units = np.eye(self.size)
+        return np.array([self.by_state(w, stiffness) for w in units]), np.array([self.by_theta(w) for w in units])
+
+    def weigh(self, weights: Array) -> None:
+        """Set the weights of `terms`."""
+        for outer, where in zip(self._outer, self.slices, strict=True):
+            outer.weigh(weights[where])
+
+    def terms(self, *along: Motion) -> Terms:
+        """w · value at the body's state, or its derivative along motions, to be differentiated; without the tissue's forces."""
+        return [term for outer in self._outer for term in outer.terms(*along)]
+
+
+class _Outer:
+    """What one observable has beside the tissue's forces."""
+
+    def __init__(self, observed: Observed, parts: Mapping[str, Block]) -> None:
+        self._observed, body = observed, observed.problem
+        self._forms: ContactForms | None = None
+        self._slopes: list[Callable[[], Array]] = []
+        self._none = np.zeros(sum(part.size for part in parts.values()))
+        if isinstance(observed, Reaction):
+            loads, contacts = observed.elsewhere
+            if loads or contacts:
+                self._forms = ContactForms(body, parts, loads, contacts)
+        elif observed.symbolic:
+            self._slopes = [part.slope(observed.functional(body.gfu), body.mesh) for part in parts.values()]
+        elif any(isinstance(part, Nodes) for part in parts.values()):
+            raise InputError("parameters", "nodes", f"others, for {type(observed).__name__.lower()}s of a run")
+
+    def weigh(self, weights: Array) -> None:
+        if isinstance(self._observed, Reaction):
+            if self._forms is not None:
+                self._forms.weigh(weights @ self._observed.motions)
+        elif self._observed.symbolic:
+            self._observed.weigh(weights)
+
+    def slopes(self, weights: Array) -> Array:
+        self.weigh(weights)
+        if self._forms is not None:
+            return self._forms.slopes()
+        return np.concatenate([slope() for slope in self._slopes]) if self._slopes else self._none
+
+    def terms(self, *along: Motion) -> Terms:
+        if isinstance(self._observed, Reaction):
+            return [] if self._forms is None else self._forms.weighed(*along)
+        return self._observed.functional(self._observed.problem.gfu, *along)

@@ -1,0 +1,320 @@
+"""Observables of a state: values against closed forms, gradients by Taylor tests, and as data of models."""
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
+from replayed import GRID, SIDE, directions, loaded, relaxing, weights
+
+from ngbrain.adjoint.check import dot, taylor
+from ngbrain.errors import InputError
+from ngbrain.forward.common.kinematics import Axisymmetric
+from ngbrain.forward.common.loads import Pressure, Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.observables import (
+    Displacements,
+    Force,
+    Functional,
+    Moment,
+    Observable,
+    StrainEnergy,
+    StrainPercentile,
+    Unknowns,
+    region_volume,
+)
+from ngbrain.forward.observables.base import Linear
+from ngbrain.forward.observables.percentiles import Percentile
+from ngbrain.forward.sensitivity.parameter_blocks import Nodes
+from ngbrain.forward.sensitivity.static_model import Case, StaticModel
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.advance import newton_for
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
+from ngbrain.materials import NeoHooke, Ogden
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive
+
+SQUASHED = -0.08
+SWELLING = Functional(lambda at: (ngs.Det(at.F) - 1) ** 2 * at.inside(".*"), name="swelling", unit="m³")
+
+
+def cube(acting=(), contacts=(), element="P2/P1", mesh=None):
+    """Pressed between a base that holds and a top that does not slide."""
+    mesh = block((SIDE,) * 3, SIDE / 2) if mesh is None else mesh
+    law = Material(Ogden(1e3, -8.0), 2e4)
+    body = Problem(mesh, {".*": law}, {"bottom": 0, "top": (0, 0, SQUASHED * SIDE)}, acting, contacts, element)
+    LoadPath(body).solve()
+    return body
+
+
+def pressed_and_loaded():
+    soft = Contact("left", lambda x: x[0] + SIDE / 100, 1e6, 2e-4, 0.9)
+    return cube([Traction("right", (60.0, 0, 0)), Weight((0, -2e4, 0))], [soft])
+
+
+def flat(kinematics, quads=False):
+    mesh = MakeStructured2DMesh(quads=quads, nx=4, ny=4, mapping=lambda x, y: (SIDE * x, SIDE * y))
+    law = Material(NeoHooke(1e3), 5e3)
+    supports = {"bottom": 0, "top": (0, SQUASHED * SIDE)}
+    body = Problem(
+        mesh, {".*": law}, supports, [Pressure("right", 200.0)], element="Q2" if quads else "P2", kinematics=kinematics
+    )
+    LoadPath(body).solve()
+    return body
+
+
+BODIES = {
+    "space": cube,
+    "loads and contact": pressed_and_loaded,
+    "condensed": lambda: cube(element="P4/L2(2)"),
+    "hexahedra": lambda: cube(
+        element="Q2/L2(1)",
+        mesh=MakeStructured3DMesh(hexes=True, nx=2, ny=2, nz=2, mapping=lambda x, y, z: (SIDE * x, SIDE * y, SIDE * z)),
+    ),
+    "plane strain": lambda: flat(None),
+    "axisymmetric": lambda: flat(Axisymmetric(), quads=True),
+}
+FORCES = {"foot": Force("bottom"), "side": Force("right"), "all round": Force("bottom|right")}
+OTHERS = {
+    "strain": StrainPercentile(70, band=0.2),
+    "small": StrainPercentile(100, band=0.3, measure="small", factor=2.0),
+    "energy": StrainEnergy(),
+    "volume": region_volume(),
+    "swelling": SWELLING,
+}
+
+
+@pytest.fixture(scope="module", params=BODIES)
+def body(request):
+    return BODIES[request.param]()
+
+
+def moved(body, rng, size):
+    """A motion of the free unknowns, displacements by so much (m), pressures by so many parts of the modulus."""
+    each = np.where(body.is_u[: body.fes.ndof], size, 0.0)
+    spaces = body.fes.components if body.u is not body.gfu else [body.fes]
+    if body.p is not None:
+        each[body.fes.Range(1).start : body.fes.Range(1).stop] = size / SIDE * 1e3
+    assert len(spaces) >= 1
+    return each * rng.normal(size=len(each)) * (body.weights > 0)
+
+
+def ranks(observed, x):
+    """Points by their strain."""
+    observed.problem.x = x
+    return np.argsort(observed.strains()[0])
+
+
+@pytest.mark.parametrize(
+    "asked", [*FORCES.values(), *OTHERS.values(), Moment], ids=lambda a: getattr(a, "name", "moment")
+)
+def test_gradients_pass_taylors_test(asked, body, rng):
+    if asked is Moment:
+        middle = (SIDE / 2,) * body.mesh.dim
+        asked = Moment("bottom", middle, *([] if body.mesh.dim == 2 else [(0.3, 0.1, 1.0)]))
+    observed, rest = asked.on(body), body.x
+    x, first = rest + moved(body, rng, 1e-3 * SIDE), 0.1  # no two points have the same strain by symmetry
+    w, dx = rng.normal(size=observed.size), moved(body, rng, 1e-3 * SIDE)
+    while isinstance(observed, Percentile) and not np.array_equal(*(ranks(observed, x + s * dx) for s in (0, first))):
+        first /= 2
+
+    def value(at):
+        body.x = at
+        return float(w @ observed.value())
+
+    body.x = x
+    gradient = observed.gradient(w)
+    rates = taylor(value, gradient, x, dx, first=first, steps=3)
+    body.x = x
+    assert asked.gradient(body, weights=w) == pytest.approx(gradient, rel=1e-12, abs=1e-12 * np.abs(gradient).max())
+    body.x = rest
+    print(asked.name, first, rates)
+    assert rates[-1] == pytest.approx(2, abs=0.1), rates
+
+
+def test_a_contact_counted_as_tissue_fails_it(rng, monkeypatch):
+    from ngbrain.forward.observables.force import Reaction
+
+    monkeypatch.setattr(Reaction, "own_stiffness", lambda self, motion: 0 * motion)
+    body = pressed_and_loaded()
+    observed, x = Force("left").on(body), body.x
+
+    def value(at):
+        body.x = at
+        return float(observed.value().sum())
+
+    rates = taylor(value, observed.gradient(np.ones(3)), x, moved(body, rng, 1e-3 * SIDE), first=0.1)
+    assert rates[-1] < 1.5
+
+
+def test_forces_and_moments_balance_loads_in_closed_form():
+    """A block that stands on its foot, pushed at one side: the foot bears force and moment of the push and the weight."""
+    push, heavy, r = 40.0, 3e4, np.array([0.0, 0.0, 0.0])
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    body = Problem(
+        mesh, {".*": Material(NeoHooke(5e4), 2e5)}, {"bottom": 0}, [Traction("right", (0, push, 0)), Weight((0, 0, -heavy))],
+        element="P2",
+    )  # fmt: skip
+    LoadPath(body).solve()
+    force = Force("bottom").value(body)
+    assert force == pytest.approx([0, -push * SIDE**2, heavy * SIDE**3], abs=1e-8)
+    # Of what is deformed: arms are those of rest, so the moments are off by what the block bends.
+    moments = [Moment("bottom", r, axis).value(body)[0] for axis in np.eye(3)]
+    arm, half = push * SIDE**3, SIDE / 2
+    wanted = [heavy * SIDE**3 * half + arm / 2, -heavy * SIDE**3 * half, -arm]
+    assert moments == pytest.approx(wanted, rel=0.02)
+    assert Force("bottom", (0, 0, 2.0)).value(body) == pytest.approx([2 * force[2]])
+
+
+def test_percentiles_and_integrals_of_a_homogeneous_stretch():
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": (None, None, 0)}, element="P2")
+    stretch = np.array([1.2, 0.9, 0.95])
+    body.u.Set(ngs.CF(tuple((s - 1) * c for s, c in zip(stretch, (ngs.x, ngs.y, ngs.z), strict=True))))
+    for percent in (0, 50, 100):
+        assert StrainPercentile(percent).value(body) == pytest.approx([(1.2**2 - 1) / 2])
+        assert StrainPercentile(percent, measure="small", factor=3).value(body) == pytest.approx([0.6])
+    assert region_volume().value(body) == pytest.approx([np.prod(stretch) * SIDE**3])
+    assert StrainEnergy().value(body) == pytest.approx([body.energy])
+
+
+def test_a_narrow_band_is_the_percentile_itself_and_a_wide_one_the_mean():
+    body = cube(mesh=block((SIDE,) * 3, SIDE / 4))
+    raw = [StrainPercentile(p).on(body).raw for p in (20, 50, 95)]
+    narrow = [StrainPercentile(p, band=0.002).value(body)[0] for p in (20, 50, 95)]
+    assert narrow == pytest.approx(raw, rel=5e-3) and raw[0] < raw[1] < raw[2]
+    wide = [abs(StrainPercentile(95, band=b).value(body)[0] / raw[2] - 1) for b in (0.01, 0.05)]
+    assert wide[0] < wide[1]
+    strain, share = StrainPercentile(50).on(body).strains()[0], 1.0
+    assert strain.min() < StrainPercentile(50, band=0.5).value(body)[0] < strain.max() and share
+
+
+@dataclass(frozen=True)
+class TipDrop(Observable):
+    """One of a user's own: how far the top's middle went down (m)."""
+
+    unit = "m"
+    name = "drop of the tip"
+
+    def on(self, problem):
+        seen = Displacements([[SIDE / 2, SIDE / 2, SIDE]], (0, 0, -1)).on(problem)
+        return Linear(problem, seen.matrix)
+
+
+def test_one_of_a_users_own_is_asked_like_all_others():
+    body = cube()
+    assert TipDrop().value(body) == pytest.approx([-SQUASHED * SIDE])
+    state = body.state(1.0)
+    body.rest()
+    assert TipDrop().value(body) == pytest.approx([0]) and TipDrop().value(body, state) == pytest.approx(
+        [-SQUASHED * SIDE]
+    )
+    assert Unknowns().value(body) == pytest.approx(body.x)
+
+
+SMOOTH = [Force("bottom", (0.2, 0.3, 1)), SWELLING, TipDrop(), Moment("bottom", (0, 0, 0), (0.3, 1, 0))]
+STRAIN = StrainPercentile(70, band=0.3)
+
+
+def test_data_of_an_equilibrium(rng):
+    mu, push = ngs.Parameter(1e3), ngs.Parameter(60.0)
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    body = Problem(
+        mesh,
+        {".*": Material(NeoHooke(mu), 5e3)},
+        {"bottom": 0},
+        [Traction("right", (push, 0.3 * push, 0))],
+        element="P2",
+    )
+    tight = newton_for(body, rtol=1e-12, xtol=1e-12)
+    model = StaticModel([Case(body, [*SMOOTH, STRAIN])], {"mu": mu, "push": push}, tight)
+    start, there = model.theta.copy(), model.at(model.theta)
+    w = weights(there.data[None], rng)[0]
+    for name, direction in directions(model, rng):
+        gradient = model.at(start).gradient(w)
+        rates = taylor(lambda t: float(w @ model.at(t).data), gradient, start, direction, first=1e-3)
+        there = model.at(start)
+        assert rates[0] == pytest.approx(2, abs=0.1), (name, rates)
+        assert dot(there.push, there.pull, direction, w) < 1e-9
+        assert there.pull(w) == pytest.approx(gradient, rel=1e-8)
+    with pytest.raises(InputError, match="second derivatives"):
+        there.second(w, direction)
+
+
+def run_of(kind, asked, grid=GRID):
+    mesh, materials, parameters, protocol, acts = kind()
+    drive = Drive(protocol)
+    acting = acts(drive)
+    walls = [each for each in acting if isinstance(each, Contact)]
+    loads = [each for each in acting if each not in walls]
+    body = Problem(mesh, materials, {"bottom": 0}, loads, contacts=walls, element="P2/P1")
+    return RunModel(body, drive, grid, parameters, asked)
+
+
+@pytest.mark.parametrize("kind", [relaxing, loaded])
+def test_data_of_a_run(kind, rng):
+    """Integrals and forces at the ends of steps, with loads elsewhere on nodes that are shared."""
+    model = run_of(kind, SMOOTH)
+    start, there = model.theta.copy(), model.at(model.theta)
+    w = weights(there.data, rng)
+    gradient = there.gradient(w)
+    for name, direction in directions(model, rng):
+        rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.05)
+        assert rates[2] == pytest.approx(2, abs=0.1), (name, rates)
+        there = model.at(start)
+        assert np.sum(w * there.push(direction)) == pytest.approx(gradient @ direction, rel=1e-7)
+
+
+def test_a_percentile_of_a_run(rng):
+    """Against differences: its ranks change along the way."""
+    model = run_of(loaded, [STRAIN])
+    start, there = model.theta.copy(), model.at(model.theta)
+    w = weights(there.data, rng)
+    gradient = there.gradient(w)
+    for name, direction in directions(model, rng):
+        ends = [float(np.sum(w * model.at(start + s * direction).data)) for s in (-1e-3, 1e-3)]
+        assert (ends[1] - ends[0]) / 2e-3 == pytest.approx(gradient @ direction, rel=5e-3), name
+    with pytest.raises(InputError, match="second derivatives"):
+        model.at(start).second(w, direction)
+
+
+def test_second_derivatives_of_integrals_of_a_run(rng):
+    model = run_of(loaded, [SWELLING, Force("bottom")], GRID[:4])
+    start, there = model.theta.copy(), model.at(model.theta)
+    w = weights(there.data, rng)
+    direction = sum(way for _, way in directions(model, rng))
+    second, gradient = there.second(w, direction), lambda t: model.at(t).gradient(w)
+    rates = taylor(gradient, lambda way: second, start, direction, first=0.01)
+    assert rates[-1] == pytest.approx(2, abs=0.1), rates
+
+
+def test_bad_input():
+    body = cube()
+    with pytest.raises(InputError, match="direction"):
+        Displacements([[0.01, 0.01, 0.01]], (0, 0, 0)).on(body)
+    with pytest.raises(InputError, match="direction"):
+        Force("top", (0, 1)).on(body)
+    with pytest.raises(InputError, match="boundary"):
+        Force("lid").on(body)
+    with pytest.raises(InputError, match="centre"):
+        Moment("top", (0, 0)).on(body)
+    with pytest.raises(InputError, match="outside"):
+        Displacements([[1.0, 0.01, 0.01]]).on(body)
+    with pytest.raises(InputError, match="region"):
+        StrainPercentile(50, "skull").on(body)
+    for wrong in (
+        {"percent": 101},
+        {"percent": 50, "band": 0},
+        {"percent": 5, "measure": "log"},
+        {"percent": 5, "within": 1},
+    ):
+        with pytest.raises(InputError):
+            StrainPercentile(**wrong)
+    mesh = block((SIDE,) * 3, SIDE)
+    nodes = Nodes(mesh)
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0, "top": (0, 0, -1e-3)}, element="P1")
+    with pytest.raises(InputError, match="nodes"):
+        StaticModel([Case(body, [StrainPercentile(50)])], {"nodes": nodes})
