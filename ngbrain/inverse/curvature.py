@@ -29,8 +29,10 @@ class Metric:
     True
     """
 
-    def __init__(self, matrix: sp.csr_array) -> None:
-        self.matrix = matrix
+    def __init__(self, matrix: sp.csr_array, free: Array | None = None) -> None:
+        self.matrix, self.free = matrix, free
+        self.loose = np.zeros(matrix.shape[0], bool) if free is None else free > 0
+        """Unknowns that no regulariser holds."""
         self._factor = _without_pivots(sp.csc_array(matrix), "MMD_AT_PLUS_A")
         self._order = np.argsort(self._factor.perm_r)
         root = self._factor.L @ sp.diags_array(np.sqrt(self._factor.U.diagonal()))
@@ -38,8 +40,12 @@ class Metric:
         self._root = _without_pivots(sp.csc_array(root), "NATURAL")
 
     @staticmethod
-    def of(point: Point) -> Metric:
-        """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds."""
+    def of(point: Point, before: Metric | None = None) -> Metric:
+        """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds.
+
+        Of these the largest so far counts, with the metric of a point `before`: one that has become so small that it changes
+        nothing is then not drawn on for that (Moré 1978, 10.1007/BFb0067700).
+        """
         reduced, free = point.reduced, np.zeros(len(point.x))
         loose = {name: block for name, block in reduced.unknowns.blocks.items() if name not in reduced.regularisers}
         probe = np.random.default_rng(0).choice([-1.0, 1.0], size=len(point.x))
@@ -51,7 +57,9 @@ class Metric:
                 raise InputError(
                     "unknowns", f"{name}, of which data tell nothing", "those that they tell of, or a regulariser"
                 )
-        return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)))
+        if before is not None and before.free is not None:
+            free = np.maximum(free, before.free)
+        return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)), free)
 
     def solve(self, b: Array) -> Array:
         """M⁻¹ b."""

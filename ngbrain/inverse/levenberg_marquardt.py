@@ -27,8 +27,9 @@ DENSE = 2000
 """Unknowns up to which the Jacobian is a matrix."""
 FIRST = 1.0
 """Damping to begin with: in this metric as much as all regularisers."""
-LONGEST = 3.0
-"""A step changes no unknown by more, of logarithms a factor of 20: else one of which data tell little is lost at once."""
+SHORT, LONGEST = 1.0, 3.0
+"""A step changes no unknown by more than the second, of logarithms a factor of 20, and one that no regulariser holds at first by no
+more than the other, a factor of e: else one of which data tell little is lost at once, and they tell nothing of it from there."""
 HEAVY = 1e12
 ROUNDS = 60
 ROUGH, MOST = 0.01, 200
@@ -60,15 +61,17 @@ def levenberg_marquardt(
     """
     ledger = Ledger(reduced, policy, tell, seed)
     history: list[Iteration] = []
-    point, settled, stuck, damping = reduced.at(x), False, False, FIRST
+    point, settled, stuck, damping, longest = reduced.at(x), False, False, FIRST, SHORT
+    metric: Metric | None = None
     for _ in range(rounds):
-        metric = Metric.of(point)
+        metric = Metric.of(point, metric)
         H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
         gradient = point.gradient()
         growth = 2.0
         while damping < HEAVY:
             step = -H.solve(gradient, damping, ROUGH, MOST)
-            if not np.abs(step).max() <= LONGEST:  # beyond what the model of second order can foretell
+            size = float(np.max(np.abs(step[metric.loose]), initial=0.0))
+            if not (size <= longest and np.abs(step).max() <= LONGEST):  # beyond what second order can foretell
                 damping, growth = damping * growth, 2 * growth
                 continue
             foretold = -float(step @ gradient) - 0.5 * float(step @ H.apply(step))
@@ -80,6 +83,7 @@ def levenberg_marquardt(
                 )  # times as long, at most, a step without damping would be: a short one is no end yet
                 rho = min(1.0, fall / max(foretold, 1e-300))  # foretold may be nothing
                 damping *= max(1 / 3, 1 - (2 * rho - 1) ** 3) if fall > 0 else 1.0
+                longest = bounded(longest, size, rho)
                 break
             damping, growth = damping * growth, 2 * growth
         else:
@@ -96,6 +100,17 @@ def levenberg_marquardt(
         raise ConvergenceError("no step lowers the objective from where it starts: try another start")
     level = Level(2 * point.misfit, history[-1].expected)
     return Found(point.x, point.value, level, dict(reduced.weights), settled, ledger.misfit.count, history, stuck)
+
+
+def bounded(longest: float, size: float, gain: float) -> float:
+    """The bound of the next step: twice as much where a step that came near it fell as foretold, half where it fell far less.
+
+    >>> bounded(1.0, 0.9, 0.95), bounded(2.0, 1.6, 0.1), bounded(1.0, 0.2, 0.95)
+    (2.0, 0.8, 1.0)
+    """
+    if gain < 0.25:
+        return max(size / 2, 1e-3)
+    return min(2 * longest, LONGEST) if gain > 0.75 and size > longest / 2 else longest
 
 
 class Dense(Curvature):
