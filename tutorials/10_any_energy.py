@@ -23,10 +23,12 @@ import ngbrain
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.observables import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
+from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.inverse.recover import recover
 from ngbrain.materials import NeoHooke, Prony
 from ngbrain.materials.base import Law
@@ -228,6 +230,51 @@ axes.legend(frameon=False)
 plt.show()
 
 # %% [markdown]
+# ## Ask for anything
+# What is asked of a state is an object with a name, a unit, a value and a gradient: forces, moments, displacements, integrals,
+# percentiles of strain. A percentile has no gradient where two points change ranks, so it is the mean of a band of percentiles
+# about it; how far that is from the plain one can be read. One of your own is a class of ten lines.
+
+
+# %%
+class Stretch(Observable):
+    """By how much two points move apart along x (m)."""
+
+    name, unit = "stretch between two points", "m"
+
+    def on(self, problem):
+        """The difference of two displacements."""
+        ends = Displacements([[0.02, 0.05], [0.08, 0.05]], (1, 0)).on(problem).matrix
+        return Linear(problem, ends[[1]] - ends[[0]])
+
+
+mu.Set(1000.0)
+k.Set(0.8)
+strain = StrainPercentile(90, band=0.1)
+asked = [Force("top", (0, -1)), strain, Stretch()]
+bodies = pressed(coarse, Quartic(mu, k))
+body = bodies[0]
+LoadPath(body).solve()
+for each in asked:
+    print(f"{each.name}: {each.value(body)[0]:.4g} {each.unit}")
+print(f"the plain percentile is {strain.on(body).raw:.4g}")
+
+# %% [markdown]
+# The same objects are data: k from these three numbers of both loads, pressed and sheared, with 1 % of noise, drawn anew each time.
+
+# %%
+six = StaticModel([Case(each, asked) for each in bodies], {"k": k})
+numbers = six.at(six.theta).data
+held, draws = 0, 10 if FAST else 20
+for _ in range(draws):
+    k.Set(0.4)
+    alone = recover(six, numbers * (1 + 0.01 * rng.normal(size=6)), 0.01 * np.abs(numbers), tell=lambda _: None)
+    bar = alone.posterior.band("k")
+    held += bool(bar.low[0] < 0.8 < bar.high[0])
+print(f"k = {alone.values['k']:.3f}, 95 % between {bar.low[0]:.3f} and {bar.high[0]:.3f} from the last draw of noise")
+print(f"{held} of {draws} intervals hold the truth, .8")
+
+# %% [markdown]
 # The same models are functions for PyTorch and JAX, objectives for scipy and UM-Bridge models for sampling programs:
 # `ngbrain.interop`.
 
@@ -237,5 +284,6 @@ print(
 )
 assert abs(own.values["k"] - 0.78) < 0.07 and wrong < 0.06, (own.values["k"], wrong)
 assert abs(contrast - 2.7) < 0.2, contrast
+assert held >= 0.8 * draws, held
 assert abs(got["g"] - 0.45) < 0.02 and abs(got["tau"] - 4.0) < 0.3, got
 assert np.all(np.abs(rates - 2) < 0.1), rates
