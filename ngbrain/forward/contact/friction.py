@@ -15,7 +15,7 @@ from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.state import Term
 from ngbrain.forward.common.unknowns import Fields, Layout
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
-from ngbrain.materials.base import checked, positive
+from ngbrain.materials.base import Value, checked, positive
 
 TINY = 1e-14
 """Keeps roots and quotients of numbers about 1 finite at zero."""
@@ -39,7 +39,7 @@ class Friction:
     semi-definite, and misses only what a change of P changes in τ.
 
     contact      whose pressure P presses; it has to act on the same body
-    coefficient  μ
+    coefficient  μ, a number or a `Parameter`
     slip         r (m), by which a wall gives before it slides
     moves        x ↦ b per metre of the contact's way; None: the body's surface stays, or moves along its normal
 
@@ -52,8 +52,8 @@ class Friction:
     """
 
     contact: Contact
-    coefficient: float
-    slip: float
+    coefficient: Value
+    slip: Value
     moves: Moves | None = None
 
     def __post_init__(self) -> None:
@@ -84,36 +84,36 @@ class Grip(Term):
     gfu        where they stand
     frictions  what rubs, if anything
 
-    Attributes: `form`, the energies alone.
+    Attributes: `form`, the energies alone; `rubs`, each friction with its fields; `start`, where the step began.
     """
 
     def __init__(self, layout: Layout, gfu: ngs.GridFunction, frictions: Sequence[Friction], kinematics: Solid) -> None:
         self.layout, self.frictions, self._gfu = layout, frictions, gfu
         self.form = ngs.BilinearForm(gfu.space, symmetric=True)
-        self._rubs: list[_Rub] = []
+        self.rubs: list[Rub] = []
         self.slips: list[np.ndarray] = []
         if frictions:
-            self._start, self._vec = ngs.GridFunction(gfu.space), gfu.vec.CreateVector()
-            start = layout.fields(self._start).u
-            self._rubs = [_Rub(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
+            self.start, self._vec = ngs.GridFunction(gfu.space), gfu.vec.CreateVector()
+            start = layout.fields(self.start).u
+            self.rubs = [Rub(friction, layout.fields(gfu), start, kinematics) for friction in frictions]
             self.join(self.form)
         self.finish()
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energies to a form of the problem's."""
-        for rub in self._rubs:
+        for rub in self.rubs:
             rub.join(form, self.layout)
 
     def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, way: ngs.Parameter) -> None:
         """Add the energies' first and second derivative by a way of contacts to forms of the problem's."""
-        for rub in self._rubs:
+        for rub in self.rubs:
             if rub.friction.contact.way is way:
                 rub.join_driving(felt, stiffness, self.layout)
 
     def by_boundary(self) -> list[tuple[str | None, ngs.BilinearForm]]:
         """Each by itself, with its wall."""
         found: list[tuple[str | None, ngs.BilinearForm]] = []
-        for rub in self._rubs:
+        for rub in self.rubs:
             form = ngs.BilinearForm(self.form.space, symmetric=True)
             rub.join(form, self.layout)
             found.append((rub.friction.wall, form))
@@ -126,12 +126,12 @@ class Grip(Term):
     def begin(self, dt: float) -> None:
         """Begin a time step at the unknowns that stand, with the bodies where they are."""
         if self.frictions:
-            start, ways = _values(self._gfu).copy(), [rub.way for rub in self._rubs]
+            start, ways = _values(self._gfu).copy(), [rub.way for rub in self.rubs]
             self.frozen = {"start": start, "ways": ways, "slips": self.slips}
 
     def finish(self) -> None:
         """End the step begun; forces can still be read."""
-        self.slips = [rub.end() for rub in self._rubs]
+        self.slips = [rub.end() for rub in self.rubs]
 
     def forces(self) -> np.ndarray | float:
         """Nodal forces, one for each unknown; 0 for all without friction."""
@@ -145,11 +145,11 @@ class Grip(Term):
 
         As the tissue's work is measured; in a step that turns back it is too little, and may be negative.
         """
-        return sum((rub.integral(rub.work) for rub in self._rubs), 0.0)
+        return sum((rub.integral(rub.work) for rub in self.rubs), 0.0)
 
     def driving(self) -> float:
         """∂(energy)/∂way (J/m): what friction adds to `Contact.driving`."""
-        return sum((rub.integral(rub.driving) for rub in self._rubs), 0.0)
+        return sum((rub.integral(rub.driving) for rub in self.rubs), 0.0)
 
     @property
     def internal(self) -> Mapping[str, Any]:
@@ -166,19 +166,63 @@ class Grip(Term):
         """All that the energies of the present step are made of, but for the unknowns that stand."""
         if not self.frictions:
             return {}
-        slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self._rubs]
-        return {"start": _values(self._start).copy(), "ways": [rub.start.Get() for rub in self._rubs], "slips": slips}
+        slips = [np.array([_values(rub.slip), _values(rub.before)]) for rub in self.rubs]
+        return {"start": _values(self.start).copy(), "ways": [rub.start.Get() for rub in self.rubs], "slips": slips}
 
     @frozen.setter
     def frozen(self, saved: Mapping[str, Any]) -> None:
         if self.frictions:
-            _values(self._start)[:] = saved["start"]
-            for rub, way, slip in zip(self._rubs, saved["ways"], saved["slips"], strict=True):
+            _values(self.start)[:] = saved["start"]
+            for rub, way, slip in zip(self.rubs, saved["ways"], saved["slips"], strict=True):
                 rub.start.Set(way)
                 _values(rub.slip)[:], _values(rub.before)[:] = slip
 
 
-class _Rub:
+class Slipping:
+    """A wall that rubs, as expressions of where it is, where the step began and with what elastic slip.
+
+    u, offset  displacement and offset of the contact
+    start      displacement at the start of the step
+    slip       elastic slip there
+    way        of the rigid body since then (m)
+
+    Attributes: `gone`, how far along the body; `traction` τ (Pa) and `elastic`, the slip that comes back; `moves`.
+    """
+
+    def __init__(
+        self,
+        friction: Friction,
+        u: CoefficientFunction,
+        offset: CoefficientFunction,
+        start: CoefficientFunction,
+        slip: CoefficientFunction,
+        way: CoefficientFunction,
+    ) -> None:
+        x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: u.dim]) + u).MakeVariable()
+        self._friction, self._start, self._slip = friction, start, slip
+        self._normal = friction.contact.distance(x).Diff(x)
+        self._pressure = friction.contact.pressure(u, offset)
+        self.moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * u.dim)
+        self._moved = way * self.moves
+        self.gone = self.along(self._gone(u))
+        g = (self.gone + self.along(slip)).MakeVariable()
+        self.traction = friction.energy(g, self._pressure).Diff(g)
+        self.elastic = friction.elastic(g, self._pressure)
+
+    def energy(self, u: CoefficientFunction) -> CoefficientFunction:
+        """Per reference area (J/m²), for another displacement with the same pressure and normal."""
+        return self._friction.energy(self.along(self._gone(u) + self._slip), self._pressure)
+
+    def along(self, v: CoefficientFunction) -> CoefficientFunction:
+        """What of a vector is along the body's surface."""
+        n = self._normal
+        return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
+
+    def _gone(self, u: CoefficientFunction) -> CoefficientFunction:
+        return u - self._start - self._moved
+
+
+class Rub:
     """One friction: its fields on the wall.
 
     slip, before  e and τ at the start of the step, at the points of the wall's quadrature; start: the contact's way there
@@ -188,25 +232,18 @@ class _Rub:
         self.friction, contact = friction, friction.contact
         mesh, u = now.u.space.mesh, now.u
         self.weight = kinematics.weight()
-        self._on = mesh.Boundaries(friction.wall)
+        self.on = mesh.Boundaries(friction.wall)
         # Its rule is the contact's: of the same order, at whose points fields on it can be read.
-        points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self._on)
+        self.points = points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self.on)
         self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
         self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, mesh.dim)) for _ in range(4))
         self.start = ngs.Parameter(self.way)
-        x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u).MakeVariable()
-        self._normal = contact.distance(x).Diff(x)
-        self._pressure, self._before = contact.pressure(u, now.offset), start
-        moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * mesh.dim)
         # A variable of its own, by which the energy is derived while pressure and normal stay.
-        self._way = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
-        self._moved = self._way * moves
-        gone = self._along(self._gone(u))
-        g = (gone + self._along(self.slip)).MakeVariable()
-        traction = friction.energy(g, self._pressure).Diff(g)
-        self._elastic, self._traction = friction.elastic(g, self._pressure).Compile(), traction.Compile()
-        self.work = (ngs.InnerProduct(traction + self.before, gone) / 2).Compile()
-        self.driving = (-ngs.InnerProduct(traction, moves)).Compile()
+        self.way_gone = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
+        self.now = Slipping(friction, u, now.offset, start, self.slip, self.way_gone)
+        self._elastic, self._traction = self.now.elastic.Compile(), self.now.traction.Compile()
+        self.work = (ngs.InnerProduct(self.now.traction + self.before, self.now.gone) / 2).Compile()
+        self.driving = (-ngs.InnerProduct(self.now.traction, self.now.moves)).Compile()
 
     @property
     def way(self) -> float:
@@ -220,26 +257,18 @@ class _Rub:
 
     def join_driving(self, felt: ngs.BilinearForm, stiffness: ngs.BilinearForm, layout: Layout) -> None:
         """Add the energy's first and second derivative by the contact's way to forms of the problem's."""
-        once = self._energy(felt.space, layout).Diff(self._way)
-        for form, derivative in ((felt, once), (stiffness, once.Diff(self._way))):
+        once = self._energy(felt.space, layout).Diff(self.way_gone)
+        for form, derivative in ((felt, once), (stiffness, once.Diff(self.way_gone))):
             form += ngs.Variation((self.weight * derivative).Compile() * self.measure)
 
     def _energy(self, space: ngs.FESpace, layout: Layout) -> CoefficientFunction:
         """Per reference area (J/m²)."""
-        u = layout.fields(space.TrialFunction()).u
-        return self.friction.energy(self._along(self._gone(u) + self.slip), self._pressure)
-
-    def _gone(self, u: CoefficientFunction) -> CoefficientFunction:
-        return u - self._before - self._moved
-
-    def _along(self, v: CoefficientFunction) -> CoefficientFunction:
-        n = self._normal
-        return v - ngs.InnerProduct(n, v) / (ngs.InnerProduct(n, n) + TINY) * n
+        return self.now.energy(layout.fields(space.TrialFunction()).u)
 
     def end(self) -> np.ndarray:
         """Elastic slip and traction at the unknowns that stand."""
         for field, value in zip(self._ends, (self._elastic, self._traction), strict=True):
-            field.Interpolate(value, definedon=self._on)
+            field.Interpolate(value, definedon=self.on)
         return np.array([_values(field) for field in self._ends])
 
     def integral(self, value: CoefficientFunction) -> float:

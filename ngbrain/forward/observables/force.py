@@ -122,6 +122,14 @@ class Reaction(Observed):
         loads = [load for load in self.problem.loads if self._apart(getattr(load, "boundary", None))]
         return loads, [contact for contact in self.problem.contacts if self._apart(contact.wall)]
 
+    def check_apart_from_friction(self) -> None:
+        """Refuse friction on other boundaries that share nodes: how it changes there is not derived."""
+        u = self.problem.u.space
+        for friction in self.problem.friction.frictions:
+            there = np.fromiter(u.GetDofs(self.problem.mesh.Boundaries(friction.wall)), bool, u.ndof)
+            if self._apart(friction.wall) and np.any(self.motions[:, : u.ndof][:, there]):
+                raise InputError("Force.boundary", repr(self.boundary), f"one that shares no node with {friction.wall!r}, which rubs")
+
     def _apart(self, pattern: str | None) -> bool:
         return not pattern or not self._mine & boundaries(self.problem.mesh, pattern)
 

@@ -20,7 +20,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
-from ngbrain.solvers.newton import Newton
+from ngbrain.solvers.newton import Newton, System
 from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
@@ -56,11 +56,12 @@ def times_of(transient: TimeStepper) -> Array:
 
 
 class Replay:
-    """Steps of a quasi-static body without friction under a motion, on a grid of times (s) that starts at 0.
+    """Steps of a quasi-static body under a motion, on a grid of times (s) that starts at 0.
 
     newton  tight settings
     every   how many steps apart histories are kept; None: √N, 1: all of them
     states  whether the states of all steps are kept
+    system  what Newton's method solves, with a tangent of its own; by default the body
 
     `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
     on what is differentiated. `solved` counts the steps that Newton's method took.
@@ -74,9 +75,9 @@ class Replay:
         newton: Newton = TIGHT,
         every: int | None = None,
         states: bool = True,
+        system: System | None = None,
     ) -> None:
         refused = {
-            "with friction": bool(body.friction.frictions),
             "with inertia": body.inertia is not None,
             "with a tool of given force": body.tool is not None,
         }
@@ -89,6 +90,7 @@ class Replay:
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
         self.body, self.motion, self.grid, self.newton = body, motion, grid, newton
+        self._system = system or body
         self.every = max(1, round(np.sqrt(len(grid) - 1))) if every is None else every
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
@@ -209,16 +211,17 @@ class Replay:
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
         self._program.set(t)
-        x, record = self._near.solve(self.body, guess)
+        x, record = self._near.solve(self._system, guess)
         if record.converged:
             self._newton.inverse = self._near.inverse
-            x, record = self._newton.solve(self.body, x)
+            x, record = self._newton.solve(self._system, x)
         return x, record
 
     def stand(self, step: Step) -> Step:
         """Go to the end of a step, with the internal variables not yet moved on."""
         body = self.body
-        body.set_state(replace(step.start, x=step.x))
+        self._program.set(self.grid[step.n])
+        body.set_state(step.start)
         body.begin(self.grid[step.n + 1] - self.grid[step.n])
         self._program.set(self.grid[step.n + 1])
         self._flow(step.x)

@@ -23,6 +23,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes, block, places
+from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep, SlidingTangents
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
@@ -41,7 +42,7 @@ TOGETHER = 40
 class RunModel:
     """From a vector θ to what a run shows at some times.
 
-    body        quasi-static, without friction; its materials are made of `parameters`
+    body        quasi-static; its materials are made of `parameters`
     motion      of its rigid bodies and of what its loads are made of
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
@@ -91,10 +92,9 @@ class RunModel:
         apart = np.min(np.abs(grid[:, None] - times), axis=1) > 1e-9 * grid[-1]
         if not observables:
             raise InputError("observables", "none", "one or more: what is seen of a run")
-        self.replay = Replay(body, motion, np.sort(np.concatenate([grid[apart], times])), newton, every, states)
         self.body, self.parameters, self.times = body, dict(parameters), times
         values = {name: of for name, of in self.parameters.items() if not isinstance(of, Nodes)}
-        self.forms, self.tangents = StepForms(body, values), Tangents(body)
+        self.forms = StepForms(body, values)
         nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
         self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
         if (own := getattr(motion, "parameter", None)) is not None:
@@ -105,9 +105,14 @@ class RunModel:
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
         self.contacts = ContactForms(body, self.parts)
+        self.friction = FrictionStep(body, self.parts) if body.friction.frictions else None
+        self.tangents = Tangents(body) if self.friction is None else SlidingTangents(body, self.friction)
         self.seen = RunObservables(body, observables, self.parts)
         self.observed = self.seen.slices
         """Where each observable is in a row of the data."""
+        rubs = self.tangents if isinstance(self.tangents, SlidingTangents) else None
+        steps = np.sort(np.concatenate([grid[apart], times]))
+        self.replay = Replay(body, motion, steps, newton, every, states, rubs)
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
         """Which row of the data a step gives."""
 
@@ -175,10 +180,14 @@ class Replayed:
         shaped("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
-        model, forms = self.model, self.model.forms
+        model, forms, friction = self.model, self.model.forms, self.model.friction
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
+        by_end, slips = np.zeros(model.body.fes.ndof), np.zeros(0 if friction is None else friction.size)
         for step in model.replay.backwards():
-            adjoint, motion, _ = self._adjoint(step, w, weights)
+            adjoint, motion, _ = self._adjoint(step, w, weights, rubbed=(by_end, slips))
+            if friction is not None:
+                by_end, slips, by_theta = friction.back(adjoint, slips)
+                total += by_theta
             shifts = {name: shapes.slopes(adjoint + motion, weights) for name, shapes in model.shapes.items()}
             weights, slopes = forms.back(adjoint + motion, weights)
             slopes |= shifts
@@ -194,6 +203,8 @@ class Replayed:
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
         shaped("w", np.shape(w), self.data.shape)
+        if self.model.friction is not None:
+            raise InputError("contacts", "with friction", "without, for second derivatives of a run")
         model, forms, curved = self.model, self.model.forms, self.model.curvature
         theta, total = model.split(direction), np.zeros(model.size)
         weights = turned = np.zeros((forms.size, len(forms.quadrature)))
@@ -209,11 +220,19 @@ class Replayed:
             total += slopes + np.concatenate(list(more.values())) + self._touched(change)
         return total
 
-    def _adjoint(self, step: Step, w: Array, weights: Array, exact: float = EXACT) -> tuple[Array, Array, Solve]:
-        """λ and Zᵀw of a step at whose end the body stands, and the solver."""
+    def _adjoint(
+        self, step: Step, w: Array, weights: Array, exact: float = EXACT, rubbed: tuple[Array, Array] | None = None
+    ) -> tuple[Array, Array, Solve]:
+        """λ and Zᵀw of a step at whose end the body stands, and the solver.
+
+        `rubbed`: how the next step's friction changes with this end, and weights of slips.
+        """
         model, solve = self.model, self._begin(step, 1, exact)
         row = self._row(step, w)
         b = model.seen.by_state(row, model.tangents.apply) + model.forms.remembered(weights)
+        if model.friction is not None and rubbed is not None:
+            b += rubbed[0] + model.friction.remembered(rubbed[1])
+            return -model.tangents.transposed(b), model.seen.motions.T @ row, solve
         return -solve(b), model.seen.motions.T @ row, solve
 
     def _row(self, step: Step, w: Array) -> Array:
@@ -249,6 +268,8 @@ class Replayed:
         model, forms = self.model, self.model.forms
         data = np.zeros((len(directions), *self.data.shape))
         histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
+        friction, ends = model.friction, np.zeros((len(directions), model.body.fes.ndof))
+        slips = np.zeros((len(directions), 0 if friction is None else friction.size))
         for step in model.replay.forwards():
             solve, contacts = self._begin(step, len(directions)), model.contacts.columns()
             shifted = {name: shapes.columns() for name, shapes in model.shapes.items()}
@@ -258,7 +279,10 @@ class Replayed:
                 theta = model.split(direction)
                 r = forms.changed(histories[i], theta)
                 r += sum(columns @ theta[name] for name, columns in shifted.items())
-                x = -solve(r + contacts @ direction)
+                rubbed = 0.0 if friction is None else friction.changed(ends[i], slips[i], list(theta.values()))
+                x = -solve(r + contacts @ direction + rubbed)
+                if friction is not None:
+                    ends[i], slips[i] = x, friction.moved(x)
                 if seen is not None:
                     data[i, seen] = by_state @ x + model.seen.motions @ r + by_theta @ direction
                 histories[i] = forms.moved(x)

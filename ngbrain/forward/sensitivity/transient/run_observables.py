@@ -95,6 +95,7 @@ class _Outer:
         self._none = np.zeros(sum(part.size for part in parts.values()))
         if isinstance(observed, Reaction):
             loads, contacts = observed.elsewhere
+            observed.check_apart_from_friction()
             if loads or contacts:
                 self._forms = ContactForms(body, parts, loads, contacts)
         elif observed.symbolic:

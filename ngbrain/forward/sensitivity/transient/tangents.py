@@ -43,6 +43,10 @@ class Tangents:
             self._renew()
         return self._solve
 
+    def transposed(self, b: Array) -> Array:
+        """K⁻ᵀ b: the tangent is symmetric."""
+        return self._solve(b)
+
     def apply(self, x: Array) -> Array:
         """K x, one number for each unknown."""
         vector, image = self._vectors
