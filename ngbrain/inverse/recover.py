@@ -27,6 +27,8 @@ from ngbrain.progress import logged, reporting
 
 Array = np.ndarray
 Holds = Callable[[ngs.FESpace, Array], Regulariser]
+DETERMINED = 2.0
+"""A positive number counts as determined where its 95 % interval spans less than this factor."""
 FIRST = 0.05
 """Weight of regularisers to begin with, for each number of data."""
 
@@ -50,6 +52,39 @@ class Recovered:
     def posterior(self) -> Posterior:
         """Error bars: `recovered.posterior.band("mu")`. Raises `InputError` where data leave a number open."""
         return Posterior(self.problem.at(self.found.x))
+
+    @cached_property
+    def undetermined(self) -> dict[str, str]:
+        """Positive numbers that the data do not determine within a factor of `DETERMINED`: why, by name.
+
+        Whatever their values are: another start may end elsewhere at the same misfit.
+        """
+        found = {}
+        for name, value in self.values.items():
+            if isinstance(value, float) and value > 0:
+                try:
+                    band = self.posterior.band(name)
+                except InputError as error:
+                    return {name: f"not determined: {error}" for name, v in self.values.items() if isinstance(v, float)}
+                low, high = float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
+                if not high < DETERMINED * low:
+                    found[name] = f"not determined: 95 % between {low:.3g} and {high:.3g}"
+        return found
+
+    def __str__(self) -> str:
+        """Each number with its 95 % interval, or that it is not determined; fields by their mean."""
+        lines = []
+        for name, value in self.values.items():
+            if not isinstance(value, float):
+                lines.append(f"{name}: a field, {np.mean(value):.4g} in the mean")
+            elif name in self.undetermined:
+                lines.append(f"{name}: {self.undetermined[name]}")
+            else:
+                band = self.posterior.band(name)
+                low, high = float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
+                lines.append(f"{name}: {value:.4g}, 95 % between {low:.4g} and {high:.4g}")
+        settled = "" if self.found.converged else ", not settled"
+        return "\n".join([*lines, f"misfit {self.misfit:.2g} times what noise leaves{settled}"])
 
 
 @reporting()

@@ -128,7 +128,8 @@ class Reaction(Observed):
         for friction in self.problem.friction.frictions:
             there = np.fromiter(u.GetDofs(self.problem.mesh.Boundaries(friction.wall)), bool, u.ndof)
             if self._apart(friction.wall) and np.any(self.motions[:, : u.ndof][:, there]):
-                raise InputError("Force.boundary", repr(self.boundary), f"one that shares no node with {friction.wall!r}, which rubs")
+                wanted = f"one that shares no node with {friction.wall!r}, which rubs"
+                raise InputError("Force.boundary", repr(self.boundary), wanted)
 
     def _apart(self, pattern: str | None) -> bool:
         return not pattern or not self._mine & boundaries(self.problem.mesh, pattern)

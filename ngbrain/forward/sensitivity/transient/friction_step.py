@@ -47,7 +47,9 @@ class FrictionStep:
     def back(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Derivatives of ℓ by y (ndof,), by e (a density) and by θ."""
         self._weigh(adjoint, weights)
-        by_slip = np.concatenate([rub.at_points(density) for rub, density in zip(self._rubs, self._by_slip, strict=True)])
+        by_slip = np.concatenate(
+            [rub.at_points(density) for rub, density in zip(self._rubs, self._by_slip, strict=True)]
+        )
         return self._by_start(), by_slip, np.concatenate([part() for part in self._by_theta])
 
     def remembered(self, weights: Array) -> Array:

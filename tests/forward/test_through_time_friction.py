@@ -1,0 +1,131 @@
+"""Derivatives of runs in which walls stick and slide: by what tissue, contact and friction are made of."""
+
+import numpy as np
+import pytest
+from rubbing import VALUES, Sliding, model
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
+from ngbrain.forward.observables import Force
+from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
+
+GRID = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 8.0)
+CASES = {
+    "plane strain": {},
+    "axisymmetric": {"kind": "axisymmetric"},
+    "quadrilaterals": {"kind": "quadrilaterals", "n": 2},
+    "space": {"kind": "space", "n": 1, "grid": GRID[:5]},
+    "Maxwell": {"law": "Maxwell", "n": 2},
+    "elastic": {"law": "elastic"},
+    "penalty alone": {"share": 0.0},
+}
+
+
+def made(case):
+    return model(**{"grid": GRID, **CASES[case]})
+
+
+def weighed(of, there, rng):
+    """Weights of all that is not nothing, and their sum with the data at other parameters."""
+    w = rng.normal(size=there.data.shape) / (np.abs(there.data).max(axis=0) + 1e-2 * np.abs(there.data).max())
+    return w, lambda theta: float(np.sum(w * of.at(theta).data))
+
+
+def along(of, name):
+    direction = np.zeros(of.size)
+    direction[of.blocks[name]] = VALUES[name]
+    return direction
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_are_those_of_differences(case, rng):
+    """By every parameter; points that begin to slide between the ends of a difference bend it a little."""
+    of = made(case)
+    start, there = of.theta.copy(), of.at(of.theta)
+    w, value = weighed(of, there, rng)
+    gradient, whole = there.gradient(w), np.abs(there.gradient(w) * start).max()
+    for name in of.blocks:
+        direction = along(of, name)
+        there = of.at(start)
+        assert np.sum(w * there.push(direction)) == pytest.approx(gradient @ direction, rel=1e-7), name
+        difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
+        print(case, name, difference, gradient @ direction)
+        assert difference == pytest.approx(gradient @ direction, rel=5e-3, abs=1e-4 * whole), name
+
+
+@pytest.mark.parametrize("name", ["mu", "g", "tau", "friction", "penalty"])
+def test_rates(name, rng):
+    of = made("plane strain")
+    start, there = of.theta.copy(), of.at(of.theta)
+    w, value = weighed(of, there, rng)
+    rates = taylor(value, there.gradient(w), start, along(of, name), first=2e-3, steps=3)
+    print(name, rates)
+    assert rates[1] == pytest.approx(2, abs=0.1), rates
+
+
+def test_full_slide_has_the_slope_of_coulombs_law():
+    """F_t = μN: what friction changes in the tangential force, but for what it changes in the normal one, is N."""
+    of = model(GRID, friction=0.05, seen=[Force("top")])
+    there = of.at(of.theta)
+    direction = np.zeros(of.size)
+    direction[of.blocks["friction"]] = 1.0
+    change = there.push(direction)
+    late = 4  # at 3 s all of the top has slid by 2 mm
+    tangential, normal = there.data[late]
+    assert tangential == pytest.approx(-0.05 * normal, rel=1e-5)
+    assert change[late, 0] == pytest.approx(-normal - 0.05 * change[late, 1], rel=1e-5)
+
+
+def forgotten_end(patch):
+    """The slip that a step leaves does not change with where it ends."""
+    patch.setattr(FrictionStep, "remembered", lambda self, weights: np.zeros(self.body.fes.ndof))
+
+
+def forgotten_slip(patch):
+    """Where a step begins does not depend on the one before."""
+    back = FrictionStep.back
+    patch.setattr(FrictionStep, "back", lambda self, a, m: (0 * (found := back(self, a, m))[0], found[1], found[2]))
+
+
+def kept_slip(patch):
+    """Slips that are carried on whole."""
+    back = FrictionStep.back
+    patch.setattr(FrictionStep, "back", lambda self, a, m: ((found := back(self, a, m))[0], m, found[2]))
+
+
+@pytest.mark.parametrize("bug", [forgotten_end, forgotten_slip, kept_slip], ids=lambda bug: bug.__name__)
+def test_a_bug_lowers_the_rate(bug, monkeypatch, rng):
+    bug(monkeypatch)
+    of = made("plane strain")
+    start, there = of.theta.copy(), of.at(of.theta)
+    w, value = weighed(of, there, rng)
+    rates = taylor(value, there.gradient(w), start, along(of, "mu"), first=2e-3, steps=3)
+    assert rates[-1] < 1.3, rates
+
+
+def test_a_run_replays_what_time_stepping_does():
+    """The recorded grid taken again with the whole tangent has the forces of the stepping with the symmetric one."""
+    from ngbrain.forward.sensitivity.transient.replay import times_of
+    from ngbrain.forward.transient.step_control import StepControl
+    from ngbrain.forward.transient.time_stepper import TimeStepper
+
+    of, plate = model(GRID), Sliding()
+    body = of.body
+    rows, seen = [], Force("top").on(body)
+    stepper = TimeStepper(body, of.replay.motion, StepControl(0.5), 1e-3)
+    step = stepper.step
+    stepper.step = lambda: (step(), rows.append(seen.value()))[0]
+    grid = times_of(stepper)
+    again = model(grid, seen=[Force("top")])
+    assert (
+        again.at(again.theta).data == pytest.approx(np.array(rows), rel=1e-4, abs=1e-5) and plate.events[-1] == grid[-1]
+    )
+
+
+def test_what_is_not_derived_is_refused():
+    of = model(GRID)
+    there = of.at(of.theta)
+    with pytest.raises(InputError, match="with friction"):
+        there.second(np.ones_like(there.data), np.ones(of.size))
+    with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):
+        model(GRID, kind="axisymmetric", seen=[Force("left")])
