@@ -14,6 +14,7 @@ from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.contact.rigid import Sliding as Film
 from ngbrain.forward.observables import Displacements, Force, Functional
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 
 GRID = (0.0, 0.5, 1.0, 1.5, 2.5, 3.0, 8.0)
@@ -34,6 +35,7 @@ def drawn(seed):
     sizes = {"mu": 1e3, "penalty": 1e7, "way": 1.0, "lift": 1e-5}
     sizes |= {"Prony": {"g": 0.5, "tau": 3.0}, "Maxwell": {"tau": 3.0}, "elastic": {}}[law]
     sizes |= {"friction": 0.3} if rubs else {}
+    sizes |= {"rho": 1e6} if rng.integers(3) == 0 else {}  # so heavy that a second is short
     sizes |= {name: {"traction": 20.0, "weight": 8e3, "springs": 2e4, "film": 1e5}[name] for name in loads}
     p = {name: ngs.Parameter(size) for name, size in sizes.items()}
     material = Material(law_of(law, p | {"g": p.get("g", 0.5)}), 2e4)
@@ -42,7 +44,7 @@ def drawn(seed):
     across, down = (1.0, *(0.0,) * last), (*(0.0,) * last, -1.0)
     if rubs:
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x: ngs.CF(across)))
-    acting = []
+    acting = [Inertia(p["rho"])] if "rho" in p else []
     if "traction" in loads:
         acting.append(Traction("right", tuple(p["traction"] * c for c in across)))
     if "weight" in loads:
@@ -58,7 +60,7 @@ def drawn(seed):
     )  # fmt: skip
     bent = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.inside(".*"), name="mean square displacement")
     seen = [Force("bottom"), bent, Displacements([[SIDE / 2, *(0.7 * SIDE,) * last]])]
-    made = f"{kind}, {law}, offset {share:g}, {'friction, ' if rubs else ''}{', '.join(sorted(loads))}"
+    made = ", ".join([kind, law, f"offset {share:g}", *["friction"] * rubs, *["mass"] * ("rho" in p), *sorted(loads)])
     return RunModel(body, plate, GRID, p, seen), made, np.array(list(sizes.values()))
 
 

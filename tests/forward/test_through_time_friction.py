@@ -125,7 +125,7 @@ def test_a_run_replays_what_time_stepping_does():
 def test_what_is_not_derived_is_refused():
     of = model(GRID)
     there = of.at(of.theta)
-    with pytest.raises(InputError, match="with friction"):
+    with pytest.raises(InputError, match="with friction or inertia"):
         there.second(np.ones_like(there.data), np.ones(of.size))
     with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):
         model(GRID, kind="axisymmetric", seen=[Force("left")])

@@ -194,14 +194,25 @@ class Momentum(Term):
         self._density = kinematics.weight() * density
         self._weight, self._target, self._moved = ngs.Parameter(0.0), ngs.GridFunction(space), ngs.GridFunction(space)
         u, v = space.TnT()
-        form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
-        self._mass = form.Assemble().mat
+        self._form = ngs.BilinearForm(self._density * ngs.InnerProduct(u, v) * self._measure, symmetric=True)
+        self.dt, self.stretch = 0.0, 1.0
+        self.weigh()
         self.rest()
+
+    def weigh(self) -> None:
+        """Take the density as it is now."""
+        self._mass = self._form.Assemble().mat
 
     def join(self, form: ngs.BilinearForm) -> None:
         """Add the energy of a step to a form of the problem's."""
         way = self._layout.fields(form.space.TrialFunction()).u - self._target
         form += ngs.Variation(0.5 * self._weight * self._density * ngs.InnerProduct(way, way) * self._measure)
+
+    def work(
+        self, u: CoefficientFunction, motion: CoefficientFunction
+    ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
+        """The virtual work of c M (u - û) for a motion: its density, and what that is over."""
+        return self._weight * self._density * ngs.InnerProduct(u - self._target, motion), self._measure
 
     def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
         """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""
@@ -216,7 +227,7 @@ class Momentum(Term):
     def energy(self) -> float:
         """∫ ρ/2 |v|² (J)."""
         v = self.pace.velocity
-        return float(v @ self._times(v)) / 2
+        return float(v @ self.times(v)) / 2
 
     def rest(self) -> None:
         """Without speed and acceleration."""
@@ -224,14 +235,18 @@ class Momentum(Term):
         self.pace = Pace(still, still, still, 0.0)
 
     def begin(self, dt: float) -> None:
-        """Begin a time step of `dt` seconds from the present state."""
+        """Begin a time step of `dt` seconds from the present state.
+
+        `stretch` is how far that is longer than the last one, by which the average acceleration goes; 1 where there was none.
+        """
+        self.dt, self.stretch = dt, dt / self.pace.dt if self.pace.dt else 1.0
         self._step = self.scheme.begin(self._displacement(), self.pace, dt)
         self._weight.Set(self.scheme.weight(dt))
         self._target.vec.FV().NumPy()[:] = self._step.target
 
     def forces(self) -> Array:
         """c M (u - û), one for each displacement unknown."""
-        return self._weight.Get() * self._times(self._displacement() - self._target.vec.FV().NumPy())
+        return self._weight.Get() * self.times(self._displacement() - self._target.vec.FV().NumPy())
 
     def finish(self) -> None:
         """End the step begun at the state that now stands."""
@@ -245,7 +260,7 @@ class Momentum(Term):
     def _displacement(self) -> Array:
         return np.array(self._gfu.vec.FV().NumPy()[: self._n])
 
-    def _times(self, velocity: Array) -> Array:
+    def times(self, velocity: Array) -> Array:
         """M v."""
         self._moved.vec.FV().NumPy()[:] = velocity
         product = self._moved.vec.CreateVector()

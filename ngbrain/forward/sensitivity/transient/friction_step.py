@@ -34,6 +34,9 @@ class FrictionStep:
     A change of slips is one array (points · dim,), one friction after the other; so are weights, as densities over the walls.
     """
 
+    felt = False
+    """What is seen of forces is the tissue's: a motion of it does not take part in friction."""
+
     def __init__(self, body: Problem, parts: Mapping[str, Block]) -> None:
         self.body, self._parts = body, list(parts.values())
         self._motion, self._moving, self._starting = (ngs.GridFunction(body.fes) for _ in range(3))

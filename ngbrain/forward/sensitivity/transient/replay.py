@@ -56,7 +56,7 @@ def times_of(transient: TimeStepper) -> Array:
 
 
 class Replay:
-    """Steps of a quasi-static body under a motion, on a grid of times (s) that starts at 0.
+    """Steps of a body under a motion, on a grid of times (s) that starts at 0.
 
     newton  tight settings
     every   how many steps apart histories are kept; None: √N, 1: all of them
@@ -78,7 +78,6 @@ class Replay:
         system: System | None = None,
     ) -> None:
         refused = {
-            "with inertia": body.inertia is not None,
             "with a tool of given force": body.tool is not None,
         }
         for what, there in refused.items():

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes, block, places
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep, SlidingTangents
+from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
@@ -35,6 +37,7 @@ from ngbrain.forward.solid.tangent import Solve
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
+Carried: TypeAlias = FrictionStep | InertiaStep
 TOGETHER = 40
 """Unknowns in θ up to which the columns of J are found together, with one factor of each step."""
 
@@ -42,7 +45,7 @@ TOGETHER = 40
 class RunModel:
     """From a vector θ to what a run shows at some times.
 
-    body        quasi-static; its materials are made of `parameters`
+    body        at rest at first; its materials are made of `parameters`
     motion      of its rigid bodies and of what its loads are made of
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
@@ -105,8 +108,14 @@ class RunModel:
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
         self.contacts = ContactForms(body, self.parts)
-        self.friction = FrictionStep(body, self.parts) if body.friction.frictions else None
-        self.tangents = Tangents(body) if self.friction is None else SlidingTangents(body, self.friction)
+        self.carried: list[Carried] = []
+        """What steps remember beside the tissue's history."""
+        self.tangents: Tangents | SlidingTangents = Tangents(body)
+        if body.friction.frictions:
+            friction = FrictionStep(body, self.parts)
+            self.carried, self.tangents = [friction], SlidingTangents(body, friction)
+        if body.inertia is not None:
+            self.carried.append(InertiaStep(body, self.parts))
         self.seen = RunObservables(body, observables, self.parts)
         self.observed = self.seen.slices
         """Where each observable is in a row of the data."""
@@ -136,6 +145,8 @@ class RunModel:
             part.put(theta[self.blocks[name]])
         if self.shapes:
             self.forms.measure()
+        if self.body.inertia is not None:
+            self.body.inertia.weigh()
         return Replayed(self)
 
     def split(self, theta: Array) -> dict[str, Array]:
@@ -180,14 +191,15 @@ class Replayed:
         shaped("w", np.shape(w), self.data.shape)
         if "jacobian" in vars(self):
             return np.asarray(np.tensordot(self.jacobian, w, 2))
-        model, forms, friction = self.model, self.model.forms, self.model.friction
+        model, forms = self.model, self.model.forms
         weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
-        by_end, slips = np.zeros(model.body.fes.ndof), np.zeros(0 if friction is None else friction.size)
+        by_end, memory = np.zeros(model.body.fes.ndof), [np.zeros(each.size) for each in model.carried]
         for step in model.replay.backwards():
-            adjoint, motion, _ = self._adjoint(step, w, weights, rubbed=(by_end, slips))
-            if friction is not None:
-                by_end, slips, by_theta = friction.back(adjoint, slips)
-                total += by_theta
+            adjoint, motion, _ = self._adjoint(step, w, weights, later=(by_end, memory))
+            by_end = np.zeros_like(by_end)
+            for i, each in enumerate(model.carried):
+                by_start, memory[i], by_theta = each.back(adjoint + motion if each.felt else adjoint, memory[i])
+                by_end, total = by_end + by_start, total + by_theta
             shifts = {name: shapes.slopes(adjoint + motion, weights) for name, shapes in model.shapes.items()}
             weights, slopes = forms.back(adjoint + motion, weights)
             slopes |= shifts
@@ -203,8 +215,8 @@ class Replayed:
         for name in self.model.shapes:
             raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
         shaped("w", np.shape(w), self.data.shape)
-        if self.model.friction is not None:
-            raise InputError("contacts", "with friction", "without, for second derivatives of a run")
+        if self.model.carried:
+            raise InputError("body", "with friction or inertia", "without, for second derivatives of a run")
         model, forms, curved = self.model, self.model.forms, self.model.curvature
         theta, total = model.split(direction), np.zeros(model.size)
         weights = turned = np.zeros((forms.size, len(forms.quadrature)))
@@ -221,19 +233,23 @@ class Replayed:
         return total
 
     def _adjoint(
-        self, step: Step, w: Array, weights: Array, exact: float = EXACT, rubbed: tuple[Array, Array] | None = None
+        self,
+        step: Step,
+        w: Array,
+        weights: Array,
+        exact: float = EXACT,
+        later: tuple[Array, Sequence[Array]] | None = None,
     ) -> tuple[Array, Array, Solve]:
         """λ and Zᵀw of a step at whose end the body stands, and the solver.
 
-        `rubbed`: how the next step's friction changes with this end, and weights of slips.
+        `later`: how the next step changes with this end, and weights of what it is told besides.
         """
         model, solve = self.model, self._begin(step, 1, exact)
         row = self._row(step, w)
         b = model.seen.by_state(row, model.tangents.apply) + model.forms.remembered(weights)
-        if model.friction is not None and rubbed is not None:
-            b += rubbed[0] + model.friction.remembered(rubbed[1])
-            return -model.tangents.transposed(b), model.seen.motions.T @ row, solve
-        return -solve(b), model.seen.motions.T @ row, solve
+        if later is not None:
+            b += later[0] + sum((each.remembered(m) for each, m in zip(model.carried, later[1], strict=True)), 0.0)
+        return -model.tangents.transposed(b), model.seen.motions.T @ row, solve
 
     def _row(self, step: Step, w: Array) -> Array:
         """Weights of what is seen at the end of a step."""
@@ -268,8 +284,8 @@ class Replayed:
         model, forms = self.model, self.model.forms
         data = np.zeros((len(directions), *self.data.shape))
         histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
-        friction, ends = model.friction, np.zeros((len(directions), model.body.fes.ndof))
-        slips = np.zeros((len(directions), 0 if friction is None else friction.size))
+        ends = np.zeros((len(directions), model.body.fes.ndof))
+        memory = [np.zeros((len(directions), each.size)) for each in model.carried]
         for step in model.replay.forwards():
             solve, contacts = self._begin(step, len(directions)), model.contacts.columns()
             shifted = {name: shapes.columns() for name, shapes in model.shapes.items()}
@@ -279,10 +295,14 @@ class Replayed:
                 theta = model.split(direction)
                 r = forms.changed(histories[i], theta)
                 r += sum(columns @ theta[name] for name, columns in shifted.items())
-                rubbed = 0.0 if friction is None else friction.changed(ends[i], slips[i], list(theta.values()))
-                x = -solve(r + contacts @ direction + rubbed)
-                if friction is not None:
-                    ends[i], slips[i] = x, friction.moved(x)
+                outer = contacts @ direction
+                for each, before in zip(model.carried, memory, strict=True):
+                    change = each.changed(ends[i], before[i], list(theta.values()))
+                    r, outer = (r + change, outer) if each.felt else (r, outer + change)
+                x = -solve(r + outer)
+                ends[i] = x
+                for each, before in zip(model.carried, memory, strict=True):
+                    before[i] = each.moved(x)
                 if seen is not None:
                     data[i, seen] = by_state @ x + model.seen.motions @ r + by_theta @ direction
                 histories[i] = forms.moved(x)

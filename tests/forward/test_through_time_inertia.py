@@ -1,0 +1,120 @@
+"""Derivatives of runs of bodies with mass: by density, tissue, loads and friction."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from rubbing import SIDE, Sliding, law_of, mesh_of
+
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
+from ngbrain.forward.common.loads import Traction, Weight
+from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.observables import Displacements, Force
+from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
+from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials import NeoHooke
+from ngbrain.solvers.newton import Newton
+
+GRID = (0.0, 0.01, 0.02, 0.03, 0.045, 0.05, 0.06, 0.07, 0.08, 0.1, 0.11, 0.12)
+SIZES = {"mu": 1e3, "g": 0.5, "tau": 0.05, "rho": 1e3, "pull": 50.0, "friction": 0.3}
+
+
+def struck(radius, law="Prony", field=False):
+    """Pressed and rubbed within a tenth of a second, pulled aside meanwhile."""
+    mesh, plate = mesh_of("plane strain", 2), Sliding(1e-3, 1e-3, (0.05, 0.1, 0.15))
+    p = {name: ngs.Parameter(size) for name, size in SIZES.items()}
+    if field:
+        p["rho"] = ngs.GridFunction(ngs.H1(mesh, order=1))
+        p["rho"].Set(1e3 * (1 + 20 * ngs.x))
+    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, way=plate.along)
+    rubbing = Friction(contact, p["friction"], 5e-5, lambda x: ngs.CF((1.0, 0.0)))
+    acting = [Inertia(p["rho"], GeneralizedAlpha(radius)), Traction("right", (1e3 * p["pull"] * plate.down, 0))]
+    body = Problem(
+        mesh, {".*": Material(law_of(law, p), 2e4)}, {"bottom": 0}, acting, [contact, rubbing], element="P2/P1"
+    )
+    used = {name: of for name, of in p.items() if law != "Maxwell" or name != "g"}
+    return RunModel(body, plate, GRID, used, [Force("top"), Force("bottom"), Displacements([[0.5 * SIDE, 0.8 * SIDE]])])
+
+
+@pytest.mark.parametrize(
+    ("radius", "law", "field"), [(0.0, "Prony", False), (0.5, "Maxwell", False), (0.8, "Prony", True)]
+)
+def test_gradients_are_those_of_differences(radius, law, field, rng):
+    of = struck(radius, law, field)
+    start, there = of.theta.copy(), of.at(of.theta)
+    largest = np.abs(there.data).max(axis=0)
+    w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
+    gradient = there.gradient(w)
+    whole = np.abs(gradient * start).max()
+
+    def value(theta):
+        return float(np.sum(w * of.at(theta).data))
+
+    for name, place in of.blocks.items():
+        direction = np.zeros(of.size)
+        direction[place] = start[place] * rng.uniform(0.5, 1, size=place.stop - place.start)
+        pushed = of.at(start).push(direction)
+        assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), name
+        difference = (value(start + 1e-3 * direction) - value(start - 1e-3 * direction)) / 2e-3
+        print(name, difference, gradient @ direction)
+        assert difference == pytest.approx(gradient @ direction, rel=5e-3, abs=1e-4 * whole), name
+
+
+def rates_by_density(rng):
+    of = struck(0.5)
+    start, there = of.theta.copy(), of.at(of.theta)
+    largest = np.abs(there.data).max(axis=0)
+    w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
+    direction = np.zeros(of.size)
+    direction[of.blocks["rho"]] = SIZES["rho"]
+    return taylor(lambda t: float(np.sum(w * of.at(t).data)), there.gradient(w), start, direction, first=1e-2, steps=3)
+
+
+def test_rate_by_density(rng):
+    rates = rates_by_density(rng)
+    print(rates)
+    assert rates[1] == pytest.approx(2, abs=0.1), rates
+
+
+def test_a_forgotten_speed_lowers_it(rng, monkeypatch):
+    remembered = InertiaStep.remembered
+    monkeypatch.setattr(InertiaStep, "remembered", lambda self, weights: 0 * remembered(self, weights))
+    assert rates_by_density(rng)[1] < 1.5
+
+
+def test_a_rigid_body_goes_by_its_weight_over_its_mass():
+    """u = h(f/ρ): what a part more of the force does, a part less of the density does too, in any scheme."""
+    mesh = mesh_of("plane strain", 2)
+    force, rho = ngs.Parameter(50.0), ngs.Parameter(1e3)
+    supports = {".*": (None, 0)}
+    body = Problem(
+        mesh, {".*": Material(NeoHooke(1e3), 5e3)}, supports, [Inertia(rho, GeneralizedAlpha(0.6)), Weight((force, 0))],
+        element="P2",
+    )  # fmt: skip
+    seen = [Displacements([[SIDE / 2, SIDE / 2]], (1, 0))]
+    settled = Newton(rtol=1e6, xtol=1e-12)  # nothing bears a load that a residual could be measured by
+
+    class Loaded:
+        events = (1.0,)
+
+        def set(self, t):
+            body.factor.Set(1.0)
+
+        def travel(self, start, end):
+            return 0.0
+
+    of = RunModel(body, Loaded(), (0.0, 0.1, 0.3, 0.6, 1.0), {"force": force, "rho": rho}, seen, newton=settled)
+    J = of.at(of.theta).jacobian[:, :, 0]
+    assert J[0] * 50.0 == pytest.approx(of.at(of.theta).data[:, 0], rel=1e-8)
+    assert J[1] * 1e3 == pytest.approx(-J[0] * 50.0, rel=1e-8)
+
+
+def test_what_is_not_derived_is_refused():
+    of = struck(0.5)
+    there = of.at(of.theta)
+    with pytest.raises(InputError, match="with friction or inertia"):
+        there.second(np.ones_like(there.data), np.ones(of.size))
