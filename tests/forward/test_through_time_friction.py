@@ -7,7 +7,9 @@ from rubbing import VALUES, Sliding, model
 from ngbrain.adjoint.check import taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.observables import Force
+from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
 
 GRID = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 8.0)
 CASES = {
@@ -127,5 +129,8 @@ def test_what_is_not_derived_is_refused():
     there = of.at(of.theta)
     with pytest.raises(InputError, match="with friction or inertia"):
         there.second(np.ones_like(there.data), np.ones(of.size))
+    with pytest.raises(InputError, match=r"nodes; wanted: others, of a body that rubs or has mass"):
+        solid = model(GRID, kind="space", n=1)
+        RunModel(solid.body, solid.replay.motion, GRID, {"nodes": Nodes(solid.body.mesh)}, [Force("top")])
     with pytest.raises(InputError, match=r"shares no node with 'top', which rubs"):
         model(GRID, kind="axisymmetric", seen=[Force("left")])

@@ -7,8 +7,9 @@ Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data 
     Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
 
 with C_θ of the contacts, from the first step on and from the last one back; second derivatives by both, with two solves more a
-step (`step_curvature`). The grid of times is given and stays: an adaptive one would move with θ. Contact is differentiated where it
-stands; its energy is smooth enough.
+step (`step_hessian`). What steps remember besides goes the same way: how far walls slipped and where the step began
+(`friction_step`), velocities and accelerations (`inertia_step`). The grid of times is given and stays: an adaptive one would move
+with θ. Contact is differentiated where it stands; its energy is smooth enough.
 """
 
 from __future__ import annotations
@@ -116,6 +117,8 @@ class RunModel:
             self.carried, self.tangents = [friction], SlidingTangents(body, friction)
         if body.inertia is not None:
             self.carried.append(InertiaStep(body, self.parts))
+        for name in self.shapes if self.carried else ():
+            raise InputError(f"parameters.{name}", "nodes", "others, of a body that rubs or has mass")
         self.seen = RunObservables(body, observables, self.parts)
         self.observed = self.seen.slices
         """Where each observable is in a row of the data."""
