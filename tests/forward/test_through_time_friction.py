@@ -22,6 +22,8 @@ CASES = {
     "penalty alone": {"share": 0.0},
 }
 
+FAST = ("plane strain", "space", "Maxwell")
+
 
 def made(case):
     return model(**{"grid": GRID, **CASES[case]})
@@ -39,7 +41,7 @@ def along(of, name):
     return direction
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[] if case in FAST else pytest.mark.slow) for case in CASES])
 def test_gradients_are_those_of_differences(case, rng):
     """By every parameter; points that begin to slide between the ends of a difference bend it a little."""
     of = made(case)

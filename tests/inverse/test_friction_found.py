@@ -68,6 +68,7 @@ def test_both_components_tell_friction_and_relaxation():
     assert found.values["tau"] == pytest.approx(3.0, rel=0.15) and holds(found, "tau")
 
 
+@pytest.mark.slow
 def test_the_normal_force_alone_leaves_friction_open():
     found = recovered(0, NORMAL)
     print(found)

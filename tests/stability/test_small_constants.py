@@ -21,6 +21,7 @@ from ngbrain.mesh import block
 
 SIDE, START = 0.04, (2000.0, 50.0, 500.0)
 TRUTHS = [(900.0, 300.0), (600.0, 30.0), (900.0, 300.0, 800.0), (700.0, 1500.0, 300.0)]
+CASES = [pytest.param(truth, marks=[pytest.mark.slow] * (i % 3 > 0)) for i, truth in enumerate(TRUTHS)]
 
 
 class Series:
@@ -58,7 +59,7 @@ def fitted(truth):
 
 
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")
-@pytest.mark.parametrize("truth", TRUTHS, ids=str)
+@pytest.mark.parametrize("truth", CASES, ids=str)
 def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
     monkeypatch.setattr(optimiser, "SHORT", optimiser.LONGEST)
     monkeypatch.setattr(optimiser, "bounded", lambda *_: optimiser.LONGEST)
@@ -73,7 +74,7 @@ def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
     assert found.values["c2"] < 1e-3 * truth[1] and found.misfit > 1000
 
 
-@pytest.mark.parametrize("truth", TRUTHS, ids=str)
+@pytest.mark.parametrize("truth", CASES, ids=str)
 def test_ours_finds_it(truth):
     found = fitted(truth)
     print(found.values, found.misfit)
