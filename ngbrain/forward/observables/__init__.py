@@ -2,7 +2,7 @@
 
 `base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
 `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
-`StrainPercentile`.
+`StrainPercentile`; `ratio`: `Ratio`, `patch_pressure`.
 
     Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
@@ -15,6 +15,7 @@ from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
 from ngbrain.forward.observables.percentiles import StrainPercentile
 from ngbrain.forward.observables.points import Displacements, Unknowns
+from ngbrain.forward.observables.ratio import Ratio, patch_pressure
 
 __all__ = [
     "Displacements",
@@ -23,8 +24,10 @@ __all__ = [
     "Moment",
     "Observable",
     "Observed",
+    "Ratio",
     "StrainEnergy",
     "StrainPercentile",
     "Unknowns",
+    "patch_pressure",
     "region_volume",
 ]

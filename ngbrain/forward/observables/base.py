@@ -28,11 +28,14 @@ class Observed(ABC):
     motions : array (size, n), optional
         Motions of the unknowns for which the values are the work of forces; None of what is no force.
     symbolic : bool
-        Whether `functional` gives integrals, as second derivatives need them.
+        Whether `functional` gives integrals.
+    twice : bool
+        Whether these give second derivatives too.
     """
 
     size: int
     symbolic = True
+    twice = True
     matrix: sp.csr_array | None = None
     motions: Array | None = None
 

@@ -86,7 +86,7 @@ class StrainPercentile(Observable):
 class Percentile(Observed):
     """A `StrainPercentile` of one problem."""
 
-    size, symbolic = 1, False
+    size, symbolic, twice = 1, False, False
 
     def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
         super().__init__(problem)

@@ -152,7 +152,7 @@ class Equilibrium:
     def turned(self) -> tuple[Array, Array]:
         """How ∂L/∂u (ndof,) and ∂L/∂θ change with u along `change` and θ along the blocks' directions."""
         for seen in self.seen:
-            if not seen.symbolic:
+            if not seen.twice:
                 raise InputError(
                     type(seen).__name__, "asked for second derivatives", "an observable that is an integral"
                 )

@@ -6,7 +6,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
-from replayed import GRID, SIDE, directions, loaded, relaxing, weights
+from replayed import GRID, SIDE, directions, loaded, relaxing, touched, weights
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
@@ -20,9 +20,11 @@ from ngbrain.forward.observables import (
     Functional,
     Moment,
     Observable,
+    Ratio,
     StrainEnergy,
     StrainPercentile,
     Unknowns,
+    patch_pressure,
     region_volume,
 )
 from ngbrain.forward.observables.base import Linear
@@ -84,6 +86,7 @@ OTHERS = {
     "energy": StrainEnergy(),
     "volume": region_volume(),
     "swelling": SWELLING,
+    "mean": Ratio(SWELLING, region_volume(), "mean swelling"),
 }
 
 
@@ -192,6 +195,31 @@ def test_a_narrow_band_is_the_percentile_itself_and_a_wide_one_the_mean():
     assert strain.min() < StrainPercentile(50, band=0.5).value(body)[0] < strain.max() and share
 
 
+def test_the_pressure_of_a_plate_is_its_force_over_the_walls_area():
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    plate = Contact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, contacts=[plate], element="P2/P1")
+    LoadPath(body).solve()
+    force, pressure = Force("bottom", (0, 0, 1)).value(body)[0], patch_pressure(plate)
+    area = Functional(lambda at: ngs.Norm(at.area(at.u, "top")) * plate.measure()).value(body)[0]
+    assert SIDE**2 < area < 1.1 * SIDE**2  # it bulges
+    assert pressure.value(body)[0] == pytest.approx(force / area, rel=1e-6) and pressure.unit == "Pa"
+    half = patch_pressure(plate, ngs.IfPos(ngs.x - 0.3 * SIDE, 1.0, 0.0)).value(body)[0]
+    rest = patch_pressure(plate, ngs.IfPos(ngs.x - 0.3 * SIDE, 0.0, 1.0)).value(body)[0]
+    assert min(half, rest) < pressure.value(body)[0] < max(half, rest)
+
+
+def test_the_pressure_under_a_plate_passes_taylors_test(rng):
+    body = pressed_and_loaded()
+    observed, x, dx = patch_pressure(body.contacts[0]).on(body), body.x, moved(body, rng, 1e-4 * SIDE)
+
+    def value(at):
+        body.x = at
+        return float(observed.value()[0])
+
+    assert taylor(value, observed.gradient(np.ones(1)), x, dx, first=0.1)[-1] == pytest.approx(2, abs=0.1)
+
+
 @dataclass(frozen=True)
 class TipDrop(Observable):
     """One of a user's own: how far the top's middle went down (m)."""
@@ -242,6 +270,24 @@ def test_data_of_an_equilibrium(rng):
         assert there.pull(w) == pytest.approx(gradient, rel=1e-8)
     with pytest.raises(InputError, match="second derivatives"):
         there.second(w, direction)
+
+
+def test_the_pressure_of_a_plate_in_a_run_by_what_it_is_made_of(rng):
+    """Its penalty is in the pressure itself."""
+    mesh, materials, parameters, protocol, acts = touched()
+    drive = Drive(protocol)
+    walls = acts(drive)
+    body = Problem(mesh, materials, {"bottom": 0}, contacts=walls, element="P2/P1")
+    model = RunModel(body, drive, GRID, parameters, [patch_pressure(walls[0])])
+    start, there = model.theta.copy(), model.at(model.theta)
+    w = weights(there.data, rng)
+    gradient = there.gradient(w)
+    for name, direction in directions(model, rng):
+        rates = taylor(lambda t: float(np.sum(w * model.at(t).data)), gradient, start, direction, first=0.02)
+        assert rates[1] == pytest.approx(2, abs=0.15), (name, rates)
+        assert np.sum(w * model.at(start).push(direction)) == pytest.approx(gradient @ direction, rel=1e-6), name
+    with pytest.raises(InputError, match="second derivatives"):
+        model.at(start).second(w, start)
 
 
 def run_of(kind, asked, grid=GRID):
@@ -303,6 +349,8 @@ def test_bad_input():
         Moment("top", (0, 0)).on(body)
     with pytest.raises(InputError, match="outside"):
         Displacements([[1.0, 0.01, 0.01]]).on(body)
+    with pytest.raises(InputError, match="of 3 numbers"):
+        Ratio(Force("top"), region_volume()).on(body)
     with pytest.raises(InputError, match="region"):
         StrainPercentile(50, "skull").on(body)
     for wrong in (

@@ -119,4 +119,8 @@ class _Outer:
     def terms(self, *along: Motion) -> Terms:
         if isinstance(self._observed, Reaction):
             return [] if self._forms is None else self._forms.weighed(*along)
+        if not self._observed.twice:
+            raise InputError(
+                type(self._observed).__name__, "asked for second derivatives", "an observable that is an integral"
+            )
         return self._observed.functional(self._observed.problem.gfu, *along)
