@@ -229,6 +229,7 @@ def chart(records: list[Record], png: str) -> None:
         second.loglog([r["steps"] for r in rows], [r["memory_mb"] for r in rows], "o-", color=COLOURS[method])
     first.set(
         xticks=range(len(LAWS)),
+        xlim=(-0.6, len(LAWS) - 0.4),
         xticklabels=[law.replace(", ", "\n") for law in LAWS],
         ylabel="CPU time, gradient over run",
         title="Cost",
