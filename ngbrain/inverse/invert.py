@@ -168,6 +168,8 @@ def invert(
         return invert_slices(data, axis, of_slice, executor, tell)
     if data.dim == 3 and dispersion == "power":
         raise InputError("dispersion", "'power'", "none: it is looked for in the plane alone")
+    check_passive(data)
+    data, notes = cleaned(data) if drop_outliers else (data, [])  # gross errors hide that moduli differ
     differ = contradiction(data)
     if differ and (dispersion == "none" or data.dim == 3 or not _may_disperse(data)):
         wanted = "one frequency at a time: the moduli are not the same at all"
@@ -179,7 +181,7 @@ def invert(
             raise InputError("start", "given", "nothing in space: there measured waves are the only start")
         if weight != "evidence":
             raise InputError("weight", repr(weight), "evidence: in space there is no other")
-        return invert_in_space(
+        found = invert_in_space(
             data,
             elements,
             noise=noise,
@@ -190,14 +192,14 @@ def invert(
             misfit=misfit,
             levels=(levels or ()) if uniform else (),
             rounds=ROUNDS if rounds is None else rounds,
-            drop_outliers=drop_outliers,
+            drop_outliers=False,
             device=device,
             tell=tell,
             executor=executor,
         )
+        found.notes += notes
+        return found
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
-    check_passive(data)
-    data, notes = cleaned(data) if drop_outliers else (data, [])
     sought = unknowns_of(data, unknowns)
     if dispersion == "power" or (dispersion == "auto" and (differ or _disperses(data))):
         sought = *sought, exponent(data)

@@ -46,6 +46,18 @@ def test_one_modulus_is_refused_then():
         invert(waves(1.7, 0.01, (10, 10, 10)))
 
 
+def test_gross_errors_hide_nothing():
+    """They are left out before frequencies are compared, by `invert` as by whoever does it first."""
+    data = waves(1.7, 0.01)
+    u = data.displacement.copy()
+    wrong = np.arange(0, len(data.points), 7)
+    u[1, wrong] += 30 * data.rms.max() * np.exp(1j * wrong)[:, None]
+    spoilt = replace(data, displacement=u)
+    assert contradiction(spoilt) == ""
+    with pytest.raises(InputError, match="waves suggest"):
+        invert(spoilt, dispersion="none")
+
+
 def test_an_exponent_is_found():
     found = invert(waves(1.2, 0.01), noise=0.01, uniform=False, regulariser="smooth", rounds=12)
     assert found.checks["exponent"] == pytest.approx(1.2, abs=0.1)
