@@ -57,6 +57,18 @@ def of_tissue(data: WaveData, shear: float) -> list[str]:
     return [f"the median modulus of {pascal(shear)} is {times:.3g} times {beyond} {usual}: {asked}"]
 
 
+def reach(tissue: str | None) -> float:
+    """How many times its median the modulus of a point of a tissue is at most, or one over that: √(high/low) of `TISSUES`.
+
+    Of what is not named that of the widest of them.
+
+    >>> round(reach("brain"), 1), round(reach(None), 1)
+    (5.2, 22.4)
+    """
+    ranges = TISSUES.values() if tissue is None else [TISSUES[tissue]]
+    return float(np.sqrt(max(high / low for low, high in ranges)))
+
+
 def of_size(data: WaveData) -> list[str]:
     """What to say of displacements larger than the region itself: theory is linear, so that a unit may be wrong without harm."""
     across, most = float(np.ptp(data.points, axis=0).max()), float(np.nanmax(np.abs(data.displacement[:, data.mask])))

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ngbrain.inverse.answers import median_shear
-from ngbrain.inverse.believable import SOFT, STIFF, pascal
+from ngbrain.inverse.answers import shear_of
+from ngbrain.inverse.believable import SOFT, STIFF, pascal, reach
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -19,6 +19,8 @@ MOST = 0.4
 """Part of the waves (rms) that is left over at most: a living brain's, one slice, leave .2."""
 BEYOND, TOLERATED = 4.0, 0.06
 """How many times the stated noise may be left over, and the part of the waves that may be in any case: errors of elements."""
+OUT = 0.05
+"""Share of the points that may have a modulus that no tissue has, or that the rest of the same tissue does not: rims, vessels."""
 
 
 def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, found: float) -> list[str]:
@@ -36,12 +38,35 @@ def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, fo
         )
     if not data.frequency.any():
         return reasons
-    shear = median_shear(data, dict(maps))
-    if not SOFT <= shear <= STIFF:
-        range_ = f"{pascal(SOFT)} to {pascal(STIFF)}"
-        reasons.append(
-            f"the median modulus is {pascal(shear)}, where soft tissue has {range_}: frequency in Hz? points in m?"
-        )
+    shear = np.abs(shear_of(data, maps))
+    reasons += of_points(shear[data.mask & np.isfinite(shear)], data.tissue)
     if data.lacks_imaginary(stated):
         reasons.append("imaginary parts are missing: no loss can be told from real parts; data without any are elastic")
+    return reasons
+
+
+def of_points(shear: Array, tissue: str | None) -> list[str]:
+    """What speaks against the moduli |G*| (n,) Pa of a map's points: the median, or a share of them that is no tissue's.
+
+    A median that is none of the tissue's may be an error of a unit, which the waves cannot tell (`believable.of_tissue` warns); points
+    far from their own median are no unit's, but of a map that the data do not determine.
+
+    >>> of_points(np.geomspace(1e3, 4e3, 100), "brain")
+    []
+    >>> of_points(np.geomspace(1e2, 1e5, 100), "brain")
+    ['52 % of the moduli are more than 5.2 times off their median of 3.16 kPa: no brain varies like that']
+    """
+    if not shear.size:
+        return []
+    median, range_ = float(np.median(shear)), f"{pascal(SOFT)} to {pascal(STIFF)}"
+    if not SOFT <= median <= STIFF:
+        found = f"the median modulus is {pascal(median)}, where soft tissue has {range_}"
+        return [f"{found}: frequency in Hz? points in m?"]
+    reasons = []
+    if (beyond := float(np.mean((shear < SOFT) | (shear > STIFF)))) > OUT:
+        reasons.append(f"{100 * beyond:.2g} % of the moduli are none of soft tissue, which has {range_}")
+    most, what = reach(tissue), tissue or "tissue"
+    if (far := float(np.mean((shear < median / most) | (shear > median * most)))) > OUT:
+        off = f"more than {most:.2g} times off their median of {pascal(median)}"
+        reasons.append(f"{100 * far:.2g} % of the moduli are {off}: no {what} varies like that")
     return reasons

@@ -141,6 +141,43 @@ def test_each_reason_by_itself(data):
     assert "imaginary parts are missing" in reason
 
 
+def map_of(storage):
+    return {"storage": storage, "loss": 0.1 * storage}
+
+
+def test_the_median_alone_does_not_make_a_map_usable(data):
+    """As of a living slice whose median was that of a brain, while a quarter of its points were above 10.9 kPa, 5 % above 260."""
+    storage = np.full(289, 2600.0)
+    storage[:72], storage[:15] = 12e3, 300e3
+    brain = replace(data, tissue="brain")
+    assert reasons_against(data, map_of(storage), 0.1, 0.1) != []
+    (reason,) = reasons_against(brain, map_of(storage), 0.1, 0.1)
+    assert "5.2 % of the moduli are more than 5.2 times off their median of 2.61 kPa: no brain varies like that" in reason
+    storage[:72], storage[:14] = 12e3, 300e3  # 4.8 %
+    assert reasons_against(brain, map_of(storage), 0.1, 0.1) == []
+    storage[:72] = 15e3  # more than 5.2 times the median
+    assert "25 % of the moduli" in reasons_against(brain, map_of(storage), 0.1, 0.1)[0]
+    assert reasons_against(data, map_of(storage), 0.1, 0.1) == []
+    storage[:20] = 2e6
+    reasons = reasons_against(data, map_of(storage), 0.1, 0.1)
+    assert "6.9 % of the moduli are none of soft tissue, which has 50 Pa to 1 MPa" in reasons[0] and len(reasons) == 2
+
+
+@pytest.mark.parametrize("lump", [0.3, 5.0])
+def test_a_lump_is_no_reason_against_a_map(data, lump):
+    """A tenth of a brain, as soft or as stiff as any that were measured."""
+    storage = np.full(289, 2600.0)
+    storage[:29] *= lump
+    assert reasons_against(replace(data, tissue="brain"), map_of(storage), 0.1, 0.1) == []
+
+
+def test_points_that_are_left_out_or_have_no_map_count_for_nothing(data):
+    storage, mask = np.full(289, 2600.0), np.ones(289, bool)
+    storage[:50], storage[50:100], mask[:50] = 1e6, np.nan, False
+    masked = replace(data, mask=mask, dirichlet=None)
+    assert reasons_against(masked, map_of(storage), 0.1, 0.1) == []
+
+
 def test_moduli_out_of_the_range_of_a_tissue_are_warned_of(data):
     assert set(TISSUES) == set(NAMES)
     brain = replace(data, tissue="brain")
