@@ -119,7 +119,7 @@ class Inversion:
     @property
     def reasons(self) -> list[str]:
         """What speaks against using the maps, see `verdict`."""
-        return reasons_against(self.data, self.maps, self.stated, self.noise_found)
+        return reasons_against(self.data, self.maps, self.stated, self.noise_found, self.strain.volume)
 
     @property
     def usable(self) -> bool:

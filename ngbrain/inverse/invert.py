@@ -181,7 +181,7 @@ def invert(
             raise InputError("start", "given", "nothing in space: there measured waves are the only start")
         if weight != "evidence":
             raise InputError("weight", repr(weight), "evidence: in space there is no other")
-        found = invert_in_space(
+        in_space = invert_in_space(
             data,
             elements,
             noise=noise,
@@ -197,8 +197,8 @@ def invert(
             tell=tell,
             executor=executor,
         )
-        found.notes += notes
-        return found
+        in_space.notes += notes
+        return in_space
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
     sought = unknowns_of(data, unknowns)
     if dispersion == "power" or (dispersion == "auto" and (differ or _disperses(data))):

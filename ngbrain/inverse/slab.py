@@ -194,7 +194,9 @@ def share_through(data: WaveData, axis: int, maps: dict[str, Array]) -> float | 
     windows = np.lib.stride_tricks.sliding_window_view(columns, size, axis=-1) @ basis
     mean, bend = windows[..., 0] * triangle[0, 0] / size, 2 * windows[..., 2] / triangle[2, 2]
     shear = maps["storage"] + 1j * maps["loss"] if "storage" in maps else data.shear_of(maps["youngs"]) + 0j
-    along = data.density * (2 * np.pi * data.frequency) ** 2 * np.nanmedian((1 / shear[data.mask]).real)
+    along = (
+        data.density * (2 * np.pi * data.frequency) ** 2 * np.median((1 / shear[data.mask & np.isfinite(shear)]).real)
+    )
     known = np.isfinite(mean) & np.isfinite(bend)
     through = [
         -float(np.sum((np.conj(m) * b)[k]).real) / max(float(np.sum(np.abs(m[k]) ** 2)), 1e-300)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ngbrain.inverse.answers import shear_of
 from ngbrain.inverse.believable import SOFT, STIFF, pascal, reach
+from ngbrain.inverse.discretise import LOCKING, bulk_ratio
 from ngbrain.io.waves import WaveData
 
 Array = np.ndarray
@@ -23,11 +24,14 @@ OUT = 0.05
 """Share of the points that may have a modulus that no tissue has, or that the rest of the same tissue does not: rims, vessels."""
 
 
-def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, found: float) -> list[str]:
+def reasons_against(
+    data: WaveData, maps: Mapping[str, Array], stated: float, found: float, volume: float | None = None
+) -> list[str]:
     """Why maps are not to be used; empty where nothing speaks against them. Nothing at rest is judged by its moduli.
 
     stated   noise relative to the waves' rms, as it was given or as a smooth fit leaves it
     found    that the misfit of the maps says
+    volume   |∇·u| over |∇×u| of the waves (`quality.Strain`)
     """
     reasons, left = [], "of the displacements (rms) are not explained"
     if found > MOST:
@@ -40,6 +44,9 @@ def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, fo
         return reasons
     shear = np.abs(shear_of(data, maps))
     reasons += of_points(shear[data.mask & np.isfinite(shear)], data.tissue)
+    if volume is not None and volume > 1 and bulk_ratio(data) > LOCKING:
+        change = f"the waves change volume {volume:.2g} times as much as they turn, and tissue that resists it has no such waves"
+        reasons.append(f"{change}: are components swapped, or is one turned?")
     if data.lacks_imaginary(stated):
         reasons.append("imaginary parts are missing: no loss can be told from real parts; data without any are elastic")
     return reasons
@@ -48,8 +55,8 @@ def reasons_against(data: WaveData, maps: Mapping[str, Array], stated: float, fo
 def of_points(shear: Array, tissue: str | None) -> list[str]:
     """What speaks against the moduli |G*| (n,) Pa of a map's points: the median, or a share of them that is no tissue's.
 
-    A median that is none of the tissue's may be an error of a unit, which the waves cannot tell (`believable.of_tissue` warns); points
-    far from their own median are no unit's, but of a map that the data do not determine.
+    A median that is none of the tissue's may be an error of a unit, which the waves cannot tell (`believable.of_tissue` warns);
+    points far from their own median are no unit's, but of a map that the data do not determine.
 
     >>> of_points(np.geomspace(1e3, 4e3, 100), "brain")
     []

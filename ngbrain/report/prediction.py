@@ -70,6 +70,7 @@ WORDS = {
     "wavelength": "Wave length over the edge",
     "contrast": "Contrast of Young's modulus",
     "noise": "Noise of the displacement",
+    "jump": "Jump of the displacement, which is continuous",
     "features": "Distance of what is seen from the training",
     "deviation": "Standard deviation that is stated",
     "residual": "Residual of the equations of motion",

@@ -20,6 +20,9 @@ from ngbrain.errors import InputError, nearest
 Array = np.ndarray
 SMALL, FINEST = 0.1, 0.04
 """Half a window's width, in edges."""
+PATCHES, COARSE = 10, 2.8
+"""Along an edge, see `jump_of`; and the power of the distance between points with which it grows on coarse grids: of 99 % of the
+waves of the validation the patch is off by less than 4.4 % of the rms on 51 × 51 points, 31 % on 26 × 26."""
 DEGREE = 5
 CURLS = ((0.1, 5, 0.1), (0.1, 5, 0.06), (0.16, 7, 0.06), (0.22, 7, 0.1))
 LAPLACIANS = ((0.1, 5, 0.1), (0.16, 5, 0.1))
@@ -156,15 +159,42 @@ def noise_of(u: Array) -> Array:
 
     Median over the points, so that edges of tissue do not count as noise; the size of its parts is that of white noise.
     """
-    fields, n = u.transpose(0, 3, 1, 2), u.shape[1]
-    parts = np.stack([fields.real, fields.imag] if np.iscomplexobj(u) else [fields])
-    off = np.abs(parts - partial(parts, FINEST, 0, 0, 3))
+    off, n = _off_cubics(u), u.shape[1]
     kept = float((((np.eye(n) - derivative(n, FINEST, 0, 3)) ** 2).sum(axis=1)).mean())
     kept = 2 * kept - kept**2 if kept < 1 else 1.0
-    sizes = np.median(off, axis=(-2, -1)) / 0.6745
+    sizes = np.median(np.abs(off), axis=(-2, -1)) / 0.6745
     total = np.sqrt((sizes**2).sum(axis=0) / kept)
     scale = np.sqrt((np.abs(without_affine(u)) ** 2).mean(axis=(1, 2)))
-    return np.asarray((total / np.maximum(scale, 1e-300)).mean(axis=-1))
+    return np.asarray((total.T / np.maximum(scale, 1e-300)).mean(axis=-1))
+
+
+def jump_of(u: Array) -> Array:
+    """How far fields (batch, n, n, components) are off a local cubic in the patch that it fits worst, relative to their rms.
+
+    Displacements are continuous, so that a cubic misses edges of tissue by little; the seam between two scans, or the border of a
+    patch that is off by a wrap, it misses by the jump. A cubic needs five points along each axis: on grids where these reach
+    farther than `FINEST` it misses more of what is right too, by which the answer is lowered.
+
+    >>> y, x = np.meshgrid(*2 * (np.linspace(0, 1, 51),), indexing="ij")
+    >>> wave = np.cos(9 * y)[None, ..., None]
+    >>> torn = np.where(x < 0.5, np.cos(9 * y), np.sin(9 * y))[None, ..., None]
+    >>> [round(float(jump_of(each)[0]), 3) for each in (wave, torn)]
+    [0.0, 0.35]
+    """
+    off, n = _off_cubics(u), u.shape[1]
+    scale = (np.abs(without_affine(u)) ** 2).mean(axis=(1, 2, 3))  # of all components: one may hardly move
+    squares = (off**2).sum(axis=0).mean(axis=0) / np.maximum(scale, 1e-300)[:, None, None]
+    across = max(3, round(n / PATCHES))
+    patches = np.lib.stride_tricks.sliding_window_view(squares, (across, across), axis=(1, 2)).mean(axis=(3, 4))
+    coarse = min(1.0, FINEST * (n - 1) / 2) ** COARSE
+    return np.asarray(coarse * np.sqrt(patches.max(axis=(1, 2))))
+
+
+def _off_cubics(u: Array) -> Array:
+    """What local cubics leave of fields (batch, n, n, components): (parts, components, batch, n, n), real and imaginary parts."""
+    fields = u.transpose(3, 0, 1, 2)
+    parts = np.stack([fields.real, fields.imag] if np.iscomplexobj(u) else [fields])
+    return np.asarray(parts - partial(parts, FINEST, 0, 0, 3))
 
 
 def without_affine(u: Array) -> Array:

@@ -8,6 +8,7 @@ softness    log10(1 - 2ν), likewise
 modulus     three percentiles of the storage modulus found (Pa, likewise), and `wavelength` of it in ρω²L²; of compression
             `contrast`, of E over its mean
 noise       what a local cubic leaves of the displacement
+jump        the same of the patch where it leaves most, see `features.jump_of`: the seam of two scans, a wrapped patch
 features    how far means and standard deviations of the channels over nine parts of the square are from those of the training:
             Mahalanobis' distance along their principal axes, with all that is across these as one more
 deviation   rms of the standard deviations that the operator states
@@ -28,7 +29,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.surrogate import residual, window
 from ngbrain.surrogate.data import DENSITY, SIDES, DataSet
-from ngbrain.surrogate.features import NOISE, Modality, noise_of
+from ngbrain.surrogate.features import NOISE, Modality, jump_of, noise_of
 from ngbrain.surrogate.looking import Look
 from ngbrain.surrogate.shipped import Operator
 from ngbrain.surrogate.symmetries import turned
@@ -93,7 +94,8 @@ def calibrate(operator: Operator, training: DataSet, validation: DataSet, seed: 
     raw = [_raw(look, ranges, axes) for look in looks]
     usual = {name: np.array([each[name] for each in raw]) for name in raw[0]}
     bounds = {
-        name: float(np.quantile(usual[name], USUAL)) for name in ("features", "deviation", "residual", "boundary")
+        name: float(np.quantile(usual[name], USUAL))
+        for name in ("jump", "features", "deviation", "residual", "boundary")
     }
     bounds["noise"] = float(np.quantile(noise, 1 - WIDE))
     largest = np.max([values / bounds.get(name, 1.0) for name, values in usual.items()], axis=0)
@@ -130,6 +132,7 @@ def _raw(look: Look, ranges: Mapping[str, Any], axes: Mapping[str, Any]) -> dict
     return {
         **beyond,
         "noise": float(noise_of(look.displacement[None])[0]),
+        "jump": float(jump_of(look.displacement[None])[0]),
         "features": _distance(_summary(look.features), axes),
         "deviation": float(np.sqrt((look.scale**2).mean())),
         "residual": left,

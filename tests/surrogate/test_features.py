@@ -5,7 +5,17 @@ import pytest
 
 from ngbrain.errors import InputError
 from ngbrain.surrogate.data import sample, shaken
-from ngbrain.surrogate.features import FLAT, GRAIN, derivative, modality, noise_of, partial, spoilt, without_affine
+from ngbrain.surrogate.features import (
+    FLAT,
+    GRAIN,
+    derivative,
+    jump_of,
+    modality,
+    noise_of,
+    partial,
+    spoilt,
+    without_affine,
+)
 
 
 @pytest.mark.parametrize("n", [26, 51, 64])
@@ -99,6 +109,28 @@ def test_grained_noise_is_found_though_not_all_of_it():
     found = [noise_of(spoilt(u, np.array([0.1]), np.random.default_rng(1), np.array([g])))[0] for g in (0, GRAIN)]
     assert found[0] == pytest.approx(0.1, rel=0.1)
     assert found[1] == pytest.approx(0.08, rel=0.1)
+
+
+@pytest.mark.parametrize("across", [26, 51, 101])
+def test_a_seam_is_a_jump_and_an_edge_of_tissue_is_none(across):
+    """The noise, a median over the points, knows nothing of it."""
+    one, other = (sample("waves", "inclusions", 0, "validation", i, across).displacement[None] for i in (1, 4))
+    torn = one.copy()
+    torn[:, :, : across // 2] = other[:, :, : across // 2] * np.linalg.norm(one) / np.linalg.norm(other)
+    assert jump_of(torn)[0] > 4 * jump_of(one)[0]
+    assert noise_of(torn)[0] < 2 * max(noise_of(one)[0], noise_of(other)[0])
+    wrapped = one.copy()
+    patch = slice(across // 3, across // 2)
+    wrapped[:, patch, patch] += 2 * np.abs(one).max()
+    assert jump_of(wrapped)[0] > 4 * jump_of(one)[0]
+
+
+def test_a_component_that_hardly_moves_has_no_jumps_of_its_own(rng):
+    x = np.linspace(0, 1, 51)
+    u = np.zeros((1, 51, 51, 2), complex)
+    u[0, :, :, 0] = np.exp(-9j * x)
+    u[0, :, :, 1] = 1e-3 * (rng.standard_normal((51, 51)) + 1j * rng.standard_normal((51, 51)))
+    assert jump_of(u)[0] < 0.005
 
 
 def test_unknown_modalities_are_refused():

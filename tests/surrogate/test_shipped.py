@@ -2,15 +2,18 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from algebraic import noisy
 
+from ngbrain.inverse.phantoms import Phantom
 from ngbrain.surrogate.data import DENSITY, FINE, SIDES, sample, shaken
 from ngbrain.surrogate.families import family
 from ngbrain.surrogate.features import errors, modality
 from ngbrain.surrogate.looking import Look
+from ngbrain.surrogate.predict import predict
 from ngbrain.surrogate.shipped import Operator
 from ngbrain.surrogate.trust import auc, scores
 
@@ -113,6 +116,16 @@ def test_squares_unlike_the_training_are_told_from_those_like_it(waves, changes)
     operator, rows = waves
     usual = largest(operator, looks(operator, rows))
     assert auc(usual, largest(operator, looks(operator, driven(**changes, count=4)))) >= 0.9
+
+
+def test_half_of_another_scan_is_not_trusted():
+    one, other = (replace(Phantom.named(name, 33).measured(0.02).data(), truth={}) for name in ("CV-G", "CV-B"))
+    left = one.points[:, 0] < np.median(one.points[:, 0])
+    found = predict(replace(one, displacement=np.where(left[None, :, None], other.displacement, one.displacement)))
+    assert not found.trusted and "jump" in found.warning
+    assert max(score for name, score in found.scores.items() if name != "jump") < found.threshold
+    whole = predict(one)
+    assert whole.trusted and whole.scores["jump"] < 0.5
 
 
 def test_ten_per_cent_of_noise(waves):

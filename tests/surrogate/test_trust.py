@@ -126,7 +126,7 @@ def test_compression():
     trust = operator.card.trust
     look = looks(operator, data)[0]
     plain = scores(look, trust)
-    assert set(plain) == {"softness", "contrast", "noise", "features", "deviation", "residual", "boundary"}
+    assert set(plain) == {"softness", "contrast", "noise", "jump", "features", "deviation", "residual", "boundary"}
     wrong = scores(replace(look, mean=3 * look.mean[:, ::-1]), trust)
     assert wrong["contrast"] > 1.5 > plain["contrast"] and wrong["residual"] > 2 * plain["residual"]
 
