@@ -242,3 +242,20 @@ def test_second_derivatives(name, rng):
     size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.blocks.values()])
     rates = taylor(lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, a, 2, 5e-4)
     assert np.all((rates > 1.9) & (rates < 2.1)), rates
+
+
+def test_what_drives_one_wave_costs_no_solve_of_the_others(rng):
+    """As each displacement of the boundary does, whose columns error bars take one by one."""
+    of = model()
+    there, before = of.at(of.theta), of.solves.incremental
+    direction = np.zeros(of.size)
+    direction[of.blocks[BOUNDARY]][: 2 * len(of.driving)] = rng.normal(size=2 * len(of.driving))
+    change = there.push(direction)
+    assert of.solves.incremental - before == 1
+    assert np.abs(change[0]).max() > 0 and not change[1:].any()
+    w = wanted(of, rng)
+    whole = there.pull(w)
+    before = of.solves.incremental
+    parts = [there.pull(np.where(np.arange(3)[:, None, None] == k, w, 0)) for k in range(3)]
+    assert of.solves.incremental - before == 3
+    np.testing.assert_allclose(sum(parts), whole, rtol=1e-12, atol=1e-12 * np.abs(whole).max())

@@ -177,7 +177,8 @@ class Linearised:
             b = -(sensitivity @ fields)
             if driven[k].any():
                 b -= self.factors.apply(k, driven[k])
-            change[k] = self.factors.solve(k, b, "incremental") + driven[k]
+            still = not b.any()  # of a direction that drives another wave
+            change[k] = 0 if still else self.factors.solve(k, b, "incremental") + driven[k]
         return change
 
     def pull(self, w: Array) -> Array:
@@ -253,6 +254,9 @@ class Linearised:
         shaped("w", np.shape(w), self.data.shape)
         found, driving = [], self.model.driving
         for k, part in enumerate(np.conj(w)):
+            if not part.any():
+                found.append((np.zeros(self.model.body.fes.ndof, complex), np.zeros(len(driving), complex)))
+                continue
             b = self.model.spread(part)
             adjoint = self.factors.solve(k, b, purpose)
             found.append((adjoint, b[driving] - self.factors.reactions(k, adjoint, driving)))
