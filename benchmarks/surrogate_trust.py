@@ -8,6 +8,7 @@ misstated   a frequency that is a fifth off what it is said to be: tissue 1.44 t
 modulus     a background twice beyond the ends of what was learnt; for compression, contrasts of 6 to 10
 boundary    the edge opposite the driven one held; both driven against one another; a plate that sticks to the square
 noise       10 %, white and with the longest grain of the training
+half        the left half of a square is another's of its family
 grained     1 % with that grain: no outsider, as half of the compression was learnt so; shown for honesty
 unseen      slices of a brain, a family that was held out whole
 
@@ -108,6 +109,22 @@ def misstated(drawn: Drawn, factor: float) -> Drawn:
     return lambda i: replace(drawn(i), frequency=drawn(i).frequency * factor)
 
 
+def torn(modality: str) -> Drawn:
+    """The left half of a test sample is that of another of its family, as large, all else as for the first."""
+
+    def drawn(i: int) -> Sample:
+        one, other = (usual(modality)(k) for k in (i, (i + len(LEARNT)) % (2 * MANY)))
+        left = np.arange(ACROSS) < ACROSS // 2
+        size = np.linalg.norm(one.displacement) / np.linalg.norm(other.displacement)
+        storage, loss = (
+            np.where(left, theirs, own) for own, theirs in ((one.storage, other.storage), (one.loss, other.loss))
+        )
+        u = np.where(left[:, None], size * other.displacement, one.displacement)
+        return replace(one, displacement=u, storage=storage, loss=loss)
+
+    return drawn
+
+
 OUTSIDERS: dict[str, dict[str, tuple[Drawn, float] | tuple[Drawn, float, float]]] = {
     "waves": {
         "frequency 24 Hz": (waves(frequency=lambda r: FREQUENCY[0] / 1.25), NOISE),
@@ -119,6 +136,7 @@ OUTSIDERS: dict[str, dict[str, tuple[Drawn, float] | tuple[Drawn, float, float]]
         "boundary: opposite edge held": (waves(held="top|bottom"), NOISE),
         "boundary: two edges driven": (waves(drive=lambda a, b: {"top": (a, b), "bottom": (-a, -b)}), NOISE),
         "noise 10 %": (usual("waves"), 0.1),
+        "half of another scan": (torn("waves"), NOISE),
         "unseen: brain slices": (lambda i: sample("waves", "slices", 0, "test", i, ACROSS), NOISE),
     },
     "compression": {
@@ -128,6 +146,7 @@ OUTSIDERS: dict[str, dict[str, tuple[Drawn, float] | tuple[Drawn, float, float]]
         "noise 10 %": (usual("compression"), 0.1),
         "noise 10 %, grained": (usual("compression"), 0.1, GRAIN),
         "as learnt: grained": (usual("compression"), NOISE, GRAIN),
+        "half of another scan": (torn("compression"), NOISE),
         "unseen: brain slices": (lambda i: sample("compression", "slices", 0, "test", i, ACROSS), NOISE),
     },
 }

@@ -77,7 +77,7 @@ class Strain:
     oss   (loads, n), NaN where a component is not measured and at points that do not count
     snr   (loads, n), over its noise
     note  why there is none, or none of some loads; empty if nothing is missing
-    volume  |∇·u| over |∇×u| of the waves, rms over points and loads: shear waves have 0; None where it is not known
+    volume  |∇·u| over |∇×u| of the waves, medians over points and loads: shear waves have 0; None where it is not known
     """
 
     oss: np.ndarray
@@ -122,7 +122,7 @@ def strain_of(data: WaveData, relative: Relative) -> Strain:
     except NgbrainError as error:
         return Strain(oss, snr, f"{NO_STRAIN}, as no smooth field can be laid through the data: {error}")
     noise = gradient_noise(noise_of(data, relative), _spacing(data))
-    volume, turn = 0.0, 0.0
+    volume, turn = list[np.ndarray](), list[np.ndarray]()
     for load in loads:
         where = known[load].all(axis=1)
         off = noise[load, where] if np.ndim(relative) else noise[load]
@@ -130,17 +130,19 @@ def strain_of(data: WaveData, relative: Relative) -> Strain:
         if data.motion == "anti_plane":  # the third row of a gradient in space
             off, slope = (_third_row(each) for each in (off, slope))
         elif data.frequency[load]:
-            volume += float(np.sum(np.abs(np.trace(slope, axis1=1, axis2=2)) ** 2))
-            turn += (
-                float(np.sum(np.abs(slope - slope.swapaxes(1, 2)) ** 2)) / 2
-            )  # each component of the curl stands there twice
+            volume.append(np.abs(np.trace(slope, axis1=1, axis2=2)))
+            turn.append(np.linalg.norm(slope - slope.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(2))
         if data.frequency[load]:
             mean, at = octahedral_amplitude(slope)[1], strain_snr(slope, off)[0]
         else:  # a cosine's mean is 2/π of its peak
             still = slope.real
             mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, off)[0]
         oss[load, where], snr[load, where] = mean, at
-    return Strain(oss, snr, note, float(np.sqrt(volume / turn)) if turn > 0 else None)
+    if not turn:
+        return Strain(oss, snr, note)
+    # Medians: at a rim with points left out single derivatives of a smooth field are anything.
+    turned = float(np.median(np.concatenate(turn)))
+    return Strain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300))
 
 
 def where_strained(data: WaveData, noise: float | None, least: float) -> np.ndarray:

@@ -9,7 +9,9 @@ from planewaves import grid, wave_number, waves
 from ngbrain.errors import InputError
 from ngbrain.inverse.believable import TISSUES, of_size, of_tissue
 from ngbrain.inverse.invert import invert
+from ngbrain.inverse.outliers import cleaned
 from ngbrain.inverse.phantoms import Phantom
+from ngbrain.inverse.quality import strain_of
 from ngbrain.inverse.verdict import reasons_against
 from ngbrain.io.waves.data import TISSUES as NAMES
 from ngbrain.io.waves.data import WaveData
@@ -73,12 +75,18 @@ def test_a_quarter_turn_of_the_displacement_alone_is_no_shear(size):
     """Components swapped and one turned make waves of pressure, which tissue 51 times as soft explains as well as 7 % of noise."""
     data = replace(Phantom.named("NV-G", 21).measured(0.02).data(), truth={})
     good = inverted(data)
-    assert good.usable and good.strain.volume < 0.7
+    assert good.usable and good.strain.volume < 0.2
     u = size * np.stack([-data.displacement[:, :, 1], data.displacement[:, :, 0]], axis=2)
     found = inverted(replace(data, displacement=u))
     assert found.noise_found < 4 * found.stated
     (reason,) = found.reasons
-    assert "times as much as they turn" in reason and found.strain.volume > 1.4
+    assert "times as much as they turn" in reason and found.strain.volume > 3
+
+
+def test_good_waves_whose_rim_lost_points_keep_their_volume():
+    """Sums over all points would be decided by a few derivatives at the rim: the ratio would be 52."""
+    data, notes = cleaned(replace(Phantom.named("NE-G", 25).measured(0.01).data(), truth={}))
+    assert notes and strain_of(data, 0.01).volume < 0.1
 
 
 def test_compressible_tissue_may_change_its_volume(data):
