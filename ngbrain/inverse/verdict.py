@@ -21,7 +21,8 @@ MOST = 0.4
 BEYOND, TOLERATED = 4.0, 0.06
 """How many times the stated noise may be left over, and the part of the waves that may be in any case: errors of elements."""
 OUT = 0.05
-"""Share of the points that may have a modulus that no tissue has, or that the rest of the same tissue does not: rims, vessels."""
+"""Share of the points that may have a modulus that no tissue has, or that the rest of the same tissue does not: rims, vessels.
+Fluid is no tissue, and has no place in the mask."""
 
 
 def reasons_against(
