@@ -1,8 +1,9 @@
 """Heads that nothing was tuned on: which of them are recognised, segmented, meshed and operated on, and how well.
 
-Runs over a folder of T1s (NIfTI or MGH). A head NAME_t1.nii.gz may have a map of labels NAME_muse_labels.nii.gz in the
-MUSE numbering on the same voxels; its tissues are then compared, and the ceiling is printed: the Dice overlaps that the
-best thresholds inside MUSE's own grey and white matter reach, cerebrum and cerebellum apart, deep grey matter given.
+Runs over a folder of T1s: NIfTI, MGH, or a folder each of a DICOM series. A head NAME_t1.nii.gz may have a map of labels
+NAME_muse_labels.nii.gz in the MUSE numbering on the same voxels; its tissues are then compared, and the ceiling is printed:
+the Dice overlaps that the best thresholds inside MUSE's own grey and white matter reach, cerebrum and cerebellum apart, deep
+grey matter given.
 
     python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] [--executor WHO] > records.json     a record a head
     python benchmarks/heads_of_strangers.py FOLDER [--measure WHAT ...] --into records.json   added to what is known of heads
@@ -281,7 +282,8 @@ def main() -> None:
         return
     if arguments.folder is None or not arguments.folder.is_dir():
         parser.error("FOLDER: a folder of T1s")
-    paths = [p for p in sorted(arguments.folder.iterdir()) if p.name.endswith(ENDINGS) and "_labels" not in p.name]
+    found = [path for path in sorted(arguments.folder.iterdir()) if path.name.endswith(ENDINGS) or path.is_dir()]
+    paths = [path for path in found if "_labels" not in path.name]
     heads = {path.name: (path, arguments.measure, arguments.keep) for path in paths}
     made = run()
     before = json.loads(arguments.into.read_text()) if arguments.into and arguments.into.exists() else []
