@@ -9,10 +9,9 @@ from itertools import permutations
 import numpy as np
 from scipy import ndimage
 
-from ngbrain.errors import require
 from ngbrain.image import places
 from ngbrain.image.align import normalised, thinned
-from ngbrain.image.volume import Volume, mni152
+from ngbrain.image.volume import Volume, mni152, template_map
 
 TISSUES = ("fluid", "grey", "white")
 _T1 = (0, 1, 2)
@@ -106,9 +105,7 @@ def tissue_maps() -> tuple[Volume, Volume, Volume]:
     Raises:
         MissingExtra: nilearn is not installed.
     """
-    datasets = require("nilearn.datasets", "mri")
-    images = datasets.load_mni152_gm_template(resolution=1), datasets.load_mni152_wm_template(resolution=1)
-    grey, white = (np.array(image.dataobj, np.float32) for image in images)
+    grey, white = (template_map(name)[0] for name in ("gm", "wm"))
     template = mni152().volume
     fluid = np.where(template.data != 0, 1 - grey - white, 0).clip(0)
     return Volume(fluid, template.affine), Volume(grey, template.affine), Volume(white, template.affine)

@@ -158,11 +158,37 @@ def mni152() -> Scan:
     return replace(template, volume=Volume(template.volume.data.copy(), template.volume.affine.copy()))
 
 
+def template_map(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A map of the MNI152 template that nilearn brings along, as its loaders read it.
+
+    Their module brings scikit-learn and pandas, which take longer to import than the map to read; so the file is read here.
+
+    Parameters
+    ----------
+    name : str
+        `t1`, or `gm` or `wm` for the share of grey or white matter.
+
+    Returns
+    -------
+    data : numpy.ndarray
+        float32, divided by the largest.
+    affine : numpy.ndarray
+        (4, 4), from voxels to m.
+
+    Raises
+    ------
+    MissingExtra
+        nilearn is not installed.
+    """
+    folder = Path(str(require("nilearn", "mri").__file__)).parent / "datasets" / "data"
+    image = require("nibabel", "mri").load(folder / f"mni_icbm152_{name}_tal_nlin_sym_09a_converted.nii.gz")
+    data = np.asarray(image.dataobj).astype(np.float32)
+    return data / data.max(), np.diag([1e-3, 1e-3, 1e-3, 1]) @ image.affine
+
+
 @lru_cache(maxsize=1)
 def _mni152() -> Scan:
-    template = require("nilearn.datasets", "mri").load_mni152_template(resolution=1)
-    affine = np.diag([1e-3, 1e-3, 1e-3, 1]) @ template.affine
-    data = np.array(template.dataobj, np.float32)
+    data, affine = template_map("t1")
     name = "MNI152 T1 (average of 152 people, brain-extracted)"
     return Scan(straightened(Volume(data, affine)), affine, data.shape, name)
 

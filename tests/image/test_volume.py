@@ -1,6 +1,8 @@
 """Scans: same bits for flipped copies, the same head for slanted and coarser ones, units, every refusal."""
 
 import gzip
+import subprocess
+import sys
 
 import nibabel
 import numpy as np
@@ -10,6 +12,7 @@ from scipy import ndimage
 
 from ngbrain.errors import InputError
 from ngbrain.image import Volume, border, mni152, read_scan, straightened
+from ngbrain.image.volume import template_map
 
 MM = np.diag([1e3, 1e3, 1e3, 1])
 BOX = (slice(22, 175), slice(23, 212), slice(0, 159))  # the brain and 4 mm around it; none below the brain stem
@@ -76,6 +79,17 @@ def test_the_digest_knows_values_types_shapes_and_places(brain):
     ]
     assert len({v.digest() for v in [small, *others]}) == 5
     assert Volume(np.asfortranarray(small.data), small.affine.copy()).digest() == small.digest()
+
+
+def test_maps_of_the_template_are_those_of_nilearn_without_what_its_loaders_import():
+    from nilearn.datasets import load_mni152_gm_template, load_mni152_template, load_mni152_wm_template
+
+    for name, load in (("t1", load_mni152_template), ("gm", load_mni152_gm_template), ("wm", load_mni152_wm_template)):
+        theirs, (data, affine) = load(resolution=1), template_map(name)
+        assert data.dtype == np.float32 and np.array_equal(data, np.array(theirs.dataobj, np.float32))
+        assert np.array_equal(affine, np.diag([1e-3, 1e-3, 1e-3, 1]) @ theirs.affine)
+    code = "import sys; from ngbrain.image import mni152; mni152(); sys.exit('sklearn' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_mni152_is_on_the_grid_and_ours_to_change():
