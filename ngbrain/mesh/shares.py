@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 Points = np.ndarray
-_CHUNK = 1 << 14
+_CHUNK = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
 class Shares:
     """Shares on a grid (`Indicators`), laid out so that all shares around a point lie together, which is several times as fast.
 
-    pairs    (nx · ny · nz - 1, 2, regions + 1) float32: of each voxel and the next one
+    values   (nx · ny · nz, regions + 1) float32, voxels in C order
     shape    (3,) of the grid
     matrix   (3, 3) and origin (3,), from m to indices
 
@@ -23,7 +23,7 @@ class Shares:
     array([[0. , 1. ], [0.75, 0.25]], dtype=float32)
     """
 
-    pairs: np.ndarray
+    values: np.ndarray
     shape: np.ndarray
     matrix: np.ndarray
     origin: np.ndarray
@@ -32,16 +32,13 @@ class Shares:
     def of(cls, shares: np.ndarray, affine: np.ndarray) -> Shares:
         """A copy of shares (regions + 1, nx, ny, nz), whose indices `affine` (4, 4) takes to m."""
         regions, *shape = shares.shape
-        values = np.ascontiguousarray(np.moveaxis(shares, 0, -1)).ravel()
-        pairs = np.lib.stride_tricks.as_strided(
-            values, (len(values) // regions - 1, 2, regions), tuple(values.itemsize * n for n in (regions, regions, 1))
-        )
-        return cls(pairs, np.array(shape), np.linalg.inv(affine[:3, :3]), affine[:3, 3])
+        values = np.ascontiguousarray(np.moveaxis(shares, 0, -1)).reshape(-1, regions)
+        return cls(values, np.array(shape), np.linalg.inv(affine[:3, :3]), affine[:3, 3])
 
     @property
     def count(self) -> int:
         """Number of regions, outside among them."""
-        return int(self.pairs.shape[2])
+        return int(self.values.shape[1])
 
     def __call__(self, points: Points) -> np.ndarray:
         """Shares (n, regions + 1) float32 at points (n, 3) in m; beyond the grid those at its border."""
@@ -57,14 +54,20 @@ class Shares:
         found = np.empty((len(indices), self.count), np.float32)
         stride = int(self.shape[2])
         plane = int(self.shape[1]) * stride
+
+        def around(first: np.ndarray, weights: tuple[np.ndarray, ...]) -> np.ndarray:
+            """Points along the last axis: arithmetic runs along it, not along the few shares of a point."""
+            total = np.zeros((self.count, len(first)), np.float32)
+            for weight, offset in zip(weights, (0, stride, plane, plane + stride), strict=True):
+                total += weight * np.ascontiguousarray(self.values.take(first + offset, axis=0).T)
+            return total
+
         for start in range(0, len(indices), _CHUNK):
             at = np.clip(indices[start : start + _CHUNK], 0, self.shape - 1.001)
             base = at.astype(np.int64)
-            x, y, z = (at - base).astype(np.float32).T
+            x, y, z = np.ascontiguousarray((at - base).astype(np.float32).T)
             corner = base[:, 0] * plane + base[:, 1] * stride + base[:, 2]
-            total = ((1 - x) * (1 - y))[:, None, None] * self.pairs[corner]
-            total += ((1 - x) * y)[:, None, None] * self.pairs[corner + stride]
-            total += (x * (1 - y))[:, None, None] * self.pairs[corner + plane]
-            total += (x * y)[:, None, None] * self.pairs[corner + plane + stride]
-            found[start : start + _CHUNK] = total[:, 0] + z[:, None] * (total[:, 1] - total[:, 0])
+            weights = (1 - x) * (1 - y), (1 - x) * y, x * (1 - y), x * y
+            below, above = around(corner, weights), around(corner + 1, weights)
+            found[start : start + _CHUNK] = (below + z * (above - below)).T
         return found
