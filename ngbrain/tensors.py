@@ -20,7 +20,7 @@ EQUAL_STRETCH_GUARD = 1e-12
 def tensor(*entries: CoefficientFunction | float) -> CoefficientFunction:
     """3×3 tensor of nine entries by rows, or a vector of fewer: numbers and scalar functions.
 
-    >>> tensor(1, 0, 0, 0, 1, 0, 0, 0, ngs.x).dims
+    >>> tuple(tensor(1, 0, 0, 0, 1, 0, 0, 0, ngs.x).dims)
     (3, 3)
     """
     made = tuple(each if isinstance(each, CoefficientFunction) else constant(float(each)) for each in entries)

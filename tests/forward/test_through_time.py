@@ -8,7 +8,8 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.rigid import Closing
+from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.rigid import Closing, Contact
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import Nodes
@@ -22,7 +23,6 @@ from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.sensitivity.transient.step import StepForms
 from ngbrain.forward.sensitivity.transient.step_turned import Shifted
 from ngbrain.forward.sensitivity.transient.tangents import FEW, MOST, Tangents
-from ngbrain.forward.solid.inertia import GeneralizedAlpha, Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
@@ -324,12 +324,10 @@ def test_bad_input():
         of.at(np.ones(2))
     with pytest.raises(ConvergenceError, match="a step too far"):
         of.at(np.array([1e3, np.inf, 1.0]))
-    with pytest.raises(InputError, match="body is with inertia"):
-        Replay(
-            Problem(mesh, materials, {"bottom": 0}, [Inertia({".*": 1000.0}, GeneralizedAlpha(0.8))], element="P2/P1"),
-            drive,
-            np.array(GRID),
-        )
+    given = GivenForce((0.0, 1.0), (0.0, 1e-3), away=-1e-3, nudge=1e-6)
+    ball = Contact("top", lambda x: SIDE - given.parameter - x[2], 1e8, 2e-5, way=given.parameter)
+    with pytest.raises(InputError, match="body is with a tool of given force"):
+        Replay(Problem(mesh, materials, {"bottom": 0}, contacts=[ball, given], element="P2/P1"), drive, np.array(GRID))
 
 
 # Each bug is one that was met; rates of a right gradient are above 1.9.
