@@ -5,8 +5,8 @@ For a loop of one's own `advance` makes a step from one `State` to the next, und
 What it is made of: `Material` by region; supports by boundary; loads (`Traction`, `Weight`, `Pressure`, `Spring`, `RigidFace`,
 `RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`,
 `GivenForce`); in space or in `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body
-`PrestressedModel`. Models that are differentiated by parameters: `StaticModel` of equilibria (`Case`), `RunModel` of runs,
-`WaveModel` of waves.
+`PrestressedModel`. What is asked of a state: `ngbrain.forward.observables`. Models that are differentiated by parameters:
+`StaticModel` of equilibria (`Case`), `RunModel` of runs, `WaveModel` of waves.
 """
 
 from importlib import import_module
