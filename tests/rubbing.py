@@ -54,9 +54,9 @@ def law_of(kind, p):
 
 def model(
     grid, kind="plane strain", law="Prony", share=0.9, n=3, element="P2/P1", seen=(), times=None, plate=None, wide=1.0,
-    bulk=2e4, **values,
+    bulk=2e4, given=(), **values,
 ):  # fmt: skip
-    """A `RunModel` whose parameters are those of `VALUES`, or others by name."""
+    """A `RunModel` whose parameters are those of `VALUES`, but for what is given; other values by name."""
     mesh, plate = mesh_of(kind, n, wide), plate or Sliding()
     p = {name: ngs.Parameter(value) for name, value in (VALUES | values).items()}
     last = mesh.dim - 1
@@ -70,6 +70,6 @@ def model(
         kinematics=Axisymmetric() if kind == "axisymmetric" else None,
     )  # fmt: skip
     middle = [0.5 * wide * SIDE, *(0.9 * SIDE,) * last]
-    used = {name: of for name, of in p.items() if law != "elastic" or name not in ("g", "tau")}
-    used = {name: of for name, of in used.items() if law != "Maxwell" or name != "g"}
+    unused = {"elastic": ("g", "tau"), "Maxwell": ("g",)}.get(law, ())
+    used = {name: of for name, of in p.items() if name not in (*unused, *given)}
     return RunModel(body, plate, grid, used, list(seen) or [Force("top"), Displacements([middle])], times)

@@ -55,21 +55,25 @@ class Recovered:
 
     @cached_property
     def undetermined(self) -> dict[str, str]:
-        """Positive numbers that the data do not determine within a factor of `DETERMINED`: why, by name.
+        """Numbers that the data do not determine, positive ones not within a factor of `DETERMINED`: why, by name.
 
         Whatever their values are: another start may end elsewhere at the same misfit.
         """
-        found = {}
-        for name, value in self.values.items():
-            if isinstance(value, float) and value > 0:
-                try:
-                    band = self.posterior.band(name)
-                except InputError as error:
-                    return {name: f"not determined: {error}" for name, v in self.values.items() if isinstance(v, float)}
-                low, high = float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
-                if not high < DETERMINED * low:
-                    found[name] = f"not determined: 95 % between {low:.3g} and {high:.3g}"
-        return found
+        numbers = {name: value for name, value in self.values.items() if isinstance(value, float)}
+        try:
+            intervals = {name: self._interval(name) for name in numbers}
+        except InputError as error:
+            return dict.fromkeys(numbers, f"not determined: {error}")
+        return {
+            name: f"not determined: 95 % between {low:.3g} and {high:.3g}"
+            for name, (low, high) in intervals.items()
+            if numbers[name] > 0 and not high < DETERMINED * low
+        }
+
+    def _interval(self, name: str) -> tuple[float, float]:
+        """95 % of a number."""
+        band = self.posterior.band(name)
+        return float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
 
     def __str__(self) -> str:
         """Each number with its 95 % interval, or that it is not determined; fields by their mean."""
@@ -80,8 +84,7 @@ class Recovered:
             elif name in self.undetermined:
                 lines.append(f"{name}: {self.undetermined[name]}")
             else:
-                band = self.posterior.band(name)
-                low, high = float(np.ravel(band.low)[0]), float(np.ravel(band.high)[0])
+                low, high = self._interval(name)
                 lines.append(f"{name}: {value:.4g}, 95 % between {low:.4g} and {high:.4g}")
         settled = "" if self.found.converged else ", not settled"
         return "\n".join([*lines, f"misfit {self.misfit:.2g} times what noise leaves{settled}"])

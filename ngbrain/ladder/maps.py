@@ -8,9 +8,9 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.image.maps import filled, read_map
 from ngbrain.image.volume import Volume
-from ngbrain.ladder.quantities import Measured, percentile
 
 
 def read(path: str | os.PathLike[str]) -> Volume:
@@ -47,4 +47,4 @@ def median(field: ngs.GridFunction, region: str) -> float:
         for each in (field, ngs.CF(1))
     )
     own = sizes > 0
-    return percentile(Measured(amounts[own] / sizes[own], sizes[own]), 50)
+    return weighted_percentile(amounts[own] / sizes[own], sizes[own], 50)

@@ -140,22 +140,6 @@ def point_in(mesh: ngs.Mesh, ask: Ask, plane: bool) -> ngs.MeshPoint:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """Values at points, and the volumes that they stand for."""
-
-    values: Array
-    weights: Array
-
-
-def percentile(measured: Measured, percent: float) -> float:
-    """The value below which this part of the volume has its own."""
-    order = np.argsort(measured.values)
-    weights = measured.weights[order]
-    share = np.cumsum(weights)
-    return float(np.interp(percent / 100 * share[-1], share - weights / 2, measured.values[order]))
-
-
 def within(mesh: ngs.Mesh, ask: Ask) -> tuple[Array, Array]:
     """Quadrature points in the question's regions, within its distance, and the volumes that they stand for."""
     (shape,) = {element.type for element in mesh.Elements()}

@@ -9,7 +9,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.harmonic.problem import Harmonic, Wave
-from ngbrain.ladder.quantities import Measured, along, percentile, point_in, within
+from ngbrain.forward.observables.percentiles import weighted_percentile
+from ngbrain.ladder.quantities import along, point_in, within
 from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
@@ -83,7 +84,7 @@ def _amplitude(ask: Ask, body: Harmonic, gfu: ngs.GridFunction, thickness: float
         return abs(complex(np.dot(u(point_in(body.mesh, ask, plane)), along(ask.unit, plane))))
     if ask.quantity == "force":
         return abs(_force(ask, body, gfu)) * thickness
-    return percentile(_strains(ask, body, u), ask.percentile)
+    return weighted_percentile(*_strains(ask, body, u), ask.percentile)
 
 
 def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
@@ -102,8 +103,8 @@ def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
     return complex(np.dot(motion.vec.FV().NumPy(), product.FV().NumPy()))
 
 
-def _strains(ask: Ask, body: Harmonic, u: ngs.CoefficientFunction) -> Measured:
-    """Largest principal strains over a period."""
+def _strains(ask: Ask, body: Harmonic, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
+    """Largest principal strains over a period at points, and the volumes that these stand for."""
     mesh = body.mesh
     points, weights = within(mesh, ask)
     grad = ngs.Grad(u)
@@ -113,4 +114,4 @@ def _strains(ask: Ask, body: Harmonic, u: ngs.CoefficientFunction) -> Measured:
     strain = (gradient + gradient.transpose(0, 2, 1)) / 2
     phases: Sequence[complex] = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
     largest = np.max([np.linalg.eigvalsh((strain * phase).real)[:, -1] for phase in phases], axis=0)
-    return Measured(largest, weights)
+    return largest, weights

@@ -21,11 +21,10 @@ BOTH, NORMAL = Force("top"), Force("top", (0, 1))
 
 
 def run(values, n, element, steps, seen):
-    of = model(
+    return model(
         steps, seen=[seen], times=TIMES, n=n, element=element, plate=Sliding(8e-4, 2e-3, (1.0, 3.0, 13.0)), wide=2.0,
-        bulk=5e4, penalty=2e7, **values,
+        bulk=5e4, penalty=2e7, given=("slip", "penalty"), **values,
     )  # fmt: skip
-    return of
 
 
 @cache
@@ -35,24 +34,11 @@ def exact():
     return of.at(of.theta).data
 
 
-def recovered(seed, seen=BOTH, start=GUESS):
-    data = exact() if seen is BOTH else exact()[:, 1:]
+def recovered(seed, seen=BOTH):
     noise = 0.01 * np.sqrt(np.mean(exact() ** 2, axis=0)) * np.ones_like(exact())
-    noise, drawn = (
-        noise[:, -data.shape[1] :],
-        np.random.default_rng(seed).normal(size=exact().shape)[:, -data.shape[1] :],
-    )
-    of = run(start, 3, "P2/P1", STEPS, seen)
-    for name in ("slip", "penalty"):  # given
-        del of.parameters[name]
-    return recover(_of(of, seen), data + noise * drawn, noise, tell=lambda _: None)
-
-
-def _of(of, seen):
-    """The same with the parameters that are looked for."""
-    from ngbrain.forward.sensitivity.transient.run_model import RunModel
-
-    return RunModel(of.body, of.replay.motion, of.replay.grid, of.parameters, [seen], TIMES)
+    data = exact() + noise * np.random.default_rng(seed).normal(size=noise.shape)
+    columns = slice(None) if seen is BOTH else slice(1, None)
+    return recover(run(GUESS, 3, "P2/P1", STEPS, seen), data[:, columns], noise[:, columns], tell=lambda _: None)
 
 
 def holds(found, name):

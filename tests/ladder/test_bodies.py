@@ -8,9 +8,9 @@ import pytest
 from scipy.integrate import quad
 
 from ngbrain.errors import InputError
+from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.bodies import Bench, _times, relaxed_law, solve
 from ngbrain.ladder.pieces import Meshes
-from ngbrain.ladder.quantities import Measured, percentile
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.ladder.waves import modulus
 from ngbrain.materials import RelaxingOgden
@@ -185,9 +185,9 @@ def test_pieces_have_their_parts_and_halve() -> None:
 
 
 def test_percentiles_count_volumes() -> None:
-    measured = Measured(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0]))
-    assert percentile(measured, 50) == pytest.approx(2.0)
-    assert percentile(measured, 100) == 3.0
+    values, volumes = np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0])
+    assert weighted_percentile(values, volumes, 50) == pytest.approx(2.0)
+    assert weighted_percentile(values, volumes, 100) == 3.0
 
 
 @pytest.mark.parametrize(

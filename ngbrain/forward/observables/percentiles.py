@@ -83,6 +83,18 @@ class StrainPercentile(Observable):
         return Percentile(problem, self)
 
 
+def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
+    """The value below which this part of the weights lies, between values by interpolation.
+
+    >>> weighted_percentile(np.array([3.0, 1.0, 2.0]), np.array([1.0, 1.0, 2.0]), 50)
+    2.0
+    """
+    order = np.argsort(values)
+    weights = weights[order]
+    share = np.cumsum(weights)
+    return float(np.interp(percent / 100 * share[-1], share - weights / 2, values[order]))
+
+
 class Percentile(Observed):
     """A `StrainPercentile` of one problem."""
 
@@ -130,10 +142,7 @@ class Percentile(Observed):
     @property
     def raw(self) -> float:
         """The percentile itself, between points by interpolation."""
-        strain = self.strains()[0]
-        order = np.argsort(strain)
-        share = np.cumsum(self._shares[order])
-        return float(np.interp(self.asked.percent / 100, share - self._shares[order] / 2, strain[order]))
+        return weighted_percentile(self.strains()[0], self._shares, self.asked.percent)
 
     def _weights(self, strain: Array) -> Array:
         """Of each point: the part of the kernel that its ranks have."""
