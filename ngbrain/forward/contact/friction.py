@@ -234,7 +234,7 @@ class Rub:
         self.weight = kinematics.weight()
         self.on = mesh.Boundaries(friction.wall)
         # Its rule is the contact's: of the same order, at whose points fields on it can be read.
-        self.points = points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self.on)
+        points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=self.on)
         self.measure = ngs.ds(friction.wall, intrules=points.GetIntegrationRules())
         self.slip, self.before, *self._ends = (ngs.GridFunction(ngs.VectorValued(points, mesh.dim)) for _ in range(4))
         self.start = ngs.Parameter(self.way)
