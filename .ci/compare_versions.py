@@ -115,30 +115,41 @@ def measured(checkout: Path, case: str) -> Run:
     return Run(records, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
 
 
-def labels(records: list[dict[str, Any]]) -> list[str]:
-    """A name for each record, of as few of its entries as tell them apart."""
-    keys = [
-        k for k in records[0] if k not in MEASURED and all(isinstance(r.get(k), str | int | float) for r in records)
-    ]
-    names: list[tuple[str, ...]] = [() for _ in records]
-    for key in sorted(keys, key=lambda k: not isinstance(records[0][k], str)):
-        values = [r[key] if isinstance(r[key], str) else f"{key} {r[key]:g}" for r in records]
-        if len(set(values)) > 1 and len(set(names)) < len(names):
-            names = [(*name, value) for name, value in zip(names, values, strict=True)]
-    return [", ".join(name) for name in names]
+def labelled(run: Run, like: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Records of a run by names, of as few entries as tell those of `like` apart."""
+    keys = [k for k in like[0] if k not in MEASURED and all(isinstance(r.get(k), str | int | float) for r in like)]
+    telling: list[str] = []
+    for key in sorted(keys, key=lambda k: not isinstance(like[0][k], str)):
+        now, more = ({tuple(r[k] for k in some) for r in like} for some in (telling, [*telling, key]))
+        if len(more) > len(now) or (not telling and len({r[key] for r in like}) > 1):
+            telling.append(key)
+    return {", ".join(_entry(key, record.get(key)) for key in telling): record for record in run.records}
+
+
+def _entry(key: str, value: Any) -> str:
+    return value if isinstance(value, str) or value is None else f"{key} {value:g}"
+
+
+def common(old: list[Run], new: list[Run]) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[str], list[str]]:
+    """Records by name of all old runs and of all new ones, the names that both versions have, and those that one has."""
+    like = max(old[0].records, new[0].records, key=len)
+    sides = [labelled(run, like) for run in old], [labelled(run, like) for run in new]
+    both = [name for name in sides[0][0] if name in sides[1][0]]
+    return *sides, both, sorted(set(sides[0][0]) ^ set(sides[1][0]))
 
 
 def differences(
     case: str, old: list[Run], new: list[Run], reasons: list[tuple[str, str]]
 ) -> tuple[int, list[Difference]]:
-    """How many answers there are, and those in which the two versions differ."""
-    sides = [[dict(_numbers(record)) for record in run.records] for run in (*old, *new)]
-    if len({len(side) for side in sides}) > 1:
-        count = len(old[0].records), len(new[0].records)
-        return 0, [Difference(case, "", "records", *count, None, _reason(case, "records", reasons))]
-    total, found = 0, []
-    for label, *of_runs in zip(labels(old[0].records), *sides, strict=True):
-        before, after = of_runs[: len(old)], of_runs[len(old) :]
+    """How many answers there are, and those in which the two versions differ; records that one of them lacks."""
+    of_old, of_new, both, alone = common(old, new)
+    count = len(of_old[0]), len(of_new[0])
+    total, found = (
+        0,
+        [Difference(case, name, "records", *count, None, _reason(case, "records", reasons)) for name in alone],
+    )
+    for name in both:
+        before, after = ([dict(_numbers(run[name])) for run in side] for side in (of_old, of_new))
         for path in dict.fromkeys((*before[0], *after[0])):
             x, y = ({run.get(path) for run in runs} for runs in (before, after))
             if len(x) > 1 or len(y) > 1:
@@ -146,7 +157,7 @@ def differences(
             (a,), (b,), total = x, y, total + 1
             if a != b:
                 change = None if a is None or b is None else abs(a - b) / max(abs(a), abs(b))
-                found.append(Difference(case, label, path, a, b, change, _reason(case, path, reasons)))
+                found.append(Difference(case, name, path, a, b, change, _reason(case, path, reasons)))
     return total, found
 
 
@@ -161,25 +172,24 @@ def _reason(case: str, name: str, reasons: list[tuple[str, str]]) -> str:
 
 
 def costs(case: str, old: list[Run], new: list[Run]) -> list[Cost]:
-    """Of the whole case first, then of its records."""
-    found = [
-        Cost(
-            case,
-            "",
-            (min(r.cpu_s for r in old), min(r.cpu_s for r in new)),
-            (min(r.memory_mib for r in old), min(r.memory_mib for r in new)),
-            max(r.cpu_s for r in old) / min(r.cpu_s for r in old) - 1,
-        )
+    """Of the whole case first, or of the records that both versions have where one of them has more; then of each."""
+    *sides, both, alone = common(old, new)
+    times = [
+        [
+            sum(r[name].get("cpu_s") or 0.0 for name in both) if alone else run.cpu_s
+            for run, r in zip(runs, side, strict=True)
+        ]
+        for runs, side in zip((old, new), sides, strict=True)
     ]
-    if len(old[0].records) != len(new[0].records):
-        return found
-    for i, label in enumerate(labels(old[0].records)):
-        times = [[run.records[i].get("cpu_s") or 0.0 for run in runs] for runs in (old, new)]
-        sizes = [[run.records[i].get("memory_mib") or 0.0 for run in runs] for runs in (old, new)]
+    memory = None if alone else (min(r.memory_mib for r in old), min(r.memory_mib for r in new))
+    found = [Cost(case, "", (min(times[0]), min(times[1])), memory, max(times[0]) / min(times[0]) - 1)]
+    for name in both:
+        times = [[run[name].get("cpu_s") or 0.0 for run in side] for side in sides]
+        sizes = [[run[name].get("memory_mib") or 0.0 for run in side] for side in sides]
         if min(map(min, times)) >= (LEAST if case != "set-up" else 0):
             memory = (min(sizes[0]), min(sizes[1])) if min(map(min, sizes)) else None
             least = min(times[0])
-            found.append(Cost(case, label, (least, min(times[1])), memory, max(times[0]) / least - 1))
+            found.append(Cost(case, name, (least, min(times[1])), memory, max(times[0]) / least - 1))
     return found
 
 

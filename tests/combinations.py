@@ -164,7 +164,7 @@ def run(kind: str, ingredients: set[str], controller: str) -> None:
         share = 0.9 if ingredients & {"contact with offset", "tool of given force"} else 0.0
         contacts.append(tool.contact(body.top, share, given.parameter if forced else None))
     if "friction" in ingredients:
-        contacts.append(Friction(contacts[0], 0.3, 2e-4, lambda x: ngs.CF((1.0,) + (0.0,) * (dim - 1))))
+        contacts.append(Friction(contacts[0], 0.3, 2e-4, lambda x, way: way * ngs.CF((1.0,) + (0.0,) * (dim - 1))))
     if "sliding wall" in ingredients:
         contacts.append(Sliding.on(body.mesh, body.right if body.right != body.top else "axis", 1e7))
     supports = dict(body.supports)

@@ -39,7 +39,7 @@ class Drag:
         return Contact("top", lambda x: SIDE - self.depth - x[2], penalty, 1e-8, share, self.way)
 
     def friction(self, contact, coefficient, slip=SLIP):
-        return Friction(contact, coefficient, slip, lambda x: ngs.CF((1.0, 0.0, 0.0)))
+        return Friction(contact, coefficient, slip, lambda x, way: way * ngs.CF((1.0, 0.0, 0.0)))
 
 
 def on_a_rail(drag, coefficient, share=0.0, maxh=SIDE):

@@ -5,33 +5,33 @@ import numpy as np
 
 
 class Indenter:
-    """How far (m) a rigid body has gone down and along x at times (s), straight in between.
-
-    `Friction` knows a rigid body's motion by one parameter: here `path`, the length of its way, which leads in `direction`.
-    """
+    """How far (m) a rigid body has gone down and along x at times (s), straight in between; `path`: the length of its way."""
 
     def __init__(self, times, down, along=None):
         self.times, self.events = times, tuple(times[1:])
         self.ways = (down, np.zeros(len(times)) if along is None else along)
-        self.down, self.along, self.path, self._right, self._up = (ngs.Parameter(0.0) for _ in range(5))
-        legs = np.diff([self.ways[1], -np.asarray(self.ways[0])])
-        self._lengths = np.hypot(*legs)
-        self._headings = legs / np.where(self._lengths > 0, self._lengths, 1.0)
+        self.down, self.along, self.path = (ngs.Parameter(0.0) for _ in range(3))
+        self._legs = np.diff([self.ways[1], -np.asarray(self.ways[0])]).T
+        self._lengths = np.linalg.norm(self._legs, axis=1)
 
     def set(self, t):
         for way, values in zip((self.down, self.along), self.ways, strict=True):
             way.Set(np.interp(t, self.times, values))
         self.path.Set(np.interp(t, self.times, np.append(0.0, np.cumsum(self._lengths))))
-        leg = max(int(np.searchsorted(self.times, t - 1e-9)) - 1, 0)  # at an event the one that ends there
-        for component, value in zip((self._right, self._up), self._headings[:, leg], strict=True):
-            component.Set(value)
 
     def travel(self, start, end):
         return sum(float(np.interp(end, self.times, w) - np.interp(start, self.times, w)) for w in self.ways)
 
-    def direction(self, x):
-        """Of the motion, whatever the point x."""
-        return ngs.CF((self._right, *(0.0,) * (x.dim - 2), self._up))
+    def moves(self, x, way):
+        """How far it has gone at a length of its way, whatever the point x: down and along, leg by leg."""
+        gone, before = ngs.CF((0.0,) * x.dim), 0.0
+        for (right, up), length in zip(self._legs, self._lengths, strict=True):
+            if length:
+                share = (way - before) / length
+                share = ngs.IfPos(share, ngs.IfPos(share - 1, 1, share), 0)
+                gone += share * ngs.CF((right, *(0.0,) * (x.dim - 2), up))
+            before += length
+        return gone
 
     def ball(self, radius):
         """x ↦ signed distance to a ball or cylinder that touches the plane y = 0, or z = 0, at the origin at rest."""

@@ -62,7 +62,7 @@ def model(
     last = mesh.dim - 1
     contact = Contact("top", lambda x: SIDE - plate.down - x[last], p["penalty"], 2e-5, share, way=plate.along)
     aside = (1.0, *(0.0,) * last)
-    rubbing = Friction(contact, p["friction"], p["slip"], lambda x: ngs.CF(aside))
+    rubbing = Friction(contact, p["friction"], p["slip"], lambda x, way: way * ngs.CF(aside))
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})
     body = Problem(
         mesh, {".*": Material(law_of(law, p), bulk)}, supports, contacts=[contact, rubbing],

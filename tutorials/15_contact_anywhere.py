@@ -63,7 +63,7 @@ class Plate:
 square = MakeStructured2DMesh(quads=False, nx=6, ny=6, mapping=lambda x, y: (SIDE * x, SIDE * y))
 plate, coefficient = Plate(), 0.1
 contact = Contact("top", lambda x: SIDE - plate.down - x[1], penalty=1e7, softness=1e-5, share=0.9, way=plate.along)
-rubbing = Friction(contact, coefficient, slip=5e-5, moves=lambda x: ngs.CF((1.0, 0.0)))
+rubbing = Friction(contact, coefficient, slip=5e-5, moves=lambda x, way: way * ngs.CF((1.0, 0.0)))
 relaxing = {".*": Material(Prony(NeoHooke(1e3), g=[0.5], tau=[2.0]), bulk=1e4)}
 block = Problem(square, relaxing, {"bottom": 0}, contacts=[contact, rubbing], element="P2/P1")
 across, up = (ngs.GridFunction(block.u.space) for _ in range(2))

@@ -40,8 +40,8 @@ class Blade(Protocol):
     def distance(self, advance: CoefficientFunction) -> Signed:
         """Its signed distance when it has gone `advance` (m) from where it touches the unloaded wall."""
 
-    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
-        """How its surface at x moves per advance, a vector."""
+    def moves(self, x: CoefficientFunction, advance: CoefficientFunction) -> CoefficientFunction:
+        """How far its surface at x has gone (m), a vector."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ class Spatula:
 
         return signed
 
-    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
+    def moves(self, x: CoefficientFunction, advance: CoefficientFunction) -> CoefficientFunction:
         """As one: towards `cleft.across`."""
-        return ngs.CF(tuple(map(float, self.cleft.across)))
+        return advance * ngs.CF(tuple(map(float, self.cleft.across)))
 
     def _before(self, a: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
         """Distance (m) to the face's plane or cylinder, at a height c and a in front of its foremost line."""
@@ -126,11 +126,11 @@ class Tube:
 
         return signed
 
-    def moves(self, x: CoefficientFunction) -> CoefficientFunction:
+    def moves(self, x: CoefficientFunction, advance: CoefficientFunction) -> CoefficientFunction:
         """Away from its axis."""
         a, b, _ = coordinates(self.cleft, x)
         across, along = (ngs.CF(tuple(map(float, axis))) for axis in (self.cleft.across, self.cleft.along))
-        return (a * across + b * along) / ngs.sqrt(a * a + b * b + INSIDE**2)
+        return advance * (a * across + b * along) / ngs.sqrt(a * a + b * b + INSIDE**2)
 
 
 def patch(blade: Blade, margin: float, height: float | None = None) -> CoefficientFunction:

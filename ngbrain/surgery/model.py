@@ -278,8 +278,8 @@ def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
 
 
 def _carried(blade: Blade, sharing: int) -> Moves:
-    """How its surface moves per metre of the way that so many blades share."""
-    return lambda x: blade.moves(x) / sharing
+    """How far its surface has gone at a way that so many blades share."""
+    return lambda x, way: blade.moves(x, way / sharing)
 
 
 def _counted(mixtures: dict[str, dict[str, Value]]) -> dict[str, dict[str, Value]]:

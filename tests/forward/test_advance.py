@@ -29,7 +29,7 @@ def pressed(forced=False):
 
     gone = given.parameter if forced else way
     plate = Contact("top", lambda x: SIDE - gone - x[1], 1e6, 2e-4, 0.5, gone)
-    rubs = Friction(plate, 0.2, 1e-4, lambda x: ngs.CF((1.0, 0.0)))
+    rubs = Friction(plate, 0.2, 1e-4, lambda x, way: way * ngs.CF((1.0, 0.0)))
     mesh = MakeStructured2DMesh(quads=True, nx=3, ny=3, mapping=lambda x, y: (SIDE * x, SIDE * y))
     loads, contacts = [Inertia(1000.0, GeneralizedAlpha(0.0))], [plate, rubs, *([given] if forced else [])]
     body = Problem(mesh, {".*": Material(law, 2e4)}, {"bottom": 0}, loads, contacts, element="P2/P1")

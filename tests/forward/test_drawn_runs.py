@@ -43,7 +43,7 @@ def drawn(seed):
     contacts = [Contact("top", top, p["penalty"], 2e-5, share, way=plate.along)]
     across, down = (1.0, *(0.0,) * last), (*(0.0,) * last, -1.0)
     if rubs:
-        contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x: ngs.CF(across)))
+        contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF(across)))
     acting = [Inertia(p["rho"])] if "rho" in p else []
     if "traction" in loads:
         acting.append(Traction("right", tuple(p["traction"] * c for c in across)))

@@ -180,7 +180,7 @@ def test_a_given_force_bears_pressure_and_friction(coefficient):
     """A plate that goes along the top as far as it goes down, and slides: f = N + μN."""
     press = GivenForce((0.0, 4.0, 8.0), (0.0, 2e-2, 2e-2), AWAY, NUDGE)
     plate = Contact("top", lambda x: SIZE - press.parameter - x[2], 1e6, 2e-5, 0.0, press.parameter)
-    rubs = Friction(plate, coefficient, 1e-6, lambda x: ngs.CF((1.0, 0.0, 0.0)))
+    rubs = Friction(plate, coefficient, 1e-6, lambda x, way: way * ngs.CF((1.0, 0.0, 0.0)))
     tissue = {"tissue": Material(NeoHooke(MU), 20 * MU)}
     films = {"bottom": (None, None, 0), "left|right": (0, None, None), "front|back": (None, 0, None)}
     body = Problem(block((SIZE,) * 3, SIZE), tissue, films, contacts=[plate, rubs, press], element="P2/P1")

@@ -31,7 +31,7 @@ def struck(radius, law="Prony", field=False):
         p["rho"] = ngs.GridFunction(ngs.H1(mesh, order=1))
         p["rho"].Set(1e3 * (1 + 20 * ngs.x))
     contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 2e-5, 0.9, way=plate.along)
-    rubbing = Friction(contact, p["friction"], 5e-5, lambda x: ngs.CF((1.0, 0.0)))
+    rubbing = Friction(contact, p["friction"], 5e-5, lambda x, way: way * ngs.CF((1.0, 0.0)))
     acting = [Inertia(p["rho"], GeneralizedAlpha(radius)), Traction("right", (1e3 * p["pull"] * plate.down, 0))]
     body = Problem(
         mesh, {".*": Material(law_of(law, p), 2e4)}, {"bottom": 0}, acting, [contact, rubbing], element="P2/P1"

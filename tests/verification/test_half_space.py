@@ -46,7 +46,7 @@ def mirrored(at):
 def dragged(mesh, held, indenter, slip, observe):
     """What `observe` sees of a body at each of the indenter's events, which is pressed into it and dragged along."""
     contact = Contact("top", indenter.ball(RADIUS), 1e9, 1e-6, 0.9, indenter.path)
-    friction, found = Friction(contact, COEFFICIENT, slip, indenter.direction), []
+    friction, found = Friction(contact, COEFFICIENT, slip, indenter.moves), []
     body = Problem(mesh, TISSUE, held, contacts=[contact, friction], element="P2/P1")
     control = StepControl(1.0, first=0.03, touch_growth=3.0, restart=1.0, dt_max=1.0)
     TimeStepper(body, indenter, control, 1e-3).run(

@@ -21,22 +21,35 @@ from ngbrain.materials import NeoHooke, Prony
 SIDE, MU = 0.02, 1e3
 
 
-@pytest.mark.parametrize("quads", [False, True])
-def test_full_slide_is_amontons(quads):
-    """Plane strain, a relaxing block under a plate that presses it and goes along until all of the top slides: T = μ N."""
-    coefficient = 0.1
+def slid(quads, along):
+    """Forces (N/m) over time of a relaxing block under a plate that presses it and then slides, rubbing with .1.
+
+    along  the way that friction knows the plate by: how far it goes along the block, or the length of its way, which turns
+    """
     mesh = MakeStructured2DMesh(quads=quads, nx=4, ny=4, mapping=lambda x, y: (SIDE * x, SIDE * y))
     plate = Indenter((0.0, 1.0, 4.0), (0, 5e-4, 5e-4), (0, 0, 3e-3))
-    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, plate.along)
-    rubs = Friction(contact, coefficient, 5e-5, lambda x: ngs.CF((1.0, 0.0)))
-    tissue = {".*": Material(Prony(NeoHooke(MU), [0.5], [2.0]), 1e4)}
-    body = Problem(mesh, tissue, {"bottom": 0}, contacts=[contact, rubs], element="P2/P1")
-    ratios = []
-    stepper = TimeStepper(body, plate, StepControl(0.25), 1e-3)
-    stepper.run(lambda b, at, record: ratios.append((at.t, -forces(b)[0] / forces(b)[1])))
-    t, ratio = np.array(ratios).T
-    assert ratio[t > 3.0] == pytest.approx(coefficient, rel=1e-6)
-    assert np.abs(ratio[t < 1.01]).max() < 0.5 * coefficient
+    way, moves = (plate.along, lambda x, way: way * ngs.CF((1.0, 0.0))) if along else (plate.path, plate.moves)
+    contact = Contact("top", lambda x: SIDE - plate.down - x[1], 1e7, 1e-5, 0.9, way)
+    tissue, found = {".*": Material(Prony(NeoHooke(MU), [0.5], [2.0]), 1e4)}, []
+    contacts = [contact, Friction(contact, 0.1, 5e-5, moves)]
+    body = Problem(mesh, tissue, {"bottom": 0}, contacts=contacts, element="P2/P1")
+    TimeStepper(body, plate, StepControl(0.25), 1e-3).run(lambda b, at, record: found.append((at.t, *forces(b))))
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("quads", [False, True])
+def test_full_slide_is_amontons(quads):
+    """All of the top slides in the end: T = μ N."""
+    t, right, up = slid(quads, along=True)
+    assert -right[t > 3.0] / up[t > 3.0] == pytest.approx(0.1, rel=1e-6)
+    assert np.abs(right[t < 1.01] / up[t < 1.01]).max() < 0.05
+
+
+def test_a_tool_may_go_down_and_then_along():
+    """Friction knows it by one way, which turns; a plate may be known by what it goes along alone, and rubs alike."""
+    (_, right, up), (_, right_too, up_too) = (slid(False, along) for along in (True, False))
+    assert right_too == pytest.approx(right, rel=1e-9, abs=1e-9 * np.abs(up).max())
+    assert up_too == pytest.approx(up, rel=1e-9)
 
 
 def indented(n, depth, radius=0.02, size=0.02):

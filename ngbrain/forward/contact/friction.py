@@ -20,8 +20,8 @@ from ngbrain.materials.base import Value, checked, positive
 TINY = 1e-14
 """Keeps roots and quotients of numbers about 1 finite at zero."""
 
-Moves = Callable[[CoefficientFunction], CoefficientFunction]
-"""x ↦ how far (m) a rigid body's surface at x moves per metre of its way, a vector."""
+Moves = Callable[[CoefficientFunction, CoefficientFunction], CoefficientFunction]
+"""x, way ↦ how far (m) a rigid body has gone at that way, a vector; of one that widens, its surface at x."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,14 @@ class Friction:
     contact      whose pressure P presses; it has to act on the same body
     coefficient  μ, a number or a `Parameter`
     slip         r (m), by which a wall gives before it slides
-    moves        x ↦ b per metre of the contact's way; None: the body's surface stays, or moves along its normal
+    moves        x, way ↦ how far the body has gone at the contact's way: b is what is added in a step, so that a body may go
+                 down and then along; None: its surface stays, or moves along its normal
 
     Raises `InputError` for a coefficient below 0 and a slip that is not above it. Source, with a penalty in place of the slip:
     Simo and Laursen 1992, 10.1016/0045-7949(92)90540-G.
 
     >>> plate = Contact("top", lambda x: 0.02 - x[2], 1e8, 1e-5)
-    >>> Friction(plate, 0.1, 1e-5).wall
+    >>> Friction(plate, 0.1, 1e-5, lambda x, way: ngs.CF((way, 0, 0))).wall
     'top'
     """
 
@@ -184,9 +185,11 @@ class Slipping:
     u, offset  displacement and offset of the contact
     start      displacement at the start of the step
     slip       elastic slip there
-    way        of the rigid body since then (m)
+    before     way of the rigid body at the start (m)
+    way        its way since then (m), a variable
 
-    Attributes: `gone`, how far along the body; `traction` τ (Pa) and `elastic`, the slip that comes back; `moves`.
+    Attributes: `gone`, how far along the body; `traction` τ (Pa) and `elastic`, the slip that comes back; `moves`, how far the
+    body goes per metre of its way.
     """
 
     def __init__(
@@ -196,14 +199,16 @@ class Slipping:
         offset: CoefficientFunction,
         start: CoefficientFunction,
         slip: CoefficientFunction,
+        before: CoefficientFunction,
         way: CoefficientFunction,
     ) -> None:
         x = (ngs.CF((ngs.x, ngs.y, ngs.z)[: u.dim]) + u).MakeVariable()
         self._friction, self._start, self._slip = friction, start, slip
         self._normal = friction.contact.distance(x).Diff(x)
         self._pressure = friction.contact.pressure(u, offset)
-        self.moves = friction.moves(x) if friction.moves else ngs.CF((0.0,) * u.dim)
-        self._moved = way * self.moves
+        moves = friction.moves or (lambda x, way: ngs.CF((0.0,) * u.dim))
+        self._moved = moves(x, before + way) - moves(x, before)
+        self.moves = self._moved.Diff(way)
         self.gone = self.along(self._gone(u))
         g = (self.gone + self.along(slip)).MakeVariable()
         self.traction = friction.energy(g, self._pressure).Diff(g)
@@ -240,7 +245,7 @@ class Rub:
         self.start = ngs.Parameter(self.way)
         # A variable of its own, by which the energy is derived while pressure and normal stay.
         self.way_gone = (ngs.CF(0.0) if contact.way is None else contact.way - self.start).MakeVariable()
-        self.now = Slipping(friction, u, now.offset, start, self.slip, self.way_gone)
+        self.now = Slipping(friction, u, now.offset, start, self.slip, self.start, self.way_gone)
         self._elastic, self._traction = self.now.elastic.Compile(), self.now.traction.Compile()
         self.work = (ngs.InnerProduct(self.now.traction + self.before, self.now.gone) / 2).Compile()
         self.driving = (-ngs.InnerProduct(self.now.traction, self.now.moves)).Compile()

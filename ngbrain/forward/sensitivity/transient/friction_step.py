@@ -154,7 +154,7 @@ class FrictionStep:
         if start is not None:
             y = y + self._y * layout.fields(start).u
         of = rub.rub
-        return Slipping(of.friction, u, offset, y, of.slip if slip is None else slip, of.way_gone)
+        return Slipping(of.friction, u, offset, y, of.slip if slip is None else slip, of.start, of.way_gone)
 
     def _density(self, rub: _Fields, at: Slipping, motion: Motion | None) -> ngs.CoefficientFunction:
         """Of ℓ."""
