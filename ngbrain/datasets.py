@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.image.niftifile import write_nifti
 from ngbrain.image.volume import Scan, mni152, read_scan
 from ngbrain.io.waves import WaveData, read_waves
-from ngbrain.io.whole import whole
 
 __all__ = ["DATASETS", "Dataset", "load_head", "load_waves", "write"]
 
@@ -224,9 +224,9 @@ def _maker(name: str, file: str) -> Callable[[Path], None]:
         return lambda place: write_nifti(place, volume)
     if file in SHA256:
         raw = _fetched(file)
-        return lambda place: whole(place, lambda part: part.write_bytes(raw))
+        return lambda place: atomic_write(place, lambda part: part.write_bytes(raw))
     source = _colin27() if name == "colin27" else SHIPPED / file
-    return lambda place: whole(place, lambda part: part.write_bytes(source.read_bytes()))
+    return lambda place: atomic_write(place, lambda part: part.write_bytes(source.read_bytes()))
 
 
 def _fetched(file: str) -> bytes:

@@ -23,10 +23,10 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, MissingExtra, require
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume, upright
-from ngbrain.io.whole import whole
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.quality import Quality
 from ngbrain.report import anatomy
@@ -66,7 +66,7 @@ class View:
     def write(self, path: str | Path) -> Path:
         """The page as a file."""
         path = Path(path)
-        whole(path, lambda part: part.write_text(self.html(), encoding="utf-8"))
+        atomic_write(path, lambda part: part.write_text(self.html(), encoding="utf-8"))
         return path
 
     def _repr_html_(self) -> str:

@@ -12,11 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
+from ngbrain.atomic import atomic_write
 from ngbrain.cli import main
 from ngbrain.io import Frame, QuadraticGrid, save, write_json
 from ngbrain.io.exchange import SUFFIXES, write_mesh
 from ngbrain.io.state import save_state
-from ngbrain.io.whole import whole
 from ngbrain.mesh import block
 from ngbrain.mesh.elements import Elements, Surface
 
@@ -209,7 +209,7 @@ def test_what_a_killed_process_left_is_cleared_away_and_no_other(tmp_path):
     dead, alive = (tmp_path / f".a.{number}.00ff.tmp.json" for number in (2**22 + 1, os.getppid()))
     for path in (dead, alive, tmp_path / ".ab.4194305.00ff.tmp.json", tmp_path / ".a.note.json"):
         path.write_text("half")
-    whole(tmp_path / "a.json", lambda part: part.write_text("{}"))
+    atomic_write(tmp_path / "a.json", lambda part: part.write_text("{}"))
     assert sorted(os.listdir(tmp_path)) == sorted([".a.note.json", ".ab.4194305.00ff.tmp.json", "a.json", alive.name])
 
 

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ngbrain.atomic import atomic_write
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, nearest, require
 from ngbrain.fields import brief
@@ -16,7 +17,6 @@ from ngbrain.inverse.files import finite
 from ngbrain.inverse.found import Iteration
 from ngbrain.io import write_json
 from ngbrain.io.versions import versions
-from ngbrain.io.whole import whole
 from ngbrain.progress import Progress, terminal
 from ngbrain.reading import read_json
 from ngbrain.report import calibrated as page
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
         "time_s": time.monotonic() - started,
     }
     result = finite(result)
-    whole(folder / "scene.toml", lambda part: part.write_text(found.scene.to_toml(), encoding="utf-8"))
+    atomic_write(folder / "scene.toml", lambda part: part.write_text(found.scene.to_toml(), encoding="utf-8"))
     write_json(folder / "result.json", result)
     report = page.build(folder / "report.html", result)
     files = f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}"

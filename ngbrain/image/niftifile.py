@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
 from ngbrain.image.volume import Volume
-from ngbrain.io.whole import whole
 
 NIFTI = (".nii", ".nii.gz")
 _SAME = 0.05
@@ -36,7 +36,7 @@ def write_nifti(path: str | os.PathLike[str], volume: Volume) -> None:
     image.header.set_xyzt_units("mm")
     image.set_sform(affine, 1)
     image.set_qform(None, 0)
-    whole(path, lambda part: nibabel.save(image, part))
+    atomic_write(path, lambda part: nibabel.save(image, part))
 
 
 def suffix_of(path: Path) -> str:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.zones import PartOfWaves
-from ngbrain.io.whole import whole
 from ngbrain.reading import read_npz
 
 Array = np.ndarray
@@ -73,7 +73,7 @@ class Answer:
         rest |= {"problem": problem, "solves": asdict(self.solves), "history": [asdict(each) for each in self.history]}
         arrays = {"predicted": self.predicted, "rest": np.array(json.dumps(rest))}
         arrays |= {f"map {name}": values for name, values in self.maps.items()}
-        whole(path, lambda part: np.savez(part, **arrays))  # type: ignore[arg-type]
+        atomic_write(path, lambda part: np.savez(part, **arrays))  # type: ignore[arg-type]
 
     @staticmethod
     def load(path: Path, problem: str) -> Answer:

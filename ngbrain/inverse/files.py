@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.uncertainty import Uncertainty
 from ngbrain.io.json_file import write_json
 from ngbrain.io.waves import WaveData, write_map
-from ngbrain.io.whole import whole
 
 
 def write_inversion(
@@ -42,7 +42,7 @@ def write_maps(
 
     Returns the result, with the names of the files. Errors as of `write_inversion`.
     """
-    whole(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
+    atomic_write(folder / "maps.npz", lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
     names = images if data.affine is not None else ()
     for name in names:
         write_map(folder / f"{name}.nii.gz", data, arrays[name].T)  # loads, if there are some, last

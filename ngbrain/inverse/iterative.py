@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ngbrain.adjoint.reduced import Point, Reduced
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
@@ -27,7 +28,6 @@ from ngbrain.inverse.gauss_newton import ROUNDS, FoundWaves, GaussNewton
 from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Level, Policy
-from ngbrain.io.whole import whole
 from ngbrain.reading import read_npz
 from ngbrain.solvers.directions import Directions
 
@@ -178,7 +178,7 @@ class Iterative(GaussNewton):
             with part.open("wb") as file:  # of any suffix
                 np.savez(file, notes=json.dumps(notes), **arrays)  # type: ignore[arg-type]
 
-        whole(self.checkpoint, write)
+        atomic_write(self.checkpoint, write)
 
     def _saved(self) -> tuple[Array, Array, dict[str, Any]]:
         """x, waves (none in a descent) and notes of the checkpoint, whose weights and directions are taken on."""

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
 from ngbrain.io.versions import versions
-from ngbrain.io.whole import whole
 from ngbrain.reading import read_npz
 
 Arrays = dict[str, np.ndarray]
@@ -71,7 +71,7 @@ def kept(stage: str, made_from: Any, modules: Iterable[ModuleType], make: Callab
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         named: dict[str, Any] = {**arrays, _DIGEST: np.array(_sum(arrays))}
-        whole(path, lambda part: np.savez(part, **named))
+        atomic_write(path, lambda part: np.savez(part, **named))
     except OSError:  # no room or no right to write: made again next time
         pass
     return arrays

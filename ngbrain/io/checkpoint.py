@@ -28,11 +28,12 @@ import ngsolve as ng
 import numpy as np
 import numpy.typing as npt
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
+from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.mesh_arrays import mesh_of
 from ngbrain.io.nodes import QuadraticGrid
 from ngbrain.io.state import pack, read_array, unpack, write_array
-from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.reading import check_regular, hdf5
 
 Array = npt.NDArray[Any]
@@ -88,7 +89,7 @@ def save(
 ) -> None:
     """Write a checkpoint; the file at `path` is always the old one or the new one, whole.
 
-    It is written beside its place, forced to disk and then renamed (`ngbrain.io.whole`). A process killed meanwhile leaves the
+    It is written beside its place, forced to disk and then renamed (`ngbrain.atomic`). A process killed meanwhile leaves the
     old file, and perhaps a part beside it that the next `save` clears away.
 
     Args:
@@ -145,7 +146,7 @@ def save(
             stream.write(image)
             stream.write(seal)
 
-    whole(path, write)
+    atomic_write(path, write)
 
 
 def load(path: str | os.PathLike[str]) -> Checkpoint:

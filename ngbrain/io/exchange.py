@@ -10,8 +10,8 @@ from xml.sax.saxutils import quoteattr
 import meshio
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
-from ngbrain.io.whole import whole
 from ngbrain.mesh.elements import Elements
 
 _FORMATS = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh22", ".inp": "abaqus"}
@@ -44,7 +44,7 @@ def write_mesh(path: str | os.PathLike[str], elements: Elements) -> None:
         write = _write_febio
     elif suffix in (".vol", ".vol.gz"):
         write = _write_netgen
-    whole(path, lambda part: write(part, elements))
+    atomic_write(path, lambda part: write(part, elements))
 
 
 def suffix_of(path: str | os.PathLike[str]) -> str:

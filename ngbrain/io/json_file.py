@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ngbrain.io.whole import whole
+from ngbrain.atomic import atomic_write
 
 
 def write_json(path: Path, data: Any) -> None:
     """Write, then rename: a reader never sees half a file. NaN and infinity are refused."""
     text = json.dumps(data, indent=1, allow_nan=False)
-    whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    atomic_write(path, lambda part: part.write_text(text, encoding="utf-8"))

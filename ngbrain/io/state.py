@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError
-from ngbrain.io.whole import whole
 from ngbrain.reading import read_npz
 
 Array = npt.NDArray[Any]
@@ -34,7 +34,7 @@ def save_state(path: str | os.PathLike[str], state: Any) -> None:
     arrays: list[tuple[str, Array]] = []
     packed = np.frombuffer(json.dumps(pack(state, "state", arrays)).encode(), np.uint8)
     numbered = {str(i): array for i, (_, array) in enumerate(arrays)}
-    whole(Path(path), lambda part: np.savez(part, state=packed, **numbered))  # type: ignore[arg-type]
+    atomic_write(Path(path), lambda part: np.savez(part, state=packed, **numbered))  # type: ignore[arg-type]
 
 
 def load_state(path: str | os.PathLike[str]) -> Any:

@@ -10,9 +10,9 @@ from typing import Any
 import meshio
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, require
 from ngbrain.io.foreign import check_width, length
-from ngbrain.io.whole import whole
 from ngbrain.mesh.surfacemesh import SurfaceMesh
 
 _MESHIO: Mapping[str, Callable[[Path], meshio.Mesh]] = {
@@ -140,4 +140,4 @@ def write_values(path: str | os.PathLike[str], values: np.ndarray, name: str) ->
 
 
 def _save(path: Path, image: Any) -> None:
-    whole(path, lambda part: require("nibabel", "mri").save(image, part))
+    atomic_write(path, lambda part: require("nibabel", "mri").save(image, part))

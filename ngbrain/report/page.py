@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import require
-from ngbrain.io.whole import whole
 from ngbrain.report import tables
 
 CONTENTS = "<!-- contents -->"
@@ -32,7 +32,7 @@ def write_page(path: Path, template: str, pictures: Mapping[str, bytes], **given
     environment.filters.update(number=tables.number, duration=tables.duration, size=tables.size, base64=_text)
     encoded = {name: _text(picture) for name, picture in pictures.items()}
     text = str(environment.get_template(template).render(pictures=encoded, **given))
-    whole(path, lambda part: part.write_text(_with_contents(text), encoding="utf-8"))
+    atomic_write(path, lambda part: part.write_text(_with_contents(text), encoding="utf-8"))
     return path
 
 

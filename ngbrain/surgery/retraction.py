@@ -12,9 +12,9 @@ import numpy as np
 from ngsolve import ngsglobals
 
 from ngbrain import parallel
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
-from ngbrain.io.whole import whole
 from ngbrain.parallel import ProcessExecutor, Task, Tell, helped, predicted_memory
 from ngbrain.progress import RunProgress, logged, reporting
 from ngbrain.scene import Scene
@@ -243,7 +243,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
     if not arrays:
         path.unlink(missing_ok=True)
         return
-    whole(path, lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
+    atomic_write(path, lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
 
 
 def _geometry(model: Model) -> dict[str, Any]:

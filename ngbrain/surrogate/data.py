@@ -26,11 +26,12 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from ngbrain import parallel
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, naming, nearest
 from ngbrain.forward.harmonic.problem import Harmonic, Wave
 from ngbrain.io.finished import FinishedWork
+from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.versions import versions
-from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.materials import Shearing
 from ngbrain.mesh.grid import rectangles
 from ngbrain.progress import logged, reporting
@@ -191,7 +192,7 @@ def generate(
         file.attrs.update(told | {"sha256": digest(columns)})
 
     image = hdf5_image(fill)
-    whole(path, lambda part: part.write_bytes(image))
+    atomic_write(path, lambda part: part.write_bytes(image))
     shutil.rmtree(work.folder)
 
 

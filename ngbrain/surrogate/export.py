@@ -11,9 +11,9 @@ from typing import Any
 import torch
 from torch import nn
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import require
 from ngbrain.io.json_file import write_json
-from ngbrain.io.whole import whole
 from ngbrain.surrogate.shipped import DIGEST
 from ngbrain.surrogate.train import Surrogate
 
@@ -28,7 +28,7 @@ def export(model: Surrogate, folder: Path, name: str, card: Mapping[str, Any]) -
     """
     channels = model.centre.shape[1]
     folder.mkdir(parents=True, exist_ok=True)
-    whole(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
+    atomic_write(folder / f"{name}.onnx", lambda part: as_onnx(model, part, channels, ["features", "mean", "scale"]))
     written = {**card, DIGEST: hashlib.sha256((folder / f"{name}.onnx").read_bytes()).hexdigest()}
     write_json(folder / f"{name}.json", written)
     return written

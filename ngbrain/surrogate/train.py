@@ -23,9 +23,9 @@ import numpy as np
 import torch
 from torch import nn
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, nearest
 from ngbrain.io.json_file import write_json
-from ngbrain.io.whole import whole
 from ngbrain.progress import logged, reporting
 from ngbrain.surrogate.data import DENSITY, DataSet
 from ngbrain.surrogate.descent import Descent
@@ -196,7 +196,7 @@ def train(
         off = errors(predicted(model, seen)[0], judge.maps)
         curve.append({"epoch": epoch + 1, "objective": float(np.mean(losses)), **_means(off, judge)})
         states = {"model": model.state_dict(), "descent": descent.state_dict()}
-        whole(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
+        atomic_write(checkpoint, partial(torch.save, {**states, "curve": curve, "made_by": made_by}))
         write_json(folder / "curve.json", curve)
         tell(curve[-1])
     return model

@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ngbrain.atomic import atomic_write
 from ngbrain.cli.places import held
 from ngbrain.errors import InputError, require
 from ngbrain.io.json_file import write_json
 from ngbrain.io.versions import versions
-from ngbrain.io.whole import whole
 from ngbrain.parallel import AnyExecutor, ProcessExecutor, run
 from ngbrain.reading import read_json
 from ngbrain.workflows.gate import find_outliers
@@ -217,7 +217,7 @@ def _write(done: Cohort, path: Path, executor: AnyExecutor, seconds: float) -> N
     """cohort.csv, report.html, and result.json at last."""
     from ngbrain.report import cohort as page
 
-    whole(done.folder / TABLE, lambda part: part.write_text(table(done), encoding="utf-8"))
+    atomic_write(done.folder / TABLE, lambda part: part.write_text(table(done), encoding="utf-8"))
     result = summarise(done) | {
         "list": path.name,
         "versions": versions(),

@@ -12,14 +12,15 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, NgbrainError
 from ngbrain.image.niftifile import NIFTI
+from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.waves.data import TRUTHS, WaveData, even
 from ngbrain.io.waves.matlab import read_matlab
 from ngbrain.io.waves.nifti import read_nifti, write_nifti_waves
 from ngbrain.io.waves.samples import SAMPLED, as_amplitudes
 from ngbrain.io.waves.volumes import IN_VOLUMES, REQUIRED, at_points, in_metres, lacking
-from ngbrain.io.whole import hdf5_image, whole
 from ngbrain.reading import check_regular, hdf5, read_npz
 
 _OPTIONAL = (
@@ -172,7 +173,7 @@ def _read_h5(path: Path) -> dict[str, Any]:
 
 
 def _write_npz(path: Path, data: WaveData) -> None:
-    whole(path, lambda part: np.savez_compressed(part, **to_keys(data)))
+    atomic_write(path, lambda part: np.savez_compressed(part, **to_keys(data)))
 
 
 def _write_h5(path: Path, data: WaveData) -> None:
@@ -181,7 +182,7 @@ def _write_h5(path: Path, data: WaveData) -> None:
             file[name] = value
 
     image = hdf5_image(fill)
-    whole(path, lambda part: part.write_bytes(image))
+    atomic_write(path, lambda part: part.write_bytes(image))
 
 
 def _no_matlab(path: Path, data: WaveData) -> None:

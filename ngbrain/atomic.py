@@ -8,10 +8,8 @@ import secrets
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 
-
-def whole(path: Path, write: Callable[[Path], object]) -> None:
+def atomic_write(path: Path, write: Callable[[Path], object]) -> None:
     """Call `write` with a name beside the place (of the same suffix), then rename: a reader never sees half a file.
 
     The name is another one each time, so that several processes and threads may write the same file; the last one's stays. What
@@ -28,7 +26,7 @@ def whole(path: Path, write: Callable[[Path], object]) -> None:
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     whole(Path(folder) / "note.txt", lambda part: part.write_text("all of it"))
+    ...     atomic_write(Path(folder) / "note.txt", lambda part: part.write_text("all of it"))
     ...     [path.name for path in Path(folder).iterdir()]
     ['note.txt']
     """
@@ -45,14 +43,6 @@ def whole(path: Path, write: Callable[[Path], object]) -> None:
         number = left.name.removeprefix(f".{stem}.").partition(".")[0]
         if number.isdigit() and _gone(int(number)):
             left.unlink(missing_ok=True)
-
-
-def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
-    """The bytes of an HDF5 file that `fill` fills. libhdf5 must not write to a disk itself: it crashes where that is full."""
-    with h5py.File("image", "w", driver="core", backing_store=False) as file:
-        fill(file)
-        file.flush()
-        return bytes(file.id.get_file_image())
 
 
 def _gone(process: int) -> bool:

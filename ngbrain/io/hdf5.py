@@ -1,0 +1,15 @@
+"""HDF5 files as bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import h5py
+
+
+def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
+    """The bytes of an HDF5 file that `fill` fills. libhdf5 must not write to a disk itself: it crashes where that is full."""
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        fill(file)
+        file.flush()
+        return bytes(file.id.get_file_image())
