@@ -9,10 +9,11 @@ import importlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from enum import StrEnum
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+from ngbrain.result import Result, Status
 
 
 class NgbrainError(Exception):
@@ -67,34 +68,23 @@ def shaped(name: str, found: tuple[int, ...], wanted: tuple[int, ...]) -> None:
 
 
 class SolverError(NgbrainError, RuntimeError):
-    """A computation gave up: the message says what happened and what to try, `kind` in which way, `record` what was done.
+    """A computation gave up: the message says what happened and what to try, `status` in which way, `result` what was done.
 
-    `record` is that of the load path, or of Newton's method in the last time step; None where there is none.
+    `result` is that of the load path, or of Newton's method in the last time step; None where there is none.
     """
 
-    kind: Failure | None = None
-    record: Any = None
-
-
-class Failure(StrEnum):
-    """Kinds of ways in which a computation gives up."""
-
-    STALLED = "no convergence"
-    INVERTED = "inverted element"
-    SINGULAR = "singular matrix"
-    NOT_FINITE = "not finite"
-    PENETRATION = "penetration"
-    INACCURATE = "error over the tolerance"
+    status: Status | None = None
+    result: Result | None = None
 
 
 class Breakdown(SolverError, FloatingPointError):
     """A step of a computation cannot be taken; whoever tries others catches it."""
 
-    kind: Failure
+    status: Status
 
-    def __init__(self, message: str = "", kind: Failure = Failure.STALLED) -> None:
+    def __init__(self, message: str = "", status: Status = Status.STALLED) -> None:
         super().__init__(message)
-        self.kind = kind
+        self.status = status
 
 
 class ConvergenceError(SolverError):
@@ -105,15 +95,15 @@ class InvertedElementError(SolverError):
     """A state with det F <= 0 at some quadrature point was met and could not be avoided."""
 
 
-def gave_up(message: str, kind: Failure | None, record: object = None) -> SolverError:
-    """The error to raise for a kind of failure, with the record of what was done.
+def gave_up(message: str, status: Status, result: Result | None = None) -> SolverError:
+    """The error to raise for how a computation ended, with what was done.
 
-    >>> gave_up("it folds", Failure.INVERTED)
+    >>> gave_up("it folds", Status.INVERTED)
     InvertedElementError('it folds')
     """
-    types = {Failure.INVERTED: InvertedElementError, Failure.PENETRATION: ContactError}
-    error = ConvergenceError(message) if kind is None else types.get(kind, ConvergenceError)(message)
-    error.kind, error.record = kind, record
+    types = {Status.INVERTED: InvertedElementError, Status.PENETRATION: ContactError}
+    error = types.get(status, ConvergenceError)(message)
+    error.status, error.result = status, result
     return error
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import Failure
 from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 
 PRESS = ((0, 4, 40, 44, 60), (0, 2e-3, 2e-3, -1e-3, -1e-3))
@@ -34,13 +34,13 @@ class Failing(Newton):
     at: tuple[int, ...] = ()
     attempts: int = 0
     why: str = "given up"
-    kind: Failure = Failure.STALLED
+    status: Status = Status.STALLED
     begun: list = field(default_factory=list)
 
     def solve(self, system, x):
         self.begun.append(x.copy())
         x, record = super().solve(system, x)
         if self.attempts in self.at:
-            record.converged, record.reason, record.failure, self.inverse = False, self.why, self.kind, None
+            record.status, record.reason, self.inverse = self.status, self.why, None
         self.attempts += 1
         return x, record

@@ -38,7 +38,7 @@ def body_of(task: c.Task) -> Problem:
 def work(record: PathRecord) -> dict:
     """What a solve took."""
     found = {"ndof": record.ndof, "newton": record.tried, "factorisations": record.work.factorisations}
-    found |= {"steps": len(record.steps), "cuts": record.cuts, "min_det_F": record.min_det_F}
+    found |= {"steps": len(record.history), "cuts": len(record.cuts), "min_det_F": record.min_det_F}
     return found | {"form": record.element, "solver": record.solver}
 
 
@@ -50,7 +50,7 @@ def solve(task: c.Task) -> dict:
     try:
         record = LoadPath(body).solve(task.steps, newton=newton_for(body, rtol=c.TOLERANCE))
     except (ConvergenceError, InvertedElementError) as error:
-        record = error.record
+        record = error.result
         raise c.Failed(record.reason, **work(record), order=body.element.order) from error
     finally:
         for phase, spent in (record.seconds if record else {}).items():

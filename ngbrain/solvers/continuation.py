@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, Failure
+from ngbrain.errors import Breakdown
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Array, Newton, System
 from ngbrain.solvers.record import NewtonRecord, PathRecord
 
@@ -59,7 +60,7 @@ def follow(
     record, t, dt = PathRecord(), begin, 1 / steps
     if not begin and _idle(path, newton, x, record):
         t = 1.0
-        record.steps.append((t, NewtonRecord(converged=True, min_det_F=path.min_det(x))))
+        record.history.append((t, NewtonRecord(status=Status.CONVERGED, min_det_F=path.min_det(x))))
         if tell:
             tell(t, x)
     before: tuple[Array, float] | None = None
@@ -72,19 +73,20 @@ def follow(
         newton.inverse, newton.largest = settings.inverse, settings.largest
         if failed is None:
             before, x, t = (x, t), state, goal
-            if record.steps[-1][1].iterations <= EASY:
+            if record.history[-1][1].iterations <= EASY:
                 dt = min(1 / steps, 2 * dt)
             if tell:
                 tell(t, x)
             continue
-        record.cuts += 1
-        record.reasons.append(f"t = {goal:.4g}: {failed}")
+        record.cuts.append(f"t = {goal:.4g}: {failed}")
         dt /= 2
         if dt < SMALLEST / steps or record.min_det_F < COLLAPSED:
             record.reason = f"load factor {t:.4g} was reached, {goal:.4g} was not: {failed}"
-            record.failure = failed.kind
+            record.status = failed.status
             break
-    record.factor, record.converged = t, t >= 1
+    record.factor = t
+    if t >= 1:
+        record.status = Status.CONVERGED
     path.load(x, t)
     return x, record
 
@@ -108,7 +110,7 @@ def resumed(
     state, record = follow(path, settings, state, steps, tell, begin=part)
     if not record.converged:
         return None
-    record.steps.insert(0, (part, found))
+    record.history.insert(0, (part, found))
     record.tried += found.iterations
     record.work += found.work
     return state, record
@@ -132,7 +134,7 @@ def _step(
         guess = path.load(guess, goal)
         det = path.min_det(guess)
         if not det > newton.min_det:
-            return Breakdown(f"the guess is inverted (smallest det F {det:.3g})", Failure.INVERTED), x
+            return Breakdown(f"the guess is inverted (smallest det F {det:.3g})", Status.INVERTED), x
     except Breakdown as error:
         newton.inverse = None
         return error, x
@@ -140,8 +142,8 @@ def _step(
     record.work += found.work
     record.tried += found.iterations
     if not found.converged:
-        return Breakdown(found.reason, found.failure or Failure.STALLED), x
-    record.steps.append((goal, found))
+        return Breakdown(found.reason, found.status), x
+    record.history.append((goal, found))
     return None, state
 
 

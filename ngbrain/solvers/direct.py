@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.errors import Breakdown, Failure, MissingExtra, require
+from ngbrain.errors import Breakdown, MissingExtra, require
+from ngbrain.result import Status
 from ngbrain.solvers.condensed import Array, Condensed, Core, sparse
 from ngbrain.solvers.device import Device, OnGpu
 
@@ -41,7 +42,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
     try:
         core = {"mumps": _mumps, "cudss": _cudss}.get(name, partial(_ngsolve, name))(condensed)
     except Exception as error:  # NGSolve and MUMPS raise bare exceptions of several kinds here
-        raise Breakdown(f"the tangent cannot be factorised: {name}: {error}", Failure.SINGULAR) from error
+        raise Breakdown(f"the tangent cannot be factorised: {name}: {error}", Status.SINGULAR) from error
     b = np.random.default_rng(0).normal(size=len(condensed.free)) * condensed.free
     x = core(b)
     with np.errstate(all="ignore"):
@@ -49,7 +50,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
         sizes = [(np.linalg.norm(correction[field]), np.linalg.norm(x[field])) for field in condensed.fields]
     if not all(np.isfinite(size) and wrong <= ROUGH * size for wrong, size in sizes):
         said = f"the tangent cannot be factorised: {name} gives no solution, the matrix is singular"
-        raise Breakdown(said, Failure.SINGULAR)
+        raise Breakdown(said, Status.SINGULAR)
     return core
 
 

@@ -17,7 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, Failure
+from ngbrain.errors import Breakdown
+from ngbrain.result import Status
 from ngbrain.solvers.record import NewtonRecord
 
 Array = np.ndarray
@@ -79,7 +80,7 @@ class Newton:
         try:
             x = self._iterate(system, x, record)
         except ArithmeticError as error:  # a correction's square, too, may be too small to divide by
-            record.reason, record.failure = str(error), getattr(error, "kind", Failure.STALLED)
+            record.reason, record.status = str(error), getattr(error, "status", Status.STALLED)
         if record.reason:
             self.inverse = None
         return x, record
@@ -89,10 +90,10 @@ class Newton:
         record.min_det_F = system.min_det(x)
         if not record.min_det_F > self.min_det:
             said = f"the starting state is inverted (smallest det F {record.min_det_F:.3g})"
-            raise Breakdown(said, Failure.INVERTED)
+            raise Breakdown(said, Status.INVERTED)
         r, reactions = _residual(system, x, record)
         if not _finite(r, reactions):
-            raise Breakdown("the residual is not finite", Failure.NOT_FINITE)
+            raise Breakdown("the residual is not finite", Status.NOT_FINITE)
         chain: list[tuple[Array, float]] = []
         fresh, climbs, foot = False, 0, (x, r, np.inf)
         while record.iterations < self.max_iter:
@@ -123,7 +124,7 @@ class Newton:
                 np.linalg.norm(r) <= self.rtol * max(reactions, UNLOADED * self.largest)
                 and _size(v, weights) <= self.xtol
             ):
-                record.converged = True
+                record.status = Status.CONVERGED
                 return x
             fresh = False
             if damping < 1:
@@ -133,7 +134,7 @@ class Newton:
             chain.append((v, _size(v, weights)))
             if contraction > self.keep and chain[-1][1] * contraction**self.worth > self.xtol:
                 self.inverse = None
-        record.failure = Failure.STALLED
+        record.status = Status.STALLED
         record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
         return x
 
@@ -143,7 +144,7 @@ class Newton:
         """Take the step if the next correction shrinks (natural monotonicity); halve it if `damped`, else give None."""
         step, size = last
         if not np.isfinite(size):
-            raise Breakdown("the tangent gave a correction that is not finite", Failure.NOT_FINITE)
+            raise Breakdown("the tangent gave a correction that is not finite", Status.NOT_FINITE)
         damping = 1.0
         while damping > self.min_damping:
             candidate = x + damping * step
@@ -162,8 +163,8 @@ class Newton:
             damping /= 2
         how = "the last trial" if finite else "the last trial has no finite forces"
         how = how if det > self.min_det else "the last trial is inverted"
-        kind = Failure.STALLED if finite else Failure.NOT_FINITE if det > self.min_det else Failure.INVERTED
-        raise Breakdown(f"no acceptable step ({how}, smallest det F {det:.3g})", kind)
+        status = Status.STALLED if finite else Status.NOT_FINITE if det > self.min_det else Status.INVERTED
+        raise Breakdown(f"no acceptable step ({how}, smallest det F {det:.3g})", status)
 
     def _climb(
         self, system: System, x: Array, step: Array, record: NewtonRecord, climbs: int

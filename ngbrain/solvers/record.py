@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from ngbrain.errors import Failure
+from ngbrain.result import Result
 
 
 @dataclass
@@ -26,31 +26,44 @@ class Work:
         return self
 
 
-@dataclass
-class NewtonRecord:
+@dataclass(repr=False)
+class NewtonRecord(Result):
     """Outcome of one nonlinear solve.
 
-    `reason` is empty when converged, and `failure` is its kind. `residuals` and `corrections` are the norms at each iterate, in
+    `reason` is empty when converged, `status` its kind. `residuals` and `corrections` are the norms at each iterate, in
     the units of the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
     """
 
-    converged: bool = False
     reason: str = ""
-    failure: Failure | None = None
     iterations: int = 0
     residuals: list[float] = field(default_factory=list)
     corrections: list[float] = field(default_factory=list)
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
 
+    @property
+    def value(self) -> float:
+        """The last correction's norm."""
+        return self.corrections[-1] if self.corrections else 0.0
 
-@dataclass
-class PathRecord:
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of the method."""
+        return {"iterations": self.iterations, **vars(self.work)}
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why it did not converge."""
+        return [] if self.converged else [self.reason or str(self.status)]
+
+
+@dataclass(repr=False)
+class PathRecord(Result):
     """Outcome of a solve in load steps.
 
-    factor   load factor that was reached; `converged` if it is 1, else `reason` says why not, and `failure` of what kind it is
-    steps    (load factor, record) of each step that succeeded
-    cuts     steps that failed and were halved, with their `reasons`
+    factor   load factor that was reached; converged if it is 1, else `reason` says why not, and `status` of what kind it is
+    history  (load factor, record) of each step that succeeded
+    cuts     steps that failed and were halved: why, at which factor
     tried    Newton iterations of all steps, failed ones too
     seconds  CPU time by phase: assemble, factor, solve, residual, check
     element, solver   what was chosen, and why
@@ -60,13 +73,9 @@ class PathRecord:
     guard    what was added to the body to get there; empty if nothing was
     """
 
-    converged: bool = False
     reason: str = ""
-    failure: Failure | None = None
     factor: float = 0.0
-    steps: list[tuple[float, NewtonRecord]] = field(default_factory=list)
-    cuts: int = 0
-    reasons: list[str] = field(default_factory=list)
+    cuts: list[str] = field(default_factory=list)
     tried: int = 0
     work: Work = field(default_factory=Work)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -80,14 +89,29 @@ class PathRecord:
     guard: str = ""
 
     @property
+    def value(self) -> float:
+        """The load factor."""
+        return self.factor
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of all steps."""
+        return {"load_steps": len(self.history), "cuts": len(self.cuts), "iterations": self.tried, **vars(self.work)}
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why it did not arrive."""
+        return [] if self.converged else [self.reason or str(self.status)]
+
+    @property
     def min_det_F(self) -> float:  # noqa: N802
         """Smallest det F over all quadrature points of the last state."""
-        return self.steps[-1][1].min_det_F if self.steps else float("nan")
+        return self.history[-1][1].min_det_F if self.history else float("nan")
 
     @property
     def residuals(self) -> list[float]:
         """Norms of the residual at all iterates of the steps that succeeded."""
-        return [norm for _, step in self.steps for norm in step.residuals]
+        return [norm for _, step in self.history for norm in step.residuals]
 
 
 class Clock:

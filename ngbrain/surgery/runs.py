@@ -19,6 +19,7 @@ from ngbrain.forward.transient.step_control import Control, Progress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
 from ngbrain.parallel import Tell
+from ngbrain.result import Status
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS
 from ngbrain.surgery.model import TISSUE, Model
@@ -144,7 +145,9 @@ class ProtocolRun:
         elif start is not None:
             self._take(*start)
         else:
-            self.look(self.transient.problem, self.transient.progress, NewtonRecord(converged=True, min_det_F=1.0))
+            self.look(
+                self.transient.problem, self.transient.progress, NewtonRecord(status=Status.CONVERGED, min_det_F=1.0)
+            )
 
     def go(self, tell: Tell | None = None, until: float = float("inf")) -> ProtocolRun:
         """Run to the end (or to `until`, s); raises what `TimeStepper.run` raises, with the last good step saved."""

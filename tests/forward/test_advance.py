@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.errors import Breakdown, Failure
+from ngbrain.errors import Breakdown
 from ngbrain.forward import Contact, Friction, GeneralizedAlpha, GivenForce, Inertia, Material, Problem
 from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance, newton_for
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Viscous
+from ngbrain.result import Status
 
 SIDE = 0.02
 
@@ -94,10 +95,10 @@ def test_a_step_that_is_refused_leaves_no_trace():
     newton = newton_for(body, rtol=1e-9, xtol=1e-9)
 
     def refuse(record):
-        return Breakdown("no reason", Failure.INACCURATE)
+        return Breakdown("no reason", Status.INACCURATE)
 
     made = advance(body, start, 0.3, prescribed, lambda: newton.solve(body, start.x), refuse)
-    assert made.failure is not None and made.failure.kind is Failure.INACCURATE and made.state is start
+    assert made.failure is not None and made.failure.status is Status.INACCURATE and made.state is start
     assert np.array_equal(body.x, start.x) and same(body.state(start.t), start)
     assert same(stepped(body, prescribed, body.state(start.t), 0.1), wanted)
 

@@ -5,7 +5,7 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.errors import Breakdown, ConvergenceError, Failure, InputError, InvertedElementError, SolverError, gave_up
+from ngbrain.errors import Breakdown, ConvergenceError, InputError, InvertedElementError, SolverError, gave_up
 from ngbrain.forward.common.loads import Spring, Traction
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.solid.problem import Problem
@@ -14,6 +14,7 @@ from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import block
 from ngbrain.mesh.grid import rectangles
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 
 TISSUE = {".*": Material(NeoHooke(1e3), 5e3)}
@@ -100,10 +101,8 @@ def test_an_oblique_axis_is_given_by_its_direction():
 
 
 def test_kinds_of_failure():
-    error = gave_up("the last trial is upside down", Failure.INVERTED)
-    assert isinstance(error, InvertedElementError) and isinstance(
-        gave_up("inverted", Failure.STALLED), ConvergenceError
-    )
+    error = gave_up("the last trial is upside down", Status.INVERTED)
+    assert isinstance(error, InvertedElementError) and isinstance(gave_up("inverted", Status.STALLED), ConvergenceError)
     assert issubclass(Breakdown, SolverError) and issubclass(Breakdown, FloatingPointError)
 
     class Folded:
@@ -113,13 +112,13 @@ def test_kinds_of_failure():
             return x, 1.0
 
         def factorise(self, x, r):
-            raise Breakdown("no factor, nor inverted", Failure.SINGULAR)
+            raise Breakdown("no factor, nor inverted", Status.SINGULAR)
 
         def min_det(self, x):
             return float(x[0])
 
-    assert Newton().solve(Folded(), -np.ones(1))[1].failure is Failure.INVERTED
-    assert Newton().solve(Folded(), np.ones(1))[1].failure is Failure.SINGULAR
+    assert Newton().solve(Folded(), -np.ones(1))[1].status is Status.INVERTED
+    assert Newton().solve(Folded(), np.ones(1))[1].status is Status.SINGULAR
 
 
 def test_settings_that_are_given_stay_as_they_are():

@@ -76,7 +76,7 @@ def test_a_step_too_far_is_halved_and_an_impossible_one_given_up():
     assert body.min_det(body.x) > 0
     with pytest.raises(SolverError, match="time step") as error:
         run_load_history(bar(LAWS["flowing"], 1.2 * SIDE), [0, 1], [0, 1], lambda t: t)
-    assert error.value.kind and error.value.record.reason in str(error.value)
+    assert error.value.status and error.value.result.reason in str(error.value)
 
 
 def test_times_have_to_increase():

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pressing import PRESS, Failing, run
 
-from ngbrain.errors import ContactError, ConvergenceError, Failure, InvertedElementError
+from ngbrain.errors import ContactError, ConvergenceError, InvertedElementError
 from ngbrain.forward.transient.step_control import StepControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Maxwell, NeoHooke, Ogden, Viscous
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 
 
@@ -81,8 +82,8 @@ def test_a_step_that_keeps_failing_ends_the_run(make_body, plate):
     drive = plate(*PRESS)
     transient = TimeStepper(make_body(contacts=[drive.contact()]), drive, StepControl(1.0), 1e-3)
     transient.run(lambda *_: None, until=4.0)
-    for kind, error in ((Failure.STALLED, ConvergenceError), (Failure.INVERTED, InvertedElementError)):
-        transient.newton = Failing(at=tuple(range(99)), why="given up", kind=kind)
+    for status, error in ((Status.STALLED, ConvergenceError), (Status.INVERTED, InvertedElementError)):
+        transient.newton = Failing(at=tuple(range(99)), why="given up", status=status)
         with pytest.raises(error, match="given up"):
             transient.step()
 
@@ -125,7 +126,7 @@ def test_too_deep_a_penetration_is_rejected_and_named(make_body, plate):
     transient = TimeStepper(body, drive, StepControl(1.0), penetration_limit=1e-3)
     with pytest.raises(ContactError, match="penetration") as error:
         transient.run(lambda *_: None)
-    assert error.value.kind is Failure.PENETRATION and error.value.record.converged
+    assert error.value.status is Status.PENETRATION and error.value.result.converged
     assert transient.progress.rejected > 0 and body.min_gap() > -1e-3
 
 

@@ -89,7 +89,7 @@ class Equilibrium:
         self.inverse = newton.inverse
         if not record.converged:
             said = f"no equilibrium: {record.reason}; try parameters nearer to the last that had one"
-            raise gave_up(said, record.failure, record)
+            raise gave_up(said, record.status, record)
         return reached
 
     def _along(self, put: Callable[[float], None], x: Array) -> Array | None:

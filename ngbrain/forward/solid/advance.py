@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, Failure, InputError
+from ngbrain.errors import Breakdown, InputError
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.problem import Problem
@@ -142,7 +142,7 @@ def advance(
     program.set(state.t + dt)
     problem.x, record = solve()
     if not record.converged:
-        failure: Breakdown | None = Breakdown(record.reason, record.failure or Failure.STALLED)
+        failure: Breakdown | None = Breakdown(record.reason, record.status)
     else:
         failure = judge(record) if judge else None
     if failure is not None:

@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.errors import Breakdown, Failure
+from ngbrain.errors import Breakdown
 from ngbrain.forward.common.elements import ElementPair
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.material import Material
@@ -20,6 +20,7 @@ from ngbrain.forward.solid.internal_variables import History
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Deformation
 from ngbrain.materials.points import EVERYWHERE
+from ngbrain.result import Status
 from ngbrain.tensors import isochoric, right_cauchy_green
 
 Array = np.ndarray
@@ -117,7 +118,7 @@ class Tissue(Term):
         assert self.form is not None
         self.form.Apply(self.gfu.vec, self._vec)
         if not np.isfinite(self.form.Energy(self.gfu.vec)):
-            raise Breakdown("the energy is not finite", Failure.NOT_FINITE)
+            raise Breakdown("the energy is not finite", Status.NOT_FINITE)
         return np.array(self._vec.FV().NumPy())
 
     @property

@@ -96,7 +96,7 @@ class LoadPath:
         InputError
             For a body that nothing holds.
         InvertedElementError, ConvergenceError
-            When steps get too short; they carry the `record`.
+            When steps get too short; they carry the `result`.
         """
         body = self.problem
         if not body.contacts:
@@ -127,7 +127,9 @@ class LoadPath:
             raise self._error(record)
         if record.min_det_F < continuation.COLLAPSED and body.ratio > COMPRESSIBLE:
             found = f"det F is {record.min_det_F:.2g} at a point though K/μ is {body.ratio:.3g}"
-            warnings.warn(f"{found}: the mesh is too coarse there, or the body folds", CollapseWarning, stacklevel=2)
+            said = f"{found}: the mesh is too coarse there, or the body folds"
+            record.warnings.append(said)
+            warnings.warn(said, CollapseWarning, stacklevel=2)
         with using(threads):
             self._check_stability(record)
         return record
@@ -147,7 +149,8 @@ class LoadPath:
             by = f"compressed by more than {1 - stability.CREASE:.0%}"
             found = f"{record.pressed:.0%} of the body and {record.creased:.0%} of its free surface are {by}; {said}"
             doubt = "surfaces crease from there on, and where and how deep depends on the mesh"
-            warnings.warn(f"{found}; {doubt}", StabilityWarning, stacklevel=3)
+            record.warnings.append(f"{found}; {doubt}")
+            warnings.warn(record.warnings[-1], StabilityWarning, stacklevel=3)
 
     # What `continuation` asks of a path.
 
@@ -188,9 +191,10 @@ class LoadPath:
         record.cuts, record.tried = record.cuts + before.cuts, record.tried + before.tried
         record.work += before.work
         if record.converged:
-            warnings.warn(f"{body.element} on this mesh needed {record.guard}", CollapseWarning, stacklevel=3)
+            record.warnings.append(f"{body.element} on this mesh needed {record.guard}")
+            warnings.warn(record.warnings[-1], CollapseWarning, stacklevel=3)
         return x, record
 
     def _error(self, record: PathRecord) -> SolverError:
         advice = f"try a finer or graded mesh, another element than {self.problem.element}, or a smaller load"
-        return gave_up(f"{record.reason}; {advice}", record.failure, record)
+        return gave_up(f"{record.reason}; {advice}", record.status, record)

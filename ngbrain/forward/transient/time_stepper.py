@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.errors import Breakdown, ContactError, Failure, InputError, gave_up
+from ngbrain.errors import Breakdown, ContactError, InputError, gave_up
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
@@ -17,6 +17,7 @@ from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, StepResult, 
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve
 from ngbrain.forward.transient.step_control import Control, GivenSteps, Progress
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord, Work
 
@@ -150,9 +151,9 @@ class TimeStepper:
         depth = -self.problem.min_gap()
         if depth > self.penetration_limit:
             limit = f"the limit {1e3 * self.penetration_limit:.2f} mm"
-            return Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Failure.PENETRATION)
+            return Breakdown(f"penetration {1e3 * depth:.2f} mm over {limit}", Status.PENETRATION)
         judged = self.control.judged(self.problem, start.x, self.progress)
-        return Breakdown(judged, Failure.INACCURATE) if judged else None
+        return Breakdown(judged, Status.INACCURATE) if judged else None
 
     def _guess(self, start: Array, dt: float, tries: int) -> Array:
         """Where a step from some unknowns may end, after so many tries."""
@@ -299,7 +300,9 @@ def _forced(motion: Motion | None) -> bool:
 
 def _error(failed: Breakdown, record: NewtonRecord, t: float, dt: float) -> Exception:
     advice = "try a finer mesh where it fails, a slower motion or a smaller one"
-    return gave_up(f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.kind, record)
+    return gave_up(
+        f"the time step of {dt:.2g} s at t = {t:.3f} s still fails: {failed}; {advice}", failed.status, record
+    )
 
 
 def run_load_history(

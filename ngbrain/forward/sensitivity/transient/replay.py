@@ -20,6 +20,7 @@ from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.solid.advance import LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.result import Status
 from ngbrain.solvers.newton import Newton, System
 from ngbrain.solvers.record import NewtonRecord
 
@@ -168,13 +169,13 @@ class Replay:
             said = (
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
-            raise gave_up(said, made.failure.kind, made.record)
+            raise gave_up(said, made.failure.status, made.record)
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step from x: known, or solved for."""
         if n < len(self._states):
-            return self._states[n], NewtonRecord(converged=True)
+            return self._states[n], NewtonRecord(status=Status.CONVERGED)
         new, record = self._solved(n, x, self._guess(n, x, before))
         self.solved += 1
         if self._keeping:
