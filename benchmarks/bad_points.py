@@ -115,7 +115,7 @@ def file(path: str) -> Record:
     """Of a file whose truth is `G` everywhere."""
     begun = time.process_time()
     found = invert(read_waves(path))
-    return {"method": "file", **_common(found, _modulus(found), time.process_time() - begun), "notes": found.notes}
+    return {"method": "file", **_common(found, _modulus(found), time.process_time() - begun), "notes": found.warnings}
 
 
 def _modulus(found: Inversion) -> np.ndarray:

@@ -206,11 +206,11 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
     measured = noisy(of, data, noise, seed)
     unknowns = {key: Unknown(problem.start[key], transform) for key, transform in problem.transforms.items()}
 
-    def record(method: str, spent: Record, found: Found, got: Recovered) -> Record:
+    def record(method: str, spent: Record, found: Found | Recovered, misfit: float) -> Record:
         values = {key: float(v[0]) for key, v in got.problem.unknowns.values(found.x).items()}
         errors = {key: values[key] / value - 1 for key, value in problem.truth.items()}
         made = {"method": f"ngbrain:{method}", **common, "errors": errors, "error": max(map(abs, errors.values()))}
-        made |= {"misfit": found.level.ratio, **spent, "converged": found.converged, "reason": ""}
+        made |= {"misfit": misfit, **spent, "converged": found.converged, "reason": ""}
         if method == OURS:
             bands = {key: got.posterior.band(key) for key in problem.truth}
             ends = {key: [float(np.min(band.low)), float(np.max(band.high))] for key, band in bands.items()}
@@ -221,7 +221,7 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
 
     counts = Counts(of)
     got = recover(of, measured, noise, unknowns=unknowns)
-    made = [record(OURS, counts.spent(run), got.found, got)]
+    made = [record(OURS, counts.spent(run), got, got.misfit)]
     for method, search in OTHERS.items() if others else ():
         counts.begin()
         try:
@@ -230,7 +230,7 @@ def searches(name: str, grid: Grid, data: np.ndarray, noise: float, seed: int, o
             failed = {"errors": {}, "error": None, "misfit": None, **counts.spent(run)}
             made.append({"method": f"ngbrain:{method}", **common, **failed, "converged": False, "reason": str(error)})
         else:
-            made.append(record(method, counts.spent(run), found, got))
+            made.append(record(method, counts.spent(run), found, found.level.ratio))
     return made
 
 

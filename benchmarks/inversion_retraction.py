@@ -99,13 +99,13 @@ def record(
         "tetrahedra": model.mesh.ne,
         "cpu_s": time.process_time() - begun,
         "in_runs": (time.process_time() - begun) / run,
-        "rounds": len(got.found.history),
+        "rounds": len(got.history),
         "factors": factors,
         "truth": TRUTH[name],
         "intervals": ends,
-        "misfit_over_expected": got.found.level.ratio,
+        "misfit_over_expected": got.level.ratio,
         "error": max(abs(factors[tissue] / TRUTH[name][tissue] - 1) for tissue in factors),
-        "converged": got.found.converged,
+        "converged": got.converged,
     }
     print(line(made), file=sys.stderr, flush=True)
     return made

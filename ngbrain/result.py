@@ -97,6 +97,10 @@ class Result:
             return ", ".join(f"{name} {_short(each)}" for name, each in value.items())
         return _short(value)
 
+    def plot(self) -> Any:
+        """A picture of it, as a matplotlib Figure; `NotImplementedError` of what has none."""
+        raise NotImplementedError(f"{type(self).__name__} has no picture")
+
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
         return {

@@ -13,8 +13,9 @@ pytest.importorskip("jinja2")
 from ngbrain.cli import calibrate as verb
 from ngbrain.cli import main
 from ngbrain.inverse.band import Band
-from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.found import Iteration
 from ngbrain.inverse.weights import Level
+from ngbrain.result import Status
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import Calibrated, Retracted
 from ngbrain.surgery.model import Model
@@ -52,8 +53,8 @@ def searched(monkeypatch):
         given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start)
         tell(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
         stiff = tuple(t.scaled(0.7) if t.region == "white" else t for t in scene.tissues)
-        found = Found(np.zeros(1), 5.0, Level(9.0, 3.0), {}, True, 4)
-        return Calibrated({"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff), 0.9 * seen.data, found)
+        bands, stiffer = {"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
+        return Calibrated(bands, stiffer, 0.9 * seen.data, Level(9.0, 3.0), status=Status.CONVERGED)
 
     monkeypatch.setattr(verb, "calibrate", calibrate)
     return given
@@ -72,7 +73,7 @@ def test_choices_reach_the_search_and_its_findings_the_files(files, searched, ca
     white = result["tissues"]["white"]
     assert white["low"] == 0.6 and white["modulus_Pa"] == pytest.approx(0.7 * white["modulus_before_Pa"])
     assert result["seen"]["displacements_mm"] == [[[pytest.approx(0.4), 0, None]], [[None] * 3]]
-    assert result["fitted"]["force_N"] == pytest.approx([0.27, 0.18]) and "3 times" in result["notes"][0]
+    assert result["fitted"]["force_N"] == pytest.approx([0.27, 0.18]) and "3 times" in result["warnings"][0]
     again = Scene.from_toml(files / "out" / "scene.toml")
     assert again.tissues[1].initial_modulus == pytest.approx(white["modulus_Pa"])
     page = (files / "out" / "report.html").read_text()

@@ -59,7 +59,7 @@ def test_files_numbers_and_words(tmp_path, capsys, waves):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["verb"] == "invert" and result["source"] == "waves.npz" and result["threads"] == 1
-    assert {"versions", "seed", "time_s", "checks", "model", "noise", "starts", "notes"} <= set(result)
+    assert {"versions", "seed", "time_s", "checks", "model", "noise", "starts", "warnings"} <= set(result)
     assert set(result["solves"]) == {"factorisations", *PURPOSES}
     assert set(result["starts"]) == {"waves", "uniform", "both"} and result["noise"]["assumed"] == pytest.approx(0.02)
     assert result["answers"]["storage"]["median"] == pytest.approx(2500, rel=0.02)
@@ -101,8 +101,8 @@ def test_data_without_loss_say_how_near_a_resonance_is_and_images_come_back_as_i
     write_waves(tmp_path / "waves.nii.gz", data)
     status, out, errors = run(capsys, tmp_path / "waves.nii.gz", "-o", tmp_path / "out", *ROUGH, "--bars")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert status == 0 and not out and result["notes"]
-    assert errors == [f"ngbrain: note: {note}" for note in result["notes"]]  # never silenced
+    assert status == 0 and not out and result["warnings"]
+    assert errors == [f"ngbrain: note: {note}" for note in result["warnings"]]  # never silenced
     assert 0 < result["checks"]["resonance_distance"] < 1 and "relative_l2_error" not in result["answers"]["youngs"]
     assert result["answers"]["youngs"]["median"] == pytest.approx(2.8 * 3000, rel=0.03)
     import nibabel
@@ -188,7 +188,7 @@ def test_outliers_are_left_out_where_that_is_asked_for(tmp_path, capsys):
     write_waves(tmp_path / "waves.npz", data)
     status, _, _ = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *ROUGH)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    said = [note for note in result["notes"] if "far off a smooth field" in note]
+    said = [note for note in result["warnings"] if "far off a smooth field" in note]
     assert status == 0 and where.sum() == 2
     assert result["answers"]["storage"]["relative_l2_error"] < 0.04
     assert int(said[0].split()[0]) in range(6, 16) and "of 360 displacements" in said[0]
@@ -393,7 +393,7 @@ def test_without_a_component_there_is_no_strain(tmp_path, capsys):
     status, out, errors = run(capsys, tmp_path / "axial.npz", "-o", tmp_path / "out", *ROUGH[:-1], "--rounds", "1")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     said = "no octahedral shear strain (OSS) where a component is never measured: component x of load 1, component x of load 2"
-    assert status == 0 and not errors and said in result["notes"] and said in out
+    assert status == 0 and not errors and said in result["warnings"] and said in out
     page = (tmp_path / "out" / "report.html").read_text()
     assert "strain_snr" not in result["checks"] and said[1:] in page and 'img alt="Octahedral' not in page
 
@@ -408,7 +408,7 @@ def test_what_has_not_settled_is_said_everywhere(tmp_path, capsys):
     kept = result["starts"][result["chosen"]]
     assert status == 3 and errors and not result["checks"]["converged"] and not kept["converged"]
     level = f"the misfit is {kept['misfit']:.4g}, expected are {kept['expected_misfit']:.4g}"
-    assert result["notes"][0].startswith("stopped after 1 round, before") and result["notes"][0].endswith(level)
+    assert result["warnings"][0].startswith("stopped after 1 round, before") and result["warnings"][0].endswith(level)
     for words in (out, (tmp_path / "out" / "report.html").read_text()):
         assert "not settled: stopped after 1 round" in words and level in words
 

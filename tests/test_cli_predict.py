@@ -35,15 +35,13 @@ def test_files_numbers_and_words(tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "report.html", "maps.npz"}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["verb"] == "predict" and result["source"] == "waves.npz" and result["threads"] == 1
-    assert {"versions", "seed", "time_s", "checks", "trust", "model", "notes", "files"} <= set(result)
+    assert {"versions", "seed", "time_s", "checks", "trust", "model", "warnings", "files"} <= set(result)
     assert set(result["solves"]) >= {"factorisations", "forward", "adjoint", "incremental"}
     assert not any(result["solves"].values())
     answer = result["answers"]["storage"]
     assert answer["median"] == pytest.approx(6e3, rel=0.1) and answer["relative_l2_error"] < 0.3
     assert set(result["by_label"]["storage"]) == {"1", "2"}
-    assert (
-        answer["trusted"] == result["trust"]["trusted"] == (result["checks"]["score"] <= result["trust"]["threshold"])
-    )
+    assert result["usable"] == (result["checks"]["score"] <= result["trust"]["threshold"]) == (result["reasons"] == [])
     with np.load(tmp_path / "out" / "maps.npz") as file:
         arrays = dict(file)
     found = arrays["storage"] + 1j * arrays["loss"]
@@ -60,8 +58,8 @@ def test_what_is_not_to_be_used_says_so_and_is_a_failure(tmp_path, capsys, quiet
     write_waves(tmp_path / "waves.npz", replace(uniform(), frequency=[400.0]))
     status, out, errors = run(capsys, tmp_path / "waves.npz", "-o", tmp_path / "out", *quiet)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert status == 3 and not result["answers"]["storage"]["trusted"]
-    assert errors[-1] == f"ngbrain: do not use these maps: {result['trust']['warning']}" and "frequency" in errors[-1]
+    assert status == 3 and not result["usable"]
+    assert errors[-1] == f"ngbrain: do not use these maps: {result['reasons'][0]}" and "frequency" in errors[-1]
     assert not out if quiet else out.startswith("Do not use: ")
     assert "Do not use: " in (tmp_path / "out" / "report.html").read_text()
 
@@ -94,10 +92,10 @@ def test_compression_comes_back_as_images(tmp_path, capsys):
     write_waves(tmp_path / "echo.nii.gz", pressed(affine=np.diag([step, step, step, 1.0])))
     status, out, errors = run(capsys, tmp_path / "echo.nii.gz", "-o", tmp_path / "out", "-q")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert status == 0 and not out and errors == [f"ngbrain: note: {note}" for note in result["notes"]]
-    assert result["solves"]["forward"] == 1 and any("up to one factor" in note for note in result["notes"])
+    assert status == 0 and not out and errors == [f"ngbrain: note: {note}" for note in result["warnings"]]
+    assert result["solves"]["forward"] == 1 and any("up to one factor" in note for note in result["warnings"])
     assert result["answers"]["youngs"]["relative_l2_error"] < 0.45
-    (shown,) = (float(note.split("shown as ")[1].split()[0]) for note in result["notes"] if "shown as" in note)
+    (shown,) = (float(note.split("shown as ")[1].split()[0]) for note in result["warnings"] if "shown as" in note)
     import nibabel
 
     for name in ("youngs", "youngs_deviation"):
@@ -117,7 +115,7 @@ def test_an_inversion_starts_from_it(tmp_path, capsys):
     result = json.loads((tmp_path / "a" / "result.json").read_text())
     assert set(result["starts"]) == {"given", "both"} and result["chosen"] == "both"
     assert result["answers"]["storage"]["relative_l2_error"] < 0.02
-    assert any("started from the maps of the trained operator" in note for note in result["notes"])
+    assert any("started from the maps of the trained operator" in note for note in result["warnings"])
     for option in (("--starts", "all"), ("--subzones",)):
         status, _, (error,) = run(
             capsys, tmp_path / "waves.npz", "-o", tmp_path / "b", "--start", "surrogate", *option, verb="invert"

@@ -163,7 +163,7 @@ lesion = invert(pressed, uniform=False)
 youngs, stiff = lesion.maps["youngs"], pressed.truth["youngs"] > 2.9e4
 contrast = np.median(youngs[stiff]) / np.median(youngs[pressed.truth["youngs"] < 1.01e4])
 print(f"contrast {contrast:.2f}, truly 3")
-print(*(note for note in lesion.notes if "trend" in note or "factor" in note), sep="\n")
+print(*(note for note in lesion.warnings if "trend" in note or "factor" in note), sep="\n")
 
 # %% [markdown]
 # ## Maps

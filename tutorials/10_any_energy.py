@@ -158,7 +158,7 @@ vertices = np.array([vertex.point for vertex in coarse.vertices])
 for name, place in (("in the disc", (0.05, 0.05)), ("beside it", (0.02, 0.05))):
     i = int(np.argmin(np.linalg.norm(vertices - place, axis=1)))
     print(f"{name}: {band.value[i]:.0f} Pa, 95 % between {band.low[i]:.0f} and {band.high[i]:.0f}")
-print(f"data say more than was assumed along {len(posterior.informed)} of {len(found.found.x)} directions")
+print(f"data say more than was assumed along {len(posterior.informed)} of {len(found.x)} directions")
 truth = np.where(np.linalg.norm(vertices - [0.055, 0.05], axis=1) < 0.022, 3000.0, 1000.0)
 held = (band.low < truth) & (truth < band.high)
 far = np.abs(np.linalg.norm(vertices - [0.055, 0.05], axis=1) - 0.022) > 0.01

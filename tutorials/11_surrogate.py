@@ -59,7 +59,7 @@ off, deviation = np.abs(found.maps["youngs"] - true), found.deviations["youngs"]
 held = off < found.within(0.95)["youngs"] * deviation
 print(f"E is off by {100 * error:.2f} %, stated {100 * np.median(found.deviations['youngs']):.2f} %; ")
 print(
-    f"its 95 % intervals hold {100 * held.mean():.0f} % of the points; trusted: {found.trusted}, score {found.score:.2f}"
+    f"its 95 % intervals hold {100 * held.mean():.0f} % of the points; usable: {found.usable}, score {found.score:.2f}"
 )
 # Most errors are small and some are large, so that half of them are closer than a normal distribution has it (0.67 deviations).
 half = found.within(0.5)["youngs"]
@@ -94,7 +94,7 @@ show(errors, "of the mean (%)", SIDE, cmap="magma", vmin=0)
 # %%
 speckled = predict(as_data(axial(spot.displacement, 0.01, 0.02), SIDE, 0.0, spot.poisson, "elastic"))
 grained = np.linalg.norm(speckled.maps["youngs"] - true) / np.linalg.norm(true)
-print(f"with that grain E is off by {100 * grained:.2f} %; trusted: {speckled.trusted}")
+print(f"with that grain E is off by {100 * grained:.2f} %; usable: {speckled.usable}")
 
 # %% [markdown]
 # Compression tells E up to one factor, so it is over its mean. The score is the largest of several numbers, each over a bound that
@@ -117,7 +117,7 @@ sides = {"x": "bottom|left|right", "y": "bottom|top"}
 boxed = shaken(shear, 0.0, spot.poisson, {"top": (0, -0.01 * SIDE)}, 51, sides, SIDE).real[..., 1:]
 boxed = predict(as_data(axial(boxed, 0.01), SIDE, 0.0, spot.poisson, "elastic"))
 for name, each in (("10 % noise", noisy), ("sides held", boxed)):
-    print(f"{name}: trusted: {each.trusted}; {each.warning}")
+    print(f"{name}: usable: {each.usable}; {'; '.join(each.reasons)}")
 show({"10 % noise": noisy.maps["youngs"], "sides held": boxed.maps["youngs"]}, "E / mean", SIDE)
 
 # %% [markdown]
@@ -153,6 +153,6 @@ show({name: values / 1e3 for name, values in found_maps.items()}, f"{first} modu
 print(
     f"E under compression: {100 * error:.2f} % off (1.5 % allowed); waves {100 * before:.1f} %, then {100 * after:.1f} %"
 )
-assert max(error, grained) < 0.015 and found.trusted and held.mean() > 0.8
-assert not noisy.trusted and not boxed.trusted
+assert max(error, grained) < 0.015 and found.usable and held.mean() > 0.8
+assert not noisy.usable and not boxed.usable
 assert after < max(before, 0.03)

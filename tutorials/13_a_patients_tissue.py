@@ -78,7 +78,7 @@ print(f"force {force[0]:.3f} N, then {force[1]:.3f} N; landmarks moved by up to 
 found = calibrate(model, seen, list(TRUTH), tell=lambda iteration, factors: print(factors))
 for name, band in found.factors.items():
     print(f"{name}: {band.value:.3f}, 95 % interval {band.low:.3f} to {band.high:.3f}; truly {TRUTH[name]}")
-print(f"misfit {found.found.level.ratio:.2g} times what the noise explains")
+print(f"misfit {found.level.ratio:.2g} times what the noise explains")
 
 # %% [markdown]
 # ## What for

@@ -113,7 +113,7 @@ print(alone)
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
-found = both.problem.at(both.found.x).state.data
+found = both.problem.at(both.x).state.data
 for axis, i, name in ((axes[0], 1, "normal"), (axes[1], 0, "tangential")):
     axis.errorbar(TIMES, np.abs(measured[:, i]), noise[:, i], fmt="k.", label="data, with a noise of 1 %")
     axis.plot(TIMES, np.abs(found[:, i]), label="the model found")

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
     write_json(folder / "result.json", result)
     report = page.build(folder / "report.html", result)
     files = f"the scene with these tissues: {folder / 'scene.toml'}", f"report: {report}"
-    conclude(arguments.quiet, [*summary(result), *files], [f"note: {note}" for note in result["notes"]])
+    conclude(arguments.quiet, [*summary(result), *files], [f"note: {note}" for note in result["warnings"]])
 
 
 def _checked(arguments: argparse.Namespace) -> tuple[Scene, Seen, int]:
@@ -99,19 +99,19 @@ def described(scene: Scene, seen: Seen, found: Calibrated) -> dict[str, Any]:
     """What was found as plain data; lengths in mm, forces in N."""
     before = {tissue.region: tissue.initial_modulus for tissue in scene.tissues}
     after = {tissue.region: tissue.initial_modulus for tissue in found.scene.tissues}
-    level = found.found.level
+    level = found.level
     return {
         "tissues": {
             name: {**asdict(band), "modulus_Pa": after[name], "modulus_before_Pa": before[name]}
             for name, band in found.factors.items()
         },
         "misfit": {"value": level.misfit, "expected": level.expected, "ratio": level.ratio},
-        "converged": found.found.converged,
+        "converged": found.converged,
         "times_s": seen.times.tolist(),
         "landmarks_mm": (1000 * seen.landmarks).tolist(),
         "seen": _plain(seen.data) | {"landmark_sd_mm": 1000 * seen.sigma[0], "force_sd_N": seen.sigma[1]},
         "fitted": _plain(found.fitted),
-        "notes": _notes(found),
+        "warnings": _warnings(found),
     }
 
 
@@ -120,14 +120,14 @@ def _plain(data: Any) -> dict[str, Any]:
     return {"displacements_mm": moved.tolist(), "force_N": data[:, -1].tolist()}
 
 
-def _notes(found: Calibrated) -> list[str]:
+def _warnings(found: Calibrated) -> list[str]:
     notes = []
-    if found.found.level.ratio > page.UNEXPLAINED:
+    if found.level.ratio > page.UNEXPLAINED:
         notes.append(
-            f"what is missed is {found.found.level.ratio:.3g} times what the measurements' errors explain: elements, laws or the "
+            f"what is missed is {found.level.ratio:.3g} times what the measurements' errors explain: elements, laws or the "
             "blade's place differ from what was seen; intervals count it as noise"
         )
-    if not found.found.converged:
+    if not found.converged:
         notes.append("the search was still on its way when it ended")
     return notes
 

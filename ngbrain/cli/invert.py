@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         except SolverError:
             write_json(folder / "rounds.json", finite([asdict(each) for each in rounds]))
             raise
-    inversion.notes += notes + (bars.notes if bars else [])
+    inversion.warnings += notes + (bars.notes if bars else [])
     result = write_inversion(
         folder,
         inversion,
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     arrays = inversion.arrays() | (bars.arrays() if bars else {})
     report = elastography.build(folder / "report.html", result, inversion.data, arrays)
-    notes = [f"note: {note}" for note in result["notes"]]
+    notes = [f"note: {text}" for text in result["warnings"]]
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], notes)
     if not inversion.usable:
         LOG.warning("do not use these maps: %s", "; ".join(inversion.reasons))
@@ -150,7 +150,7 @@ def _at_once(data: WaveData, arguments: argparse.Namespace, tell: Tell, executor
         tell=tell,
         executor=executor,
     )
-    inversion.notes += started.notes if started else []
+    inversion.warnings += started.notes if started else []
     return inversion
 
 

@@ -67,14 +67,14 @@ def run(arguments: argparse.Namespace) -> int:
         "seed": card["settings"][-1]["seed"] if "settings" in card else 0,
         "threads": arguments.threads,
         "time_s": time.monotonic() - started,
-        "answers": {name: each | {"trusted": found.trusted} for name, each in answers(found.data, maps).items()},
+        "usable": found.usable,
+        "reasons": found.reasons,
+        "answers": answers(found.data, maps),
         "by_label": {} if labels is None else {name: by_label(v, labels) for name, v in {**maps, **follows}.items()},
         "solves": asdict(found.solves),
         "checks": {"score": found.score, **found.scores},
         "trust": {
-            "trusted": found.trusted,
             "rejected": found.rejected,
-            "warning": found.warning,
             "threshold": found.threshold,
             "scores": found.scores,
             "within": {f"{share:g}": found.within(share) for share in TOLD},
@@ -84,14 +84,14 @@ def run(arguments: argparse.Namespace) -> int:
             "squares": found.squares,
             **{key: card[key] for key in ("command", "sha256", "weights") if key in card},
         },
-        "notes": notes,
+        "warnings": notes,
     }
     images = [name for name in arrays if name in (*maps, *FOLLOWING) or name.endswith("_deviation")]
     result = write_maps(folder, found.data, arrays, images, told)
     report = prediction.build(folder / "report.html", result, found.data, arrays)
     conclude(arguments.quiet, [*summary(result), f"report: {report}"], [f"note: {note}" for note in notes])
-    if not found.trusted:
-        LOG.warning("do not use these maps: %s", found.warning)
+    if not found.usable:
+        LOG.warning("do not use these maps: %s", "; ".join(found.reasons))
         return EXIT_SOLVER
     return 0
 
@@ -110,11 +110,11 @@ def predicting(data: WaveData, weights: Path | None = None) -> Operator:
 def at_level(found: Prediction) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], list[str]]:
     """Maps, deviations and notes; of compression at the level at which `invert` starts, as no number of it tells one."""
     if found.modality == "waves":
-        return found.maps, found.deviations, found.notes
+        return found.maps, found.deviations, found.warnings
     level = float(np.real(found.data.youngs_of(uniform_shear(found.data))))
     maps, deviations = ({name: level * v for name, v in each.items()} for each in (found.maps, found.deviations))
     note = f"its mean is shown as {1e-3 * level:.4g} kPa, where `invert` starts too, and errors are without that factor"
-    return maps, deviations, [*found.notes, note]
+    return maps, deviations, [*found.warnings, note]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,9 @@ def start_of(data: WaveData) -> Start:
     """From the shipped operator; a loss below `LOSSLESS` of the storage is raised to it, as logarithms are looked for."""
     found = predict(data)
     maps = dict(at_level(found)[0])
-    notes = ["started from the maps of the trained operator" + (f", though {found.warning}" if found.warning else "")]
+    notes = [
+        "started from the maps of the trained operator" + "".join(f", though {reason}" for reason in found.reasons)
+    ]
     if "loss" in maps:
         least = LOSSLESS * maps["storage"]
         raised = int((maps["loss"] < least).sum())
@@ -152,8 +154,7 @@ def following(data: WaveData, maps: dict[str, np.ndarray]) -> dict[str, np.ndarr
 
 def summary(result: dict[str, Any]) -> list[str]:
     """The result as lines: whether to trust it, parameters."""
-    warning = result["trust"]["warning"]
-    lines = [f"Do not use: {warning}", ""] if warning else []
+    lines = [line for reason in result["reasons"] for line in (f"Do not use: {reason}", "")]
     lines.append(f"{'parameter':<34}{'median':>9}{'IQR':>9}{'error':>12}")
     for row in parameters.parameters(result):
         median, iqr, error = (text for text, _ in row.cells)

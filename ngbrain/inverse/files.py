@@ -32,7 +32,7 @@ def write_inversion(
     arrays = inversion.arrays() | bands
     images = *inversion.maps, *inversion.following, *bands, "oss", "oss_snr"
     told = {"error_bars": bars.result()} if bars else {}
-    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.result(), **told})
+    return write_maps(folder, inversion.data, arrays, images, {**of_the_run, **inversion.to_dict(), **told})
 
 
 def write_maps(

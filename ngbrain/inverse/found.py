@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import spent_on
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.weights import Determined, Evidence, Level, Policy
+from ngbrain.look import descent
+from ngbrain.result import Result, Status
 
 Array = np.ndarray
 SETTLED = 1e-3
@@ -42,27 +45,41 @@ class Iteration:
         return f"{start}: misfit {self.misfit / self.expected:.3g} times what is expected"
 
 
-@dataclass
-class Found:
-    """Where an inversion ended.
+@dataclass(repr=False, eq=False)
+class Found(Result):
+    """Where an inversion ended: converged if fields and weights had settled, stalled if no step lowered J any more.
 
     x          unknowns
-    value      J there, at `weights`
+    objective  J there, at `weights`
     level      misfit and its expected level
-    converged  whether fields and weights had settled
     count      how many real data there are
     history    an `Iteration` for each
-    stuck      whether no step lowered J any more
     """
 
     x: Array
-    value: float
+    objective: float
     level: Level
     weights: dict[str, float]
-    converged: bool
     count: int
-    history: list[Iteration] = field(default_factory=list)
-    stuck: bool = False
+
+    @property
+    def value(self) -> Array:
+        """The unknowns."""
+        return self.x
+
+    @property
+    def headline(self) -> str:
+        """By its misfit."""
+        return f"{len(self.x)} unknowns, misfit {self.level.ratio:.3g} times what is expected"
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of all iterations."""
+        return {"iterations": len(self.history)} | ({"cpu_s": self.history[-1].cpu_s} if self.history else {})
+
+    def plot(self) -> Any:
+        """The misfit over iterations."""
+        return plotted(self.history)
 
     @property
     def cross_validation(self) -> float:
@@ -73,6 +90,16 @@ class Found:
     def score(self) -> float:
         """n ln of it: twice a logarithm of likelihoods, so that differences have a size."""
         return self.count * float(np.log(self.cross_validation))
+
+
+def plotted(history: list[Iteration]) -> Any:
+    """The misfit over what is expected, iteration by iteration, as a matplotlib Figure."""
+    return descent([each.misfit / each.expected for each in history], "misfit over its expected level", 1.0)
+
+
+def status_of(settled: bool, stuck: bool = False) -> Status:
+    """Of an inversion whose fields and weights have settled, or that no step lowered any more, or that was stopped."""
+    return Status.CONVERGED if settled else Status.STALLED if stuck else Status.STOPPED
 
 
 class Ledger:

@@ -8,7 +8,7 @@ and goes down in J; from a far start it can end in a local minimum, from where `
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
-from ngbrain.inverse.found import Found, Iteration, Ledger
+from ngbrain.inverse.found import Found, Iteration, Ledger, status_of
 from ngbrain.inverse.optimality import Optimality
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.weights import Determined, Level, Policy
@@ -32,7 +32,7 @@ ROUNDS = 12
 """Of `from_waves` at most; `descend` may take four times as many."""
 
 
-@dataclass
+@dataclass(repr=False, eq=False)
 class FoundWaves(Found):
     """So with the waves (loads, ndof) at the end."""
 
@@ -106,8 +106,7 @@ class GaussNewton:
                 break
         if not history:
             raise ConvergenceError("no step lowers the objective from where it starts: try another start")
-        found = self._found(point.x, self._state(point).waves, point.state.data, history, settled)
-        return replace(found, stuck=stuck)
+        return self._found(point.x, self._state(point).waves, point.state.data, history, settled, stuck)
 
     def _still(self, history: list[Iteration]) -> bool:
         """Whether more iterations would change nothing that matters, though the fields still move."""
@@ -172,7 +171,10 @@ class GaussNewton:
                 found[name] = once[space.globalorder]
         return found
 
-    def _found(self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool) -> FoundWaves:
+    def _found(
+        self, x: Array, waves: Array, data: Array, history: list[Iteration], settled: bool, stuck: bool = False
+    ) -> FoundWaves:
         level, weights = Level(self.misfit.squares(data), history[-1].expected), dict(self.reduced.weights)
         value = self.misfit.value(data) + self.reduced.regular(x)
-        return FoundWaves(x, value, level, weights, settled, self.misfit.count, history, waves=waves)
+        status = status_of(settled, stuck)
+        return FoundWaves(x, value, level, weights, self.misfit.count, waves, status=status, history=history)

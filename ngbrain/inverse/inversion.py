@@ -42,6 +42,8 @@ from ngbrain.inverse.unseen import (
 )
 from ngbrain.inverse.verdict import reasons_against
 from ngbrain.io.waves import WaveData
+from ngbrain.look import maps as drawn
+from ngbrain.result import Result, Status
 
 Array = np.ndarray
 
@@ -69,8 +71,8 @@ class End:
     x: Array
 
 
-@dataclass
-class Inversion:
+@dataclass(repr=False, eq=False)
+class Inversion(Result):
     """What `invert` found.
 
     maps        name → (n,) at the points of the data, NaN where they are left out
@@ -82,7 +84,6 @@ class Inversion:
     strain      octahedral shear strain of the data, and over its noise
     checks      name → number: the data's strain over noise (median), distance of a resonance, misfit over its expected level
     stated      noise relative to the rms as it was given, or as a smooth fit leaves it
-    notes       what a reader has to know, in words
     end         where error bars start from (`uncertainty`); None of zones
     """
 
@@ -98,12 +99,10 @@ class Inversion:
     determined: dict[str, float]
     resolution: dict[str, float]
     solves: Solves
-    history: list[Iteration]
     model: dict[str, Any]
     checks: dict[str, float | bool]
     strain: Strain
     stated: float = np.nan
-    notes: list[str] = field(default_factory=list)
     end: End | None = field(default=None, repr=False)
 
     @property
@@ -122,9 +121,23 @@ class Inversion:
         return reasons_against(self.data, self.maps, self.stated, self.noise_found, self.strain.volume)
 
     @property
-    def usable(self) -> bool:
-        """Whether nothing does."""
-        return not self.reasons
+    def value(self) -> dict[str, Array]:
+        """The maps."""
+        return self.maps
+
+    def plot(self) -> Any:
+        """The maps."""
+        return drawn(self.data.points, self.maps, "Pa")
+
+    @property
+    def headline(self) -> str:
+        """Medians of the maps."""
+        return ", ".join(f"{name} {of['median']:.4g}" for name, of in self.answers.items())
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of all starts."""
+        return {"iterations": len(self.history), **{name: n for name, n in asdict(self.solves).items() if n}}
 
     @property
     def by_label(self) -> dict[str, dict[int, dict[str, float]]]:
@@ -160,7 +173,7 @@ class Inversion:
         known = np.asarray(self.noise)[self.data.mask]
         return {"range": [float(known.min()), float(known.max())]}
 
-    def result(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """All numbers of it, for JSON."""
         rows = {
             row.name: {
@@ -177,6 +190,7 @@ class Inversion:
             for row in self.rows
         }
         return {
+            "status": str(self.status),
             "usable": self.usable,
             "reasons": self.reasons,
             "answers": self.answers,
@@ -198,7 +212,7 @@ class Inversion:
             },
             "starts": rows,
             "chosen": self.chosen,
-            "notes": self.notes,
+            "warnings": self.warnings,
         }
 
 
@@ -208,7 +222,7 @@ def row(name: str, experiment: Experiment, problem: Reduced, found: Found) -> Ro
     maps = experiment.maps(unknowns, found.x)
     maps.pop(EXPONENT, None)
     level, cpu_s = found.level, found.history[-1].cpu_s
-    return Row(name, maps, level.misfit, level.expected, found.value, found.history, cpu_s, found.converged)
+    return Row(name, maps, level.misfit, level.expected, found.objective, found.history, cpu_s, found.converged)
 
 
 def concluded(
@@ -301,7 +315,8 @@ def concluded(
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
         stated=stated,
-        notes=notes + ([strain.note] if strain.note else []),
+        warnings=notes + ([strain.note] if strain.note else []),
+        status=best.status,
         end=End(experiment, problem, best.x),
     )
 
@@ -311,7 +326,7 @@ def of_end(found: Found) -> list[str]:
     if found.converged:
         return []
     number, level = len(found.history), found.level
-    why = "no step lowered the objective any more" if found.stuck else "more may change the maps"
+    why = "no step lowered the objective any more" if found.status is Status.STALLED else "more may change the maps"
     return [
         f"stopped after {number} round{'s' if number > 1 else ''}, before fields and weights had settled ({why}): "
         f"the misfit is {level.misfit:.4g}, expected are {level.expected:.4g}"

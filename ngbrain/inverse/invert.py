@@ -39,6 +39,7 @@ from ngbrain.inverse.weighting import Settling, weighting
 from ngbrain.inverse.weights import Level
 from ngbrain.io.waves import WaveData
 from ngbrain.progress import logged, reporting
+from ngbrain.result import Status
 from ngbrain.solvers.device import Device
 
 Array = np.ndarray
@@ -197,7 +198,7 @@ def invert(
             tell=tell,
             executor=executor,
         )
-        in_space.notes += notes
+        in_space.warnings += notes
         return in_space
     multiples = multiples_of(((1.0,) if levels is None else levels) if uniform and start is None else ())
     sought = unknowns_of(data, unknowns)
@@ -322,7 +323,8 @@ class _Search:
                 return self.settling.descend(problem, start.x, self._tell)
             except ConvergenceError:
                 pass
-        return replace(start, value=point.value, level=level, converged=start.converged and level.ratio < ASTRAY)
+        status = start.status if level.ratio < ASTRAY else Status.STOPPED
+        return replace(start, objective=point.value, level=level, status=status)
 
     def gone(
         self, ways: Mapping[str, tuple[Callable[..., Any], tuple[Any, ...]]], executor: parallel.AnyExecutor
@@ -356,7 +358,7 @@ class _Search:
             return None
         point = judge.at(found.x)
         end = Level(self.misfit.squares(point.state.data), found.level.expected)
-        return replace(found, value=point.value, level=end)
+        return replace(found, objective=point.value, level=end)
 
     def _tell(self, iteration: Iteration) -> None:
         self.history.append(iteration)

@@ -29,6 +29,7 @@ from ngbrain.inverse.identity import differing, identity
 from ngbrain.inverse.normal import FORCING, MOST, Normal
 from ngbrain.inverse.weights import Evidence, Level, Policy
 from ngbrain.reading import read_npz
+from ngbrain.result import Status
 from ngbrain.solvers.directions import Directions
 
 Array = np.ndarray
@@ -147,7 +148,7 @@ class Iterative(GaussNewton):
             self._save(x, {"done": [asdict(entry) for entry in history], "own": misfit}, waves)
         point = point or self.reduced.at(x)
         level, weights = Level(self.misfit.squares(point.state.data), self.misfit.count), dict(self.reduced.weights)
-        self.arrived = Found(point.x, point.value, level, weights, False, self.misfit.count, history)
+        self.arrived = Found(point.x, point.value, level, weights, self.misfit.count, history=history)
         return point
 
     def _still(self, history: list[Iteration]) -> bool:
@@ -198,6 +199,7 @@ class Iterative(GaussNewton):
         self.reduced.weights, self.directions.arrays = notes["weights"], directions
         if arrived := notes.get("arrived"):
             more = {"x": begun, "level": Level(**arrived["level"]), "history": _history(arrived["history"])}
+            more["status"] = Status(arrived["status"])
             self.arrived = Found(**(arrived | more))
         return x, waves, notes
 

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
-from ngbrain.inverse.found import SETTLED, Found, Iteration, Ledger
+from ngbrain.inverse.found import SETTLED, Found, Iteration, Ledger, status_of
 from ngbrain.inverse.weights import Level, Policy
 
 Array = np.ndarray
@@ -99,7 +99,8 @@ def levenberg_marquardt(
     if not history:
         raise ConvergenceError("no step lowers the objective from where it starts: try another start")
     level = Level(2 * point.misfit, history[-1].expected)
-    return Found(point.x, point.value, level, dict(reduced.weights), settled, ledger.misfit.count, history, stuck)
+    status, weights = status_of(settled, stuck), dict(reduced.weights)
+    return Found(point.x, point.value, level, weights, ledger.misfit.count, status=status, history=history)
 
 
 def bounded(longest: float, size: float, gain: float) -> float:

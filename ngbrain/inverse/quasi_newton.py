@@ -25,7 +25,7 @@ import scipy.optimize
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import ConvergenceError, SolverError
 from ngbrain.inverse.curvature import Curvature, Metric
-from ngbrain.inverse.found import Found, Iteration, Ledger
+from ngbrain.inverse.found import Found, Iteration, Ledger, status_of
 from ngbrain.inverse.weights import Level, Policy
 
 Array = np.ndarray
@@ -178,7 +178,8 @@ class _Rounds:
         misfit = 2 * point.misfit
         value, weights = point.misfit + self.reduced.regular(x), dict(self.reduced.weights)
         level = Level(misfit, history[-1].expected)
-        return Found(x, value, level, weights, settled, self.ledger.misfit.count, history)
+        count, status = self.ledger.misfit.count, status_of(settled)
+        return Found(x, value, level, weights, count, status=status, history=history)
 
 
 def _scipy(way: _Way, method: str, options: dict[str, float]) -> Array:

@@ -7,8 +7,9 @@ numbers are held by the data alone, Levenberg and Marquardt go down. `Reduced` a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -17,13 +18,14 @@ from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.sensitivity.static_model import StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
-from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.found import Iteration, plotted
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import smooth
 from ngbrain.progress import logged, reporting
+from ngbrain.result import Result
 
 Array = np.ndarray
 Holds = Callable[[ngs.FESpace, Array], Regulariser]
@@ -33,25 +35,39 @@ FIRST = 0.05
 """Weight of regularisers to begin with, for each number of data."""
 
 
-@dataclass(eq=False)
-class Recovered:
+@dataclass(repr=False, eq=False)
+class Recovered(Result):
     """What was found. The model's parameters have these values now.
 
     values   name → a number, or the unknowns of a field
     misfit   over what noise leaves: 1 where the data are fitted as well as it allows, more where the model misses something
-    found    the optimiser's own record
     problem  the objective, for optimisers and bars of one's own
+    x        its unknowns there
     """
 
     values: dict[str, float | Array]
     misfit: float
-    found: Found
-    problem: Reduced = field(repr=False)
+    problem: Reduced
+    x: Array
+
+    @property
+    def value(self) -> dict[str, float | Array]:
+        """Of each parameter."""
+        return self.values
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of the search."""
+        return {"iterations": len(self.history), "cpu_s": self.history[-1].cpu_s}
+
+    def plot(self) -> Any:
+        """The misfit over iterations."""
+        return plotted(self.history)
 
     @cached_property
     def posterior(self) -> Posterior:
         """Error bars: `recovered.posterior.band("mu")`. Raises `InputError` where data leave a number open."""
-        return Posterior(self.problem.at(self.found.x))
+        return Posterior(self.problem.at(self.x))
 
     @cached_property
     def undetermined(self) -> dict[str, str]:
@@ -86,7 +102,7 @@ class Recovered:
             else:
                 low, high = self._interval(name)
                 lines.append(f"{name}: {value:.4g}, 95 % between {low:.4g} and {high:.4g}")
-        settled = "" if self.found.converged else ", not settled"
+        settled = "" if self.converged else f", {self.status}"
         return "\n".join([*lines, f"misfit {self.misfit:.2g} times what noise leaves{settled}"])
 
 
@@ -141,7 +157,7 @@ def recover(
     found = levenberg_marquardt(problem, fields.start, tell=tell)
     problem.at(found.x)  # the parameters have what was found
     values = {name: v if name in spaces else float(v[0]) for name, v in fields.values(found.x).items()}
-    return Recovered(values, found.level.ratio, found, problem)
+    return Recovered(values, found.level.ratio, problem, found.x, status=found.status, history=found.history)
 
 
 def _spaces(model: StaticModel | RunModel) -> dict[str, ngs.FESpace]:

@@ -16,6 +16,7 @@ import numpy as np
 from ngbrain import parallel
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.inverse.found import status_of
 from ngbrain.inverse.inversion import Inversion, Row
 from ngbrain.inverse.quality import Strain, noise_of, overall
 from ngbrain.io.waves import WaveData
@@ -174,7 +175,8 @@ def invert_slices(
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
         stated=float(np.sqrt(np.mean([found.stated**2 for found in each]))),
-        notes=[_of_slices(axis, len(each), through), *_common([found.notes for found in each])],
+        warnings=[_of_slices(axis, len(each), through), *_common([found.warnings for found in each])],
+        status=status_of(row.converged),
     )
 
 

@@ -212,7 +212,7 @@ def _judged(judge: Reduced, found: Found | None) -> Found | None:
         return None
     point, misfit = judge.at(found.x), judge.misfit
     assert isinstance(misfit, LeastSquares)
-    return replace(found, value=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
+    return replace(found, objective=point.value, level=Level(misfit.squares(point.state.data), found.level.expected))
 
 
 def _beside(path: Path | None, level: float) -> Path | None:

@@ -93,12 +93,12 @@ def compared(both: Found, ends: Mapping[float, Found | None]) -> Compared:
     if ends and not arrived:
         kept.notes.append("from uniform fields no step lowered the objective")
     if arrived:
-        kept.uniform = min(arrived.values(), key=lambda end: end.value)
+        kept.uniform = min(arrived.values(), key=lambda end: end.objective)
         if len(ends) > 1:
-            values = ", ".join(f"{end.value:.5g} from {level:g}" for level, end in arrived.items())
+            values = ", ".join(f"{end.objective:.5g} from {level:g}" for level, end in arrived.items())
             words = f"uniform fields ended at an objective of {values} times the suggested modulus: the least is shown"
             kept.notes.append(words)
-        if kept.uniform.value < both.value * (1 - LOWER):
+        if kept.uniform.objective < both.objective * (1 - LOWER):
             kept.best, kept.chosen = kept.uniform, "uniform"
             kept.notes.append("uniform fields led to a lower objective than measured waves did")
     return kept

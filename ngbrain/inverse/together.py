@@ -13,6 +13,7 @@ from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.answers import median_shear
 from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
 from ngbrain.inverse.driven import driven, free_part
+from ngbrain.inverse.found import status_of
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
 from ngbrain.inverse.lattice import Lattice
 from ngbrain.inverse.misfit import LeastSquares
@@ -230,7 +231,8 @@ def concluded(
         checks={name: value for name, value in checks.items() if value is not None},
         strain=strain,
         stated=overall(data, noise),
-        notes=notes + ([strain.note] if strain.note else []),
+        warnings=notes + ([strain.note] if strain.note else []),
+        status=status_of(rows[-1].converged),
     )
 
 

@@ -38,6 +38,7 @@ from ngbrain.inverse.quantities import Quantity, as_moduli
 from ngbrain.inverse.randomised import BLOCK
 from ngbrain.inverse.regularise import nodes
 from ngbrain.inverse.unseen import FEW
+from ngbrain.result import Status
 
 Array = np.ndarray
 EIGENVALUES = 1.8
@@ -161,7 +162,8 @@ class Uncertainty:
             determined=determined,
             resolution=resolution(ngs.Integrate(ngs.CF(1), experiment.body.mesh), found.data.dim, determined),
             checks={**found.checks, "misfit_over_expected": misfit / before.expected},
-            notes=[*found.notes, note],
+            warnings=[*found.warnings, note],
+            status=Status.CONVERGED,
             end=End(experiment, problem, moved.x),
         )
         return Uncertainty(best, moved)

@@ -7,7 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
+from ngbrain.look import descent
 from ngbrain.result import Result
 
 
@@ -40,6 +42,10 @@ class NewtonRecord(Result):
     corrections: list[float] = field(default_factory=list)
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
+
+    def plot(self) -> Any:
+        """Residuals of the iterations."""
+        return descent(self.residuals, "residual")
 
     @property
     def value(self) -> float:
@@ -102,6 +108,10 @@ class PathRecord(Result):
     def reasons(self) -> list[str]:
         """Why it did not arrive."""
         return [] if self.converged else [self.reason or str(self.status)]
+
+    def plot(self) -> Any:
+        """Residuals of all Newton iterations."""
+        return descent(self.residuals, "residual")
 
     @property
     def min_det_F(self) -> float:  # noqa: N802

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -23,13 +24,14 @@ from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.band import LEVEL, Band
-from ngbrain.inverse.found import Found, Iteration
+from ngbrain.inverse.found import Found, Iteration, plotted
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.parameters import Fields, Log, Unknown
 from ngbrain.inverse.posterior import Posterior
 from ngbrain.inverse.regularise import ridge
-from ngbrain.inverse.weights import Given, Policy
+from ngbrain.inverse.weights import Given, Level, Policy
 from ngbrain.progress import logged, reporting
+from ngbrain.result import Result
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery.model import WALLS, Model
 from ngbrain.surgery.plausibility import check_moduli
@@ -43,21 +45,41 @@ SPREAD = 3.0
 """r: by what factor published moduli of brain are to either side of one another (one standard deviation)."""
 
 
-@dataclass(frozen=True)
-class Calibrated:
+@dataclass(repr=False, eq=False)
+class Calibrated(Result):
     """What was found.
 
     factors  tissue → its factor s, with deviation and interval; what is missed beyond the noise, as by elements that are too
              coarse, counts as more noise
     scene    with tissues that are so stiff, their bulk moduli as they were
     fitted   what would be seen of it, as `Seen.data`
-    found    where the search ended: `found.level` is the misfit and what it should be
+    level    the misfit and what it should be
     """
 
     factors: dict[str, Band]
     scene: Scene
     fitted: Array
-    found: Found
+    level: Level
+
+    def plot(self) -> Any:
+        """The misfit over iterations."""
+        return plotted(self.history)
+
+    @property
+    def value(self) -> dict[str, Band]:
+        """Factors."""
+        return self.factors
+
+    @property
+    def headline(self) -> str:
+        """Factors with their intervals."""
+        bands = [f"{name} {band.value:.3g} ({band.low:.3g} to {band.high:.3g})" for name, band in self.factors.items()]
+        return ", ".join([*bands, f"misfit {self.level.ratio:.3g} times what is expected"])
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of the search."""
+        return {"iterations": len(self.history)}
 
 
 class Retracted:
@@ -150,7 +172,8 @@ def calibrate(
     posterior = Posterior(point, least=0.0)
     bands = {name: _single(posterior.band(name, level)) for name in retracted.factors}
     parts = [_stiff(t, float(bands[t.region].value)) if t.region in bands else t for t in model.scene.tissues]
-    return Calibrated(bands, replace(model.scene, tissues=tuple(parts)), point.state.data, found)
+    stiff = replace(model.scene, tissues=tuple(parts))
+    return Calibrated(bands, stiff, point.state.data, found.level, status=found.status, history=found.history)
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,8 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.io.waves import WaveData
+from ngbrain.look import maps as drawn
+from ngbrain.result import Result, Status
 from ngbrain.surrogate.looking import Answered, View, answered
 from ngbrain.surrogate.raster import UPRIGHT, Raster
 from ngbrain.surrogate.shipped import Card, Operator
@@ -26,8 +28,8 @@ WINDOW = 4.0
 as large under an uneven plate, 95 % intervals then hold 79 to 100 %, in the mean 97 %."""
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(repr=False, eq=False)
+class Prediction(Result):
     """What `predict` found.
 
     maps        name → (n,) at the points of the data, Pa, NaN where they are left out: storage and loss, or youngs; of
@@ -49,7 +51,6 @@ class Prediction:
     threshold: float
     squares: int
     solves: Solves
-    notes: list[str] = field(default_factory=list)
 
     def within(self, share: float) -> dict[str, float]:
         """name → how many deviations on either side of the map hold that share of the points, as in the operator's validation.
@@ -65,9 +66,24 @@ class Prediction:
         return max(self.scores.values())
 
     @property
-    def trusted(self) -> bool:
-        """Whether nothing speaks against the maps."""
-        return self.score <= self.threshold
+    def value(self) -> dict[str, Array]:
+        """The maps."""
+        return self.maps
+
+    def plot(self) -> Any:
+        """The maps."""
+        return drawn(self.data.points, self.maps, "over its mean" if self.modality == "compression" else "Pa")
+
+    @property
+    def headline(self) -> str:
+        """Medians of the maps, and the score."""
+        medians = [f"{name} {np.nanmedian(values):.4g}" for name, values in self.maps.items()]
+        return ", ".join([*medians, f"score {self.score:.2g} of {self.threshold:.2g}"])
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """What was looked at, and solved."""
+        return {"squares": self.squares, "back_substitutions": self.solves.back_substitutions}
 
     @property
     def rejected(self) -> bool:
@@ -75,15 +91,17 @@ class Prediction:
         return not self.scores["residual"] <= self.threshold
 
     @property
-    def warning(self) -> str:
-        """What speaks against the maps, the worst first; empty if nothing."""
-        if self.trusted:
-            return ""
+    def reasons(self) -> list[str]:
+        """What speaks against the maps, the worst first."""
+        if self.score <= self.threshold:
+            return []
         over = sorted(
             ((s / self.threshold, name) for name, s in self.scores.items() if s > self.threshold), reverse=True
         )
         words = ", ".join(f"{name} {s:.3g} times its bound" for s, name in over)
-        return f"{'the maps contradict the displacements' if self.rejected else 'the data are unlike the training'}: {words}"
+        return [
+            f"{'the maps contradict the displacements' if self.rejected else 'the data are unlike the training'}: {words}"
+        ]
 
 
 def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
@@ -156,7 +174,8 @@ def predict(data: WaveData, operator: Operator | None = None) -> Prediction:
         float(trust["threshold"]),
         count,
         Solves(checks * count, checks * count) if name == "compression" else Solves(),
-        notes,
+        status=Status.CONVERGED,
+        warnings=notes,
     )
 
 

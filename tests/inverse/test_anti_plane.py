@@ -52,7 +52,7 @@ def test_a_modulus_of_one_slice_and_what_is_said_of_it():
     assert np.median(found.maps["storage"]) == pytest.approx(2000, rel=0.02)
     assert np.median(found.maps["loss"]) == pytest.approx(800, rel=0.04)
     assert found.predicted.shape == (1, 528, 1) and 0.7 < found.checks["misfit_over_expected"] < 1.3
-    said = " ".join(found.notes)
+    said = " ".join(found.warnings)
     assert "apparent moduli" in said and "uniform displacement" in said and "square of the pixels' size" in said
     assert np.isfinite(found.strain.oss).all()
 
@@ -82,7 +82,7 @@ def test_one_exponent_for_all_frequencies():
     found = invert(data, uniform=False, regulariser="smooth")
     assert found.checks["exponent"] == pytest.approx(0.7, abs=0.03)
     assert np.median(found.maps["storage"]) == pytest.approx(2000, rel=0.03) and "exponent" not in found.maps
-    assert any("goes with frequency to the power" in note for note in found.notes)
+    assert any("goes with frequency to the power" in note for note in found.warnings)
 
 
 def test_an_angle_to_the_slice_reads_as_an_apparent_modulus():

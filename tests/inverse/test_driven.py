@@ -205,8 +205,8 @@ def test_free_edges_have_no_unknowns_and_the_truth_comes_back_either_way(shaken)
         "to_mm": pytest.approx([120, 120]),
     }
     words = "Boundary free of forces, not driven"
-    assert dict(facts(free.result()))[words] == "75.0 % of it, at x 0 to 120, y 0 to 120 mm"
-    assert "free_boundary" not in driven.model and words not in dict(facts(driven.result()))
+    assert dict(facts(free.to_dict()))[words] == "75.0 % of it, at x 0 to 120, y 0 to 120 mm"
+    assert "free_boundary" not in driven.model and words not in dict(facts(driven.to_dict()))
 
 
 @pytest.mark.parametrize(("noise", "rows", "with_flags", "without"), [(0.0, 1, 1e-4, 0.2), (0.01, 3, 0.05, 0.09)])

@@ -30,7 +30,7 @@ def test_each_has_its_own_moduli_to_the_same_bits_in_processes(caplog):
     for frequency, one in found.items():
         assert np.median(one.maps["storage"]) == pytest.approx(SHEAR[frequency].real, rel=0.03)
         np.testing.assert_array_equal(apart[frequency].maps["storage"], one.maps["storage"])
-        assert apart[frequency].notes == one.notes
+        assert apart[frequency].warnings == one.warnings
     assert {each.phase.split(",")[0] for each in told} == {"50 Hz", "70 Hz"}
     assert "in this process" not in caplog.text
 

@@ -33,7 +33,7 @@ def smooth_truth():
 
 def test_gaussian_fields_take_the_place_of_h1_where_the_truth_is_smooth(smooth_truth):
     found, bars = smooth_truth, uncertainty(smooth_truth)
-    assert bars.found.regulariser == "matern" and any("correlated over" in note for note in bars.found.notes)
+    assert bars.found.regulariser == "matern" and any("correlated over" in note for note in bars.found.warnings)
     for name in ("storage", "loss"):
         assert bars.band(name).value == pytest.approx(bars.found.maps[name], rel=1e-9)
         assert bars.found.answers[name]["relative_l2_error"] < found.answers[name]["relative_l2_error"]

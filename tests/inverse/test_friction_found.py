@@ -49,7 +49,7 @@ def holds(found, name):
 def test_both_components_tell_friction_and_relaxation():
     found = recovered(0)
     print(found)
-    assert found.found.converged and found.misfit < 1.5 and not found.undetermined
+    assert found.converged and found.misfit < 1.5 and not found.undetermined
     assert found.values["friction"] == pytest.approx(0.1, rel=0.05) and holds(found, "friction")
     assert found.values["tau"] == pytest.approx(3.0, rel=0.15) and holds(found, "tau")
 

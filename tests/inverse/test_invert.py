@@ -74,7 +74,7 @@ def test_exact_data_are_no_more_exact_than_our_elements():
     data = waves(rheology="elastic", n=31)
     found = invert(data.with_noise(0.0, 1), uniform=False, regulariser="smooth")
     assert found.noise == OURS and shear_error(data, found.maps) < 0.01
-    assert not any("misfit" in note for note in found.notes)
+    assert not any("misfit" in note for note in found.warnings)
 
 
 def test_the_error_of_our_elements_is_found_too():
@@ -91,13 +91,13 @@ def test_noise_is_found_when_it_is_not_given():
     found = invert(data, uniform=False, regulariser="smooth")
     assert found.noise == pytest.approx(0.02, rel=0.15)
     assert found.noise_found == pytest.approx(0.02, rel=0.15)
-    assert any("noise was not given" in note for note in found.notes)
+    assert any("noise was not given" in note for note in found.warnings)
 
 
 def test_too_little_noise_is_told():
     data = Phantom.named("CV-G", 13).measured(0.03, seed=3).data()
     found = invert(data, noise=0.01, uniform=False, regulariser="smooth")
-    assert any("misfit" in note for note in found.notes)
+    assert any("misfit" in note for note in found.warnings)
     assert found.noise_found == pytest.approx(0.03, rel=0.2)
 
 
@@ -108,7 +108,7 @@ def test_noise_that_is_far_too_little_is_corrected_before_any_way_down():
     ratios = {phase: [each.misfit / each.expected for each in found.history if each.phase == phase] for phase in PHASES}
     assert max(ratios["waves"]) > ASTRAY > 2 > max(ratios["fields"])
     assert found.noise == pytest.approx(0.02, rel=0.2) and found.checks["converged"]
-    assert any("times what noise of 0.01 % leaves: the rest counts as model error" in note for note in found.notes)
+    assert any("times what noise of 0.01 % leaves: the rest counts as model error" in note for note in found.warnings)
     assert measured.errors(found.maps)["storage"] < 0.03
 
 
@@ -141,8 +141,8 @@ def test_several_levels_of_uniform_fields():
     assert measured.errors(rows[0.5,]["uniform"].maps)["youngs"] > 0.2 and ends[0.5,].chosen == "both"
     assert measured.errors(rows[0.5, 1.0]["uniform"].maps)["youngs"] < 0.02
     assert rows[0.5, 1.0]["uniform"].value < 1e-3 * rows[0.5,]["uniform"].value
-    assert any("from 0.5" in note and "from 1 times" in note for note in ends[0.5, 1.0].notes)
-    assert not any("from 0.5" in note for note in ends[0.5,].notes)
+    assert any("from 0.5" in note and "from 1 times" in note for note in ends[0.5, 1.0].warnings)
+    assert not any("from 0.5" in note for note in ends[0.5,].warnings)
 
 
 def test_no_way_is_longer_than_its_rounds():
@@ -153,7 +153,7 @@ def test_no_way_is_longer_than_its_rounds():
 def test_no_level_is_no_uniform_start():
     found = invert(Phantom.named("CV-G", 9).measured(0.02).data(), regulariser="smooth", levels=())
     assert [row.name for row in found.rows] == ["waves", "both"] and found.chosen == "both"
-    assert not any("uniform" in note for note in found.notes)
+    assert not any("uniform" in note for note in found.warnings)
 
 
 def test_a_hole_in_the_data():
@@ -191,7 +191,7 @@ def test_displacements_alone_and_no_wave_say_no_scale():
     sheared = np.stack([1e-3 * data.points[:, 1], 0 * data.points[:, 0]], axis=1)[None]
     still = replace(data, displacement=sheared, frequency=np.zeros(1), bulk=None, poisson=0.3)
     found = invert(still.with_noise(0.01, 9), uniform=False, regulariser="smooth")
-    assert any("common factor" in note for note in found.notes)
+    assert any("common factor" in note for note in found.warnings)
     assert np.ptp(found.maps["storage"]) < 0.1 * np.median(found.maps["storage"])
 
 
@@ -305,7 +305,7 @@ def test_strain_imaging(n, bulk, noise, bound, contrast):
     modulus = found.maps["youngs"]
     assert found.answers["youngs"]["relative_l2_error"] < bound
     assert shape_error(modulus / data.truth["shear"].real) < bound and contrast < contrast_in(modulus) < 2.3
-    assert any("common factor" in note for note in found.notes) and FLAT in found.notes
+    assert any("common factor" in note for note in found.warnings) and FLAT in found.warnings
     assert found.checks["misfit_over_expected"] < 1.1 and not np.isnan(found.predicted).any()
 
 
@@ -313,7 +313,7 @@ def test_strain_imaging_with_both_components():
     data = pressed(tilted=True, n=17).with_noise(0.01, seed=0)
     found = invert(data, uniform=False, regulariser="smooth")
     assert shape_error(found.maps["youngs"] / data.truth["shear"].real) < 0.09
-    assert FLAT not in found.notes and any("common factor" in note for note in found.notes)
+    assert FLAT not in found.warnings and any("common factor" in note for note in found.warnings)
 
 
 def shape_error(ratio):
@@ -334,7 +334,7 @@ def test_one_component_at_rest_beside_waves_of_both():
     half[1, :, 0] = np.nan
     data = replace(data, displacement=half, frequency=np.array([50.0, 0.0])).with_noise(0.02, 1)
     found = invert(data, uniform=False, regulariser="smooth")
-    assert not any("common factor" in note for note in found.notes)
+    assert not any("common factor" in note for note in found.warnings)
 
 
 def test_uniform_fields_arrive_too_where_there_is_no_noise():
@@ -343,4 +343,4 @@ def test_uniform_fields_arrive_too_where_there_is_no_noise():
     errors = {row.name: measured.errors(row.maps) for row in found.rows}
     assert errors["uniform"]["storage"] < 1e-3 and errors["uniform"]["loss"] < 1e-2
     assert errors["both"]["storage"] < 1e-5
-    assert found.model["inverse_crime"] and any("computed in the elements" in note for note in found.notes)
+    assert found.model["inverse_crime"] and any("computed in the elements" in note for note in found.warnings)

@@ -41,14 +41,16 @@ def test_noisy_points_count_less(name, noisier):
     for seed in (1, 2):
         spoilt = data.with_noise(noise, seed)
         error, found = inverted(spoilt)
-        assert 0.85 < found.checks["misfit_over_expected"] < 1.15 and not any("misfit" in note for note in found.notes)
+        assert 0.85 < found.checks["misfit_over_expected"] < 1.15 and not any(
+            "misfit" in note for note in found.warnings
+        )
         each.append(error)
         one.append(inverted(spoilt, overall(data, noise))[0])
     assert np.mean(each) < 0.77 * np.mean(one)
     assert found.noise_found == pytest.approx(overall(data, noise), rel=0.1)
-    assumed = found.result()["noise"]
+    assumed = found.to_dict()["noise"]
     assert assumed["assumed"] == pytest.approx(overall(data, noise)) and assumed["range"] == pytest.approx([0.01, 0.1])
-    assert ", 1.00 % to 10.0 % by point" in dict(facts(found.result()))["Noise, with the model's error"]
+    assert ", 1.00 % to 10.0 % by point" in dict(facts(found.to_dict()))["Noise, with the model's error"]
 
 
 def test_weights_are_those_of_the_points():
@@ -63,7 +65,7 @@ def test_weights_are_those_of_the_points():
         model_error=0.004,
     )
     np.testing.assert_allclose(found.noise[mask], np.hypot(noise, 0.004)[mask])
-    assert found.result()["noise"]["assumed"] == pytest.approx(np.sqrt(np.mean(found.noise[mask] ** 2)))
+    assert found.to_dict()["noise"]["assumed"] == pytest.approx(np.sqrt(np.mean(found.noise[mask] ** 2)))
     sigma = np.hypot(noise, 0.004)[mask, None] * found.data.rms / np.sqrt(2)
     np.testing.assert_allclose(found.end.problem.misfit.sigma, sigma)
     assert np.nansum(np.abs(found.arrays()["residual"]) ** 2) == pytest.approx(found.rows[-1].misfit)

@@ -74,7 +74,7 @@ def test_the_same_minimum_as_gauss_newton(search):
     inversion = small()
     wanted = GaussNewton(inversion.reduced, Given()).descend(inversion.start)
     found = search(small().reduced, inversion.start, Given(), most=400, rounds=4)
-    assert found.value == pytest.approx(wanted.value, rel=2e-3)
+    assert found.objective == pytest.approx(wanted.objective, rel=2e-3)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.03)
 

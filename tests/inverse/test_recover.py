@@ -62,7 +62,7 @@ def test_numbers_of_a_run_from_its_force():
     sigma = np.broadcast_to(0.01 * np.abs(data).max(axis=0), data.shape)
     found = recover(of, data, sigma)
     assert np.array(list(found.values.values())) == pytest.approx(truth, rel=0.02)
-    assert found.found.converged
+    assert found.converged
 
 
 def test_what_is_given_is_taken(rng):

@@ -48,9 +48,9 @@ def test_slices_one_by_one(found):
     off = (found.predicted - data.displacement)[0, :, 2]
     assert np.nanstd(off) / data.rms[0, 0, 2] < 0.02 and np.isnan(found.predicted[:, :, :2]).all()
     assert found.usable and found.noise_found == pytest.approx(0.01, rel=0.2)
-    assert found.result()["checks"]["share_through_slices"] < 0.01
-    assert "4 slices are inverted one by one" in found.notes[0]
-    assert sum("apparent moduli" in note for note in found.notes) == 1
+    assert found.to_dict()["checks"]["share_through_slices"] < 0.01
+    assert "4 slices are inverted one by one" in found.warnings[0]
+    assert sum("apparent moduli" in note for note in found.warnings) == 1
 
 
 def test_gross_errors_of_a_few_slices_are_left_out():
@@ -59,7 +59,7 @@ def test_gross_errors_of_a_few_slices_are_left_out():
     u[0, wrong, 2] += 2 * data.rms[0, 0, 2]
     found = invert(replace(data, displacement=u), rounds=1)
     assert np.isnan(found.data.displacement[0, wrong, 2]).mean() > 0.9
-    assert any("gross errors" in note for note in found.notes)
+    assert any("gross errors" in note for note in found.warnings)
     gaining = replace(data, displacement=np.conj(data.displacement))
     with pytest.raises(InputError, match="waves that gain energy"):
         invert(gaining)
@@ -123,7 +123,7 @@ def test_slices_that_say_the_same():
     data, found = slab(), invert(slices_of(slab(), 2)[0][1], uniform=False, regulariser="smooth", rounds=2)
     notes = iter([["a of 3 %", "b"], ["a of 4 %", "b"], ["a of 5 %", "b"], ["b", "c"]])
     several = invert_slices(data, 2, lambda _, tell: replace(found, notes=next(notes)))
-    assert several.notes[1:] == ["a of 3 % (a slice; 3 of 4 alike)", "b", "c (a slice; 1 of 4 alike)"]
+    assert several.warnings[1:] == ["a of 3 % (a slice; 3 of 4 alike)", "b", "c (a slice; 1 of 4 alike)"]
 
 
 @pytest.mark.one_thread

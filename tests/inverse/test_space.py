@@ -72,7 +72,7 @@ def test_uniform_fields_arrive_too_and_the_lower_end_is_kept(tmp_path):
     assert uniform.value == pytest.approx(both.value, rel=0.1)
     assert found.chosen == ("uniform" if uniform.value < both.value else "both")
     assert np.median(uniform.maps["storage"]) == pytest.approx(np.median(both.maps["storage"]), rel=0.05)
-    assert any("uniform fields ended at" in note for note in found.notes)
+    assert any("uniform fields ended at" in note for note in found.warnings)
     assert {each.name for each in tmp_path.iterdir()} == {
         f"part{stage}.npz" for stage in ("", "-uniform-0.7", "-uniform-1")
     }

@@ -20,7 +20,7 @@ def test_a_cylinder_of_three_times_the_stiffness(pressed):
     lesion, uneven = contrast(pressed.points, found.maps["youngs"])
     assert lesion == pytest.approx(CONTRAST, rel=0.15) and uneven < 0.15
     assert found.usable and found.checks["converged"] and found.regulariser == "steps"
-    said = " ".join(found.notes)
+    said = " ".join(found.warnings)
     assert all(words in said for words in ("right up to one common factor", "is the regulariser's choice", "ball"))
 
 

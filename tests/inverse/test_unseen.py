@@ -48,8 +48,8 @@ def test_an_inversion_tells():
     for poisson, words in ((0.3, "an error of the maps"), (0.4995, "does little harm")):
         data = replace(Phantom.named("CV-G", 9), poisson=poisson).measured(0.02).data()
         found = invert(data, uniform=False, regulariser="smooth")
-        assert sum(words in note for note in found.notes) == 1
-        assert (found.result()["checks"]["bulk_change_over_noise"] < 1) == (poisson > 0.4)
+        assert sum(words in note for note in found.warnings) == 1
+        assert (found.to_dict()["checks"]["bulk_change_over_noise"] < 1) == (poisson > 0.4)
 
 
 def test_it_is_not_looked_for():

@@ -57,7 +57,7 @@ KINDS = ["shuffled", "noise", "swapped", "real", "imaginary", "conjugated", "mm 
 
 def test_good_waves_are_usable(data):
     found = inverted(data)
-    assert found.usable and found.result()["usable"] and found.result()["reasons"] == []
+    assert found.usable and found.to_dict()["usable"] and found.to_dict()["reasons"] == []
 
 
 @pytest.mark.slow
@@ -150,9 +150,9 @@ def test_a_patch_off_by_a_wrap_is_left_out_or_rejected():
     u = data.displacement.copy()
     u[0, patch, 1] += 2 * np.pi / encoding
     found = in_space(replace(data, displacement=u))
-    print(found.notes, found.reasons, np.nanmedian(found.maps["storage"]))
+    print(found.warnings, found.reasons, np.nanmedian(found.maps["storage"]))
     right = abs(np.nanmedian(found.maps["storage"]) / 2500 - 1) < 0.1
-    assert not found.usable or (right and any("gross errors" in note for note in found.notes))
+    assert not found.usable or (right and any("gross errors" in note for note in found.warnings))
 
 
 def test_each_reason_by_itself(data):

@@ -82,6 +82,6 @@ def test_invert_takes_them():
     found = {w: invert(data, uniform=False, regulariser="smooth", weight=w) for w in ("discrepancy", "l-curve")}
     one, other = (found[name].weights for name in ("discrepancy", "l-curve"))
     assert one["storage"] == pytest.approx(one["loss"]) and other["storage"] != pytest.approx(other["loss"], rel=0.01)
-    assert found["l-curve"].result()["model"]["weight"] == "l-curve"
+    assert found["l-curve"].to_dict()["model"]["weight"] == "l-curve"
     with pytest.raises(InputError, match="weight"):
         invert(data, weight="evidense")

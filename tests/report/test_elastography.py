@@ -48,7 +48,7 @@ def result_of(data, **changes):
         "source": "waves.npz", "answers": answers, "by_label": {}, "solves": {"factorisations": 3},
         "checks": {"misfit_over_expected": 1.0, "strain_snr": 12.0}, "model": model,
         "noise": {"assumed": 0.02, "found": 0.021}, "starts": {"waves": start, "both": start}, "chosen": "both",
-        "notes": ["a thing to know"], "time_s": 3.0, "threads": 1, "versions": {"ngbrain": "0"}, "files": ["maps.npz"],
+        "warnings": ["a thing to know"], "time_s": 3.0, "threads": 1, "versions": {"ngbrain": "0"}, "files": ["maps.npz"],
         **changes,
     }  # fmt: skip
 

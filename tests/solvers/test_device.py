@@ -204,5 +204,5 @@ def test_an_inversion_says_what_auto_was():
     data = Phantom.named("CV-G", 11).measured(0.02).data()
     found = invert(data, uniform=False, rounds=1, device="auto")
     assert any(
-        note.startswith("device auto: the processor, as a GPU is faster only from 21000") for note in found.notes
+        note.startswith("device auto: the processor, as a GPU is faster only from 21000") for note in found.warnings
     )

@@ -78,7 +78,7 @@ def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
 def test_ours_finds_it(truth):
     found = fitted(truth)
     print(found.values, found.misfit)
-    assert found.found.converged and found.misfit < 2
+    assert found.converged and found.misfit < 2
     for name, value in zip(found.values, truth, strict=True):
         band = found.posterior.band(name, 0.99)
         assert band.low < value < band.high, name

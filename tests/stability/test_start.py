@@ -88,7 +88,7 @@ def test_the_inversion_from_there_holds():
     found = invert(data)
     modulus = found.maps["storage"] + 1j * found.maps["loss"]
     assert np.isfinite(modulus[data.mask & ~data.border]).any()
-    print(np.nanmedian(modulus.real), np.nanmedian(modulus.imag), found.checks, wrong.sum(), found.notes)
+    print(np.nanmedian(modulus.real), np.nanmedian(modulus.imag), found.checks, wrong.sum(), found.warnings)
     assert np.nanmedian(modulus.real) == pytest.approx(G.real, rel=0.1)
     assert np.nanmedian(modulus.imag) == pytest.approx(G.imag, rel=0.2)
-    assert any("gross errors" in note for note in found.notes)
+    assert any("gross errors" in note for note in found.warnings)

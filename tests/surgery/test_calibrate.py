@@ -76,11 +76,11 @@ def test_the_force_and_the_landmarks_have_their_derivatives(retracted):
 @pytest.mark.slow
 def test_a_known_truth_comes_back(model, retracted, landmarks):
     got = calibrate(model, seen(retracted, landmarks, 0.01), list(TRUTH))
-    print(got.factors, got.found.level)
+    print(got.factors, got.level)
     for name, factor in TRUTH.items():
         band = got.factors[name]
         assert band.value == pytest.approx(factor, rel=0.03) and band.low < factor < band.high
-    assert 0.4 < got.found.level.ratio < 2 and got.found.converged
+    assert 0.4 < got.level.ratio < 2 and got.converged
     stiff = {tissue.region: tissue.initial_modulus for tissue in got.scene.tissues}
     before = {tissue.region: tissue.initial_modulus for tissue in model.scene.tissues}
     assert stiff["white"] / before["white"] == pytest.approx(got.factors["white"].value)

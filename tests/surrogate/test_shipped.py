@@ -122,10 +122,10 @@ def test_half_of_another_scan_is_not_trusted():
     one, other = (replace(Phantom.named(name, 33).measured(0.02).data(), truth={}) for name in ("CV-G", "CV-B"))
     left = one.points[:, 0] < np.median(one.points[:, 0])
     found = predict(replace(one, displacement=np.where(left[None, :, None], other.displacement, one.displacement)))
-    assert not found.trusted and "jump" in found.warning
+    assert not found.usable and "jump" in found.reasons[0]
     assert max(score for name, score in found.scores.items() if name != "jump") < found.threshold
     whole = predict(one)
-    assert whole.trusted and whole.scores["jump"] < 0.5
+    assert whole.usable and whole.scores["jump"] < 0.5
 
 
 def test_ten_per_cent_of_noise(waves):

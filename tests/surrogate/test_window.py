@@ -56,9 +56,9 @@ def test_the_truth_explains_a_window_and_other_maps_do_not(pressed):
 def test_an_uneven_plate_is_no_reason_to_reject(pressed):
     found = predict(pressed)
     lesion, uneven = contrast(pressed.points, found.maps["youngs"])
-    assert found.trusted and not found.warning and found.scores["boundary"] == 0
+    assert found.usable and not found.reasons and found.scores["boundary"] == 0
     assert lesion == pytest.approx(CONTRAST, rel=0.15) and uneven < 0.3
-    assert any("window cut out of a larger body" in note and "`invert`" in note for note in found.notes)
+    assert any("window cut out of a larger body" in note and "`invert`" in note for note in found.warnings)
     level = at_level(pressed, "youngs", found.maps["youngs"])
     off = np.abs(level - pressed.truth["youngs"]) / (found.deviations["youngs"] * level / found.maps["youngs"])
     assert (off < 1.96).mean() > 0.85
@@ -73,7 +73,7 @@ def test_an_uneven_plate_is_no_reason_to_reject(pressed):
 def test_a_ball_in_a_window():
     data = compression(ball)
     found = predict(data)
-    assert found.trusted and contrast(data.points, found.maps["youngs"])[0] == pytest.approx(2.4, rel=0.1)
+    assert found.usable and contrast(data.points, found.maps["youngs"])[0] == pytest.approx(2.4, rel=0.1)
 
 
 SPOILS = {
@@ -94,5 +94,5 @@ SPOILS = {
 @pytest.mark.parametrize("spoil", SPOILS)
 def test_nonsense_in_a_window_is_not_trusted(pressed, spoil, rng):
     found = predict(moved(pressed, SPOILS[spoil](axial(pressed), rng)))
-    assert not found.trusted and found.warning and max(found.scores.values()) > 1
+    assert not found.usable and found.reasons and max(found.scores.values()) > 1
     assert np.isfinite(list(found.scores.values())).all()  # result.json has no other numbers

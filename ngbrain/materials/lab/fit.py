@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import ngsolve as ngs
 import numpy as np
@@ -15,9 +15,11 @@ from ngbrain.errors import ConvergenceError, InputError, SolverError
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve, checked_curves
 from ngbrain.materials.lab.modes import MODES
+from ngbrain.materials.lab.plot import plot
 from ngbrain.materials.lab.relaxing import history
 from ngbrain.materials.lab.specimen import Specimen
 from ngbrain.materials.viscous import Viscous
+from ngbrain.result import Result, Status
 
 Bounds = tuple[float, float]
 FREE: Bounds = (-np.inf, np.inf)
@@ -26,8 +28,8 @@ SAME_OPTIMUM = 1e-6
 DRAWS = 100
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(repr=False, eq=False)
+class Fit(Result):
     """The best parameters found.
 
     parameters   name → value
@@ -38,6 +40,7 @@ class Fit:
     active       name → bound the value lies on
     reached      how many of the `starts` ended at this optimum
     law          the law, with these numbers
+    curves       the data
     """
 
     parameters: dict[str, float]
@@ -48,6 +51,30 @@ class Fit:
     reached: int
     starts: int
     law: Law | Viscous
+    curves: list[Curve]
+
+    def plot(self) -> Any:
+        """The law against the data; of a relaxing one `NotImplementedError`."""
+        if isinstance(self.law, Viscous):
+            return super().plot()
+        return plot({"fit": self.law}, self.curves)
+
+    @property
+    def value(self) -> dict[str, float]:
+        """The parameters."""
+        return self.parameters
+
+    @property
+    def headline(self) -> str:
+        """Parameters with their intervals, and how well the curves are met."""
+        ends = {name: "{:.4g} to {:.4g}".format(*interval) for name, interval in self.confidence.items()}
+        found = [f"{name} {value:.4g} ({ends[name]})" for name, value in self.parameters.items()]
+        return ", ".join([*found, f"R² {min(self.r2.values()):.3g}"])
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Of the starts."""
+        return {"starts": self.starts, "at_this_optimum": self.reached}
 
 
 def fit(
@@ -218,6 +245,8 @@ class CurveFit:
             reached=int(reached),
             starts=starts,
             law=self.law(**values),
+            curves=self.curves,
+            status=Status.CONVERGED if result.success else Status.STOPPED,
         )
 
     def _active(self, result: OptimizeResult) -> dict[str, float]:

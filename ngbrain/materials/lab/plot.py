@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ngbrain.errors import InputError, require
-from ngbrain.look import STYLE
+from ngbrain.look import STYLE, figure
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve
 from ngbrain.materials.lab.elastic import stress
@@ -38,15 +37,8 @@ def plot(laws: Mapping[str, Law], data: Iterable[Curve] = (), modes: Sequence[st
         raise InputError("laws", f"{len(laws)} laws", f"at most {len(LINES)}, so that lines can be told apart")
     shown = [mode_named(m).name for m in modes or [m for m in MODES if not curves or m in {c.mode for c in curves}]]
 
-    class Page(require("matplotlib.figure", "report").Figure):  # type: ignore[misc]
-        """A notebook shows it where it is a cell's last value, as it shows pyplot's."""
-
-        def _repr_png_(self) -> bytes:
-            self.savefig(picture := io.BytesIO(), format="png")
-            return picture.getvalue()
-
     with require("matplotlib", "report").rc_context(STYLE):
-        page = Page(figsize=(max(4.5, 3.6 * len(shown)), 3.9), dpi=150, layout="constrained")
+        page = figure(max(4.5, 3.6 * len(shown)), 3.9)
         panels = page.subplots(1, len(shown), squeeze=False)[0]
         marked = list(zip(curves, MARKS * (len(curves) // len(MARKS) + 1), strict=False))
         for axes, mode in zip(panels, shown, strict=True):

@@ -1,0 +1,79 @@
+"""One kind of result: what it shows of itself, and that every result of the library is one."""
+
+import json
+from dataclasses import dataclass
+from importlib import import_module
+from pkgutil import walk_packages
+
+import numpy as np
+import pytest
+
+import ngbrain
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.phantoms import Phantom
+from ngbrain.materials import NeoHooke
+from ngbrain.materials.lab import Curve, fit
+from ngbrain.result import Result, Status
+
+FIGURE = pytest.importorskip("matplotlib.figure", reason="matplotlib is not installed")
+
+
+@dataclass(repr=False)
+class Root(Result):
+    x: float
+
+    @property
+    def value(self):
+        return {"x": self.x, "field": np.array([1.0, 3.0])}
+
+    @property
+    def statistics(self):
+        return {"back_substitutions": 2}
+
+
+def test_a_line_a_card_and_a_file(tmp_path):
+    root = Root(1.5, status=Status.CONVERGED, warnings=["near <0>"])
+    assert repr(root) == "Root: x 1.5, field 2 in the mean of 2; converged; 2 back substitutions"
+    assert "<td>converged</td>" in root._repr_html_() and "<li>near &lt;0&gt;</li>" in root._repr_html_()
+    told = json.loads(root.save(tmp_path / "root.json").read_text())
+    assert told["value"] == {"x": 1.5, "field": [1.0, 3.0]} and told["usable"] and told["warnings"] == ["near <0>"]
+    assert [path.name for path in tmp_path.iterdir()] == ["root.json"]
+    with pytest.raises(NotImplementedError, match="Root has no picture"):
+        root.plot()
+
+
+def test_what_did_not_converge_is_not_usable_and_says_so():
+    root = Root(1.5, status=Status.INVERTED)
+    assert not root.usable and root.reasons == ["inverted element"]
+    assert "Not usable: inverted element" in root._repr_html_() and "inverted element" in repr(root)
+
+
+def test_every_result_of_the_library_says_what_its_value_is_and_what_was_counted():
+    for module in walk_packages(ngbrain.__path__, "ngbrain."):
+        if not module.name.endswith("__main__"):
+            try:
+                import_module(module.name)
+            except ImportError:
+                continue  # of an extra
+    own = [each for each in _below(Result) if each.__module__.startswith("ngbrain")]
+    names = {each.__name__ for each in own}
+    assert names >= {"NewtonRecord", "PathRecord", "Found", "Recovered", "Inversion", "Prediction", "Calibrated", "Fit"}
+    for each in own:
+        assert each.value is not Result.value and each.statistics is not Result.statistics, each
+        assert each.__repr__ is Result.__repr__, each
+
+
+def _below(kind):
+    return [each for child in kind.__subclasses__() for each in (child, *_below(child))]
+
+
+def test_results_of_a_fit_and_of_an_inversion_are_drawn():
+    data = [Curve("shear", [0.1, 0.2, 0.3], [100.0, 201.0, 299.0])]
+    law = fit(NeoHooke, data, {"mu": 500.0})
+    assert repr(law).startswith("Fit: mu 999") and law.usable and isinstance(law.plot(), FIGURE.Figure)
+    inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
+    found = levenberg_marquardt(inversion.reduced, inversion.start)
+    (axes,) = found.plot().axes
+    drawn = axes.lines[0].get_ydata()
+    assert len(drawn) == len(found.history) == found.statistics["iterations"]
+    assert drawn[-1] == pytest.approx(found.history[-1].misfit / found.history[-1].expected)
