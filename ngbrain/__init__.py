@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.scene import Scene
     from ngbrain.scene.loading import Loading
+    from ngbrain.scene.result import SceneResult
     from ngbrain.threads import set_threads
     from ngbrain.workflows.cohort import cohort
 
@@ -65,7 +66,7 @@ if not TYPE_CHECKING:  # who checks types sees the names above and the package's
         return sorted({*globals(), *__all__})
 
 
-def solve(scene: "Scene | Loading", *args: Any, **kwargs: Any) -> dict[str, Any]:
+def solve(scene: "Scene | Loading", *args: Any, **kwargs: Any) -> "SceneResult":
     """What a scene asks for: see `ngbrain.ladder.solve` for bodies under loads, `ngbrain.surgery.adequate.solve` for operations
     that ask questions, and `ngbrain.surgery.retraction.solve` for those that ask none.
 

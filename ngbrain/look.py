@@ -55,6 +55,20 @@ def descent(values: Sequence[float], label: str, line: float | None = None) -> A
     return page
 
 
+def curves(lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x: str, y: str) -> Any:
+    """Lines by name, each of abscissae and ordinates, as a matplotlib Figure."""
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(4.8, 3.2)
+        axes = page.subplots()
+        for name, (across, up) in lines.items():
+            axes.plot(across, up, lw=1.6, label=name)
+        axes.set_xlabel(x)
+        axes.set_ylabel(y)
+        axes.grid(color="#e8e8e8", lw=0.6)
+        axes.legend(frameon=False)
+    return page
+
+
 def maps(points: np.ndarray, values: Mapping[str, np.ndarray], unit: str) -> Any:
     """Maps on points of the plane (n, 2), or on the slice of points in space (n, 3) nearest to their middle, side by side.
 

@@ -28,9 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
         how: dict[str, Any] = {"threads": arguments.threads, "tell": line.tell, "executor": executor}
         if isinstance(scene, Scene):
-            result = adequate.solve(scene, folder, **how)
+            result = adequate.solve(scene, folder, **how).to_dict()
         else:
-            result = ladder.solve(scene, folder, **how)
+            result = ladder.solve(scene, folder, **how).to_dict()
     for text in result["warnings"]:
         LOG.warning("warning: %s", text)
     report = page.build(folder / "report.html", result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
         print(f"report, with the checks: {written[-1]}")
 
 
-def _checks_that(status: str, result: dict[str, Any]) -> str:
+def _checks_that(status: str, result: Mapping[str, Any]) -> str:
     return ", ".join(name for name, found in result["check_status"].items() if found == status)
 
 

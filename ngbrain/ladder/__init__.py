@@ -23,7 +23,9 @@ from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
 from ngbrain.ladder.rungs import Model, axes_of
 from ngbrain.progress import logged, reporting
+from ngbrain.result import Status
 from ngbrain.scene.loading import DENSITY, Loading
+from ngbrain.scene.result import SceneResult
 from ngbrain.threads import threads as using
 
 __all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
@@ -65,8 +67,8 @@ def solve(
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
-) -> dict[str, Any]:
-    """The answers that a scene asks for, by the cheapest model that is good enough; returns what `result.json` holds.
+) -> SceneResult:
+    """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
 
     scene     what is loaded, and what is asked how accurately
     folder    where `result.json` goes; None writes nothing
@@ -112,7 +114,7 @@ def answered(
     threads: int,
     find: Callable[[], Climb],
     warnings: Sequence[str] = (),
-) -> dict[str, Any]:
+) -> SceneResult:
     """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own."""
     started = time.perf_counter()
     ngsglobals.msg_level = 0
@@ -132,4 +134,4 @@ def answered(
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
         write_json(Path(folder) / "result.json", result)
-    return result
+    return SceneResult(result, status=Status.CONVERGED, warnings=result["warnings"])

@@ -30,6 +30,7 @@ from ngbrain.ladder.rungs import Axis, Model, between, check
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
 from ngbrain.progress import logged, reporting
 from ngbrain.scene import Scene, Tissue
+from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.model import Model as Made
@@ -81,8 +82,8 @@ def solve(
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
-) -> dict[str, Any]:
-    """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; returns what `result.json` holds.
+) -> SceneResult:
+    """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; it reads as `result.json` does.
 
     Arguments and result are those of `ngbrain.ladder.solve`; answers are in the units of their names. Raises `InputError` for a
     scene that asks nothing or cannot be built, `SolverError` if the cheapest model has no answer.

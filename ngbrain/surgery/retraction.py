@@ -17,7 +17,9 @@ from ngbrain.errors import SolverError
 from ngbrain.io import versions, write_json
 from ngbrain.parallel import ProcessExecutor, Task, Tell, helped, predicted_memory
 from ngbrain.progress import RunProgress, logged, reporting
+from ngbrain.result import Status
 from ngbrain.scene import Scene
+from ngbrain.scene.result import SceneResult
 from ngbrain.surgery import answers, band, relative, response, worth
 from ngbrain.surgery.answers import Answer, Runs
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER, half_steps, miller, one_order_more, other_elements
@@ -54,7 +56,7 @@ def solve(
     checks: bool = True,
     callback: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
-) -> dict[str, Any]:
+) -> SceneResult:
     """Run every protocol of a scene, then the checks of what its numbers are worth.
 
     Parameters
@@ -80,8 +82,8 @@ def solve(
 
     Returns
     -------
-    dict
-        What `result.json` holds. `check_status` maps each check to "computed", "failed", "under way" or "not computed"; an
+    SceneResult
+        Reads as `result.json` does. `check_status` maps each check to "computed", "failed", "under way" or "not computed"; an
         error estimate whose check is not computed is None.
 
     Raises
@@ -134,7 +136,9 @@ def solve(
             parallel.run(tasks, processes, tell=tell, finished=finished)
     else:
         parallel.run(tasks, executor, tell=tell, finished=finished)
-    return result
+    return SceneResult(
+        result, status=Status.CONVERGED if result else Status.STOPPED, warnings=known.get("warnings", [])
+    )
 
 
 def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:

@@ -1,0 +1,67 @@
+"""What a scene's computation gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ngbrain.look import curves
+from ngbrain.result import Result
+
+
+@dataclass(repr=False, eq=False)
+class SceneResult(Result, Mapping[str, Any]):
+    """Answers of a scene, which read as `result.json` does: `result["answers"]`.
+
+    data    what `result.json` holds
+    """
+
+    data: dict[str, Any]
+
+    def __getitem__(self, key: str) -> Any:
+        return self.data[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.data)
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @property
+    def value(self) -> dict[str, Any]:
+        """Question, or protocol and quantity → number."""
+        return self.data["answers"]
+
+    @property
+    def headline(self) -> str:
+        """Of an operation the peaks of pressure and force, else each answer."""
+        return ", ".join(f"{name} {_told(answer)}" for name, answer in self.value.items())
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Time on the clock, and of an operation what its runs took."""
+        model = self.data["model"]
+        return {name: model[name] for name in ("n_unknowns", "n_steps", "newton") if name in model} | {
+            "s": round(self.data["time_s"], 1)
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `result.json` holds."""
+        return self.data
+
+    def plot(self) -> Any:
+        """Pressure over time of an operation's protocols."""
+        series = {
+            name: each["series"] for name, each in self.value.items() if isinstance(each, dict) and "series" in each
+        }
+        if not series:
+            return super().plot()
+        lines = {name: (each["t_s"], each["pressure_mmHg"]) for name, each in series.items()}
+        return curves(lines, "time, s", "pressure, mmHg")
+
+
+def _told(answer: Any) -> str:
+    if isinstance(answer, Mapping):
+        return f"{answer['peak_pressure_mmHg']:.4g} mmHg, {answer['peak_force_N']:.3g} N"
+    return f"{answer:.4g}"
