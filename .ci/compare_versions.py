@@ -15,6 +15,7 @@ import argparse
 import datetime
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -210,13 +211,17 @@ def page(found: dict[str, Any], changed: list[compare_tests.Change]) -> str:
     ]
     if differ:
         lines += [
-            "| case | record | number | " + f"{old} | {new} | relative | reason |",
-            "|---|---|---|---|---|---|---|",
+            f"| case | number | how many | the one that differs most | {old} | {new} | relative | reason |",
+            "|---|---|---|---|---|---|---|---|",
         ]
+        alike: dict[tuple[str, str, str], list[Difference]] = {}
         for d in differ:
+            alike.setdefault((d.case, re.sub(r"/\d+", "", d.name), d.reason or "none known"), []).append(d)
+        for (case, name, reason), those in alike.items():
+            d = max(those, key=lambda each: each.change or 0.0)
             change = "" if d.change is None else f"{d.change:.1e}"
             lines.append(
-                f"| {d.case} | {d.record} | {d.name} | {_short(d.old)} | {_short(d.new)} | {change} | {d.reason or 'none known'} |"
+                f"| {case} | {name} | {len(those)} | {d.record} | {_short(d.old)} | {_short(d.new)} | {change} | {reason} |"
             )
         lines.append("")
     lines += [

@@ -81,8 +81,10 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
 def cautions(result: Mapping[str, Any]) -> list[str]:
     """What the verb itself wants looked at, though it lets its answer be used."""
     off = result.get("checks", {}).get("regions_off", {})
+    # What waves cannot tell, whoever looks at them, is said of all maps.
+    warnings = [] if result["verb"] in ("invert", "predict") else result.get("warnings", [])
     return [
-        *(str(text) for text in result.get("warnings", [])),
+        *(str(text) for text in warnings),
         *(f"doubt: {text}" for text in result.get("flags", [])),
         *(f"{name} is off by {error:+.0%} in volume" for name, error in off.items()),
     ]

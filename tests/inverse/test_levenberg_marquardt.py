@@ -27,7 +27,7 @@ def test_the_same_minimum_as_gauss_newton(dense):
     inversion = small()
     wanted = GaussNewton(inversion.reduced, Given()).descend(inversion.start)
     found = levenberg_marquardt(small().reduced, inversion.start, Given(), dense=dense)
-    assert found.converged and found.value == pytest.approx(wanted.value, rel=1e-4)
+    assert found.converged and found.objective == pytest.approx(wanted.objective, rel=1e-4)
     fields = slice(0, inversion.reduced.unknowns.blocks["boundary"].start)
     assert found.x[fields] == pytest.approx(wanted.x[fields], abs=0.02)
 
@@ -52,7 +52,7 @@ def test_damping_gets_through_where_full_steps_do_not():
     assert (
         np.all(np.diff(falls) < 0)
         and falls[-1] < 0.5 * falls[0]
-        and found.value < inversion.reduced.value(inversion.start)
+        and found.objective < inversion.reduced.value(inversion.start)
     )
 
 
