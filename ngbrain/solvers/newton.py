@@ -109,8 +109,7 @@ class Newton:
                 if chain[0][1] < foot[2]:
                     climbs, foot = 0, (x, r, chain[0][1])
             record.iterations += 1
-            record.residuals.append(float(np.linalg.norm(r)))
-            record.corrections.append(chain[-1][1])
+            record.history.append((float(np.linalg.norm(r)), chain[-1][1]))
             trial = self._trial(system, x, chain[-1], record, damped=fresh and climbs == self.watch)
             if trial is None:
                 self.inverse = None
@@ -135,7 +134,7 @@ class Newton:
             if contraction > self.keep and chain[-1][1] * contraction**self.worth > self.xtol:
                 self.inverse = None
         record.status = Status.STALLED
-        record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.corrections[-1]:.1e})"
+        record.reason = f"no convergence in {self.max_iter} iterations (last correction {record.value:.1e})"
         return x
 
     def _trial(

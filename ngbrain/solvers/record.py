@@ -32,14 +32,12 @@ class Work:
 class NewtonRecord(Result):
     """Outcome of one nonlinear solve.
 
-    `reason` is empty when converged, `status` its kind. `residuals` and `corrections` are the norms at each iterate, in
+    `reason` is empty when converged, `status` its kind. `history` has the norms of residual and correction at each iterate, in
     the units of the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
     """
 
     reason: str = ""
     iterations: int = 0
-    residuals: list[float] = field(default_factory=list)
-    corrections: list[float] = field(default_factory=list)
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
 
@@ -50,7 +48,12 @@ class NewtonRecord(Result):
     @property
     def value(self) -> float:
         """The last correction's norm."""
-        return self.corrections[-1] if self.corrections else 0.0
+        return self.history[-1][1] if self.history else 0.0
+
+    @property
+    def residuals(self) -> list[float]:
+        """Norms at each iterate."""
+        return [residual for residual, _ in self.history]
 
     @property
     def statistics(self) -> dict[str, float]:
