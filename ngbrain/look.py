@@ -69,10 +69,10 @@ def curves(lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x: str,
     return page
 
 
-def maps(points: np.ndarray, values: Mapping[str, np.ndarray], unit: str) -> Any:
+def maps(points: np.ndarray, values: Mapping[str, np.ndarray], moduli: Sequence[str]) -> Any:
     """Maps on points of the plane (n, 2), or on the slice of points in space (n, 3) nearest to their middle, side by side.
 
-    points in m, drawn in mm; returns a matplotlib Figure.
+    points in m, drawn in mm; values that are `moduli` in Pa, drawn in kPa; returns a matplotlib Figure.
     """
     if points.shape[1] == 3:
         planes = np.unique(np.round(points[:, 2], 9))
@@ -81,6 +81,7 @@ def maps(points: np.ndarray, values: Mapping[str, np.ndarray], unit: str) -> Any
     with require("matplotlib", "report").rc_context(STYLE):
         page = figure(3.6 * len(values), 3.2)
         for axes, (name, value) in zip(page.subplots(1, len(values), squeeze=False)[0], values.items(), strict=True):
+            value, unit = (value / 1e3, "kPa") if name in moduli else (value, "")
             known = np.isfinite(value)
             x, y = 1e3 * points[known, 0], 1e3 * points[known, 1]
             ends = np.percentile(value[known], [1, 99])

@@ -28,7 +28,7 @@ from ngbrain.inverse.quality import (
     resonance_distance,
     strain_of,
 )
-from ngbrain.inverse.quantities import EXPONENT
+from ngbrain.inverse.quantities import EXPONENT, MODULI
 from ngbrain.inverse.tracked import is_tracked, map_notes
 from ngbrain.inverse.unseen import (
     bulk_effect,
@@ -127,7 +127,7 @@ class Inversion(Result):
 
     def plot(self) -> Any:
         """The maps."""
-        return drawn(self.data.points, self.maps, "Pa")
+        return drawn(self.data.points, self.maps, MODULI)
 
     @property
     def headline(self) -> str:

@@ -72,7 +72,7 @@ class Prediction(Result):
 
     def plot(self) -> Any:
         """The maps."""
-        return drawn(self.data.points, self.maps, "over its mean" if self.modality == "compression" else "Pa")
+        return drawn(self.data.points, self.maps, () if self.modality == "compression" else tuple(self.maps))
 
     @property
     def headline(self) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import t as student
 
-from ngbrain.errors import ConvergenceError, InputError, SolverError
+from ngbrain.errors import ConvergenceError, InputError, SolverError, require
+from ngbrain.look import STYLE, figure
 from ngbrain.materials.base import Law
 from ngbrain.materials.lab.curves import Curve, checked_curves
 from ngbrain.materials.lab.modes import MODES
-from ngbrain.materials.lab.plot import plot
 from ngbrain.materials.lab.relaxing import history
 from ngbrain.materials.lab.specimen import Specimen
 from ngbrain.materials.viscous import Viscous
@@ -40,7 +40,7 @@ class Fit(Result):
     active       name → bound the value lies on
     reached      how many of the `starts` ended at this optimum
     law          the law, with these numbers
-    curves       the data
+    curves       the data, and `stresses` (Pa) of the fit along them
     """
 
     parameters: dict[str, float]
@@ -52,12 +52,25 @@ class Fit(Result):
     starts: int
     law: Law | Viscous
     curves: list[Curve]
+    stresses: list[np.ndarray]
 
     def plot(self) -> Any:
-        """The law against the data; of a relaxing one `NotImplementedError`."""
-        if isinstance(self.law, Viscous):
-            return super().plot()
-        return plot({"fit": self.law}, self.curves)
+        """Stress of the fit against the data, a panel for each curve."""
+        with require("matplotlib", "report").rc_context(STYLE):
+            page = figure(3.6 * len(self.curves), 3.2)
+            panels = page.subplots(1, len(self.curves), squeeze=False)[0]
+            for axes, curve, stress in zip(panels, self.curves, self.stresses, strict=True):
+                at, label = (curve.stretches, "stretch") if curve.times is None else (curve.times, "time, s")
+                axes.plot(at, curve.stress / 1e3, "o", ms=4, mfc="white", mec="#222222", label="data")
+                axes.plot(at, stress / 1e3, color="#0072B2", label="fit")
+                axes.set(
+                    title=curve.label,
+                    xlabel="amount of shear" if curve.mode == "shear" and label == "stretch" else label,
+                )
+                axes.grid(color="#e8e8e8", lw=0.6)
+            panels[0].set_ylabel("nominal stress, kPa")
+            panels[0].legend(frameon=False)
+        return page
 
     @property
     def value(self) -> dict[str, float]:
@@ -246,6 +259,7 @@ class CurveFit:
             starts=starts,
             law=self.law(**values),
             curves=self.curves,
+            stresses=stresses,
             status=Status.CONVERGED if result.success else Status.STOPPED,
         )
 
