@@ -13,7 +13,8 @@ from ngbrain.image.labelschemes import SCHEMES
 from ngbrain.inverse.misfit import MISFITS
 from ngbrain.inverse.priors import PRIORS
 from ngbrain.inverse.quantities import UNKNOWNS
-from ngbrain.inverse.weighting import WEIGHTINGS
+from ngbrain.inverse.space import ROUNDS
+from ngbrain.inverse.weighting import WEIGHTINGS, Settling
 from ngbrain.mesh.routes import ROUTES
 from ngbrain.solvers.device import DEVICES
 from ngbrain.surgery.calibrate import SPREAD
@@ -28,6 +29,11 @@ def test_names_are_those_of_the_library():
     assert tuple(UNKNOWNS) == options.UNKNOWNS and tuple(WEIGHTINGS) == options.WEIGHTINGS
     assert tuple(SCHEMES) == options.SCHEMES and tuple(UNITS_OF_LENGTH) == options.UNITS
     assert tuple(ROUTES) == options.ROUTES and tuple(DEVICES) == options.DEVICES and SPREAD == options.SPREAD
+
+
+def test_rounds_are_those_of_the_library():
+    shown = " ".join(options.parsers()["invert"].format_help().split())
+    assert f"({Settling().rounds} in the plane, {ROUNDS} in space)" in shown
 
 
 def test_nothing_heavy_is_imported_for_help():

@@ -255,7 +255,7 @@ def _invert(verbs: Any) -> argparse.ArgumentParser:
         "--rounds",
         type=int,
         metavar="N",
-        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (48 in the "
+        help="iterations down from a start at most, of a zone likewise; a few of a large body are near the end already (96 in the "
         "plane, 16 in space)",
     )
     parser.add_argument(
