@@ -17,6 +17,7 @@ from .75 to 1.33 leaves as little as the images' noise, no answer of that equati
 
     python benchmarks/living_slice.py FILE [--only HZ|all ...] [--json] [--executor WHO]      last line of --json: a list of records
     python benchmarks/living_slice.py --chart FILE.png < records.json
+    python benchmarks/living_slice.py --exponent < records.json      of frequencies that were inverted one by one
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ import scipy.io
 from _command import add_executor, executor_of, run, sweep
 from _front import figure
 from scipy import ndimage
-from scipy.stats import spearmanr
+from scipy.stats import spearmanr, t
 
 from ngbrain import parallel
 from ngbrain.cli import main as ngbrain
@@ -253,6 +254,20 @@ def chart(records: list[Record], png: str) -> None:
     plt.close(made)
 
 
+def exponent(records: list[Record]) -> str:
+    """Slope of ln |G*| (medians) over ln f of frequencies inverted one by one, its 95 % interval, and without one of them."""
+    alone = [r for r in records if len(r["frequency"]) == 1 and "storage" in r]
+    x, y = (
+        np.log(each)
+        for each in ([r["frequency"][0] for r in alone], [np.hypot(r["storage"], r["loss"]) for r in alone])
+    )
+    (slope, _), covariance = np.polyfit(x, y, 1, cov=True)
+    reach = t.ppf(0.975, len(x) - 2) * np.sqrt(covariance[0, 0])
+    without = [np.polyfit(np.delete(x, i), np.delete(y, i), 1)[0] for i in range(len(x))]
+    ends = f"{slope - reach:.2f} to {slope + reach:.2f}"
+    return f"{slope:.2f}, 95 % {ends}; without one of them {min(without):.2f} to {max(without):.2f}"
+
+
 def line(r: Record) -> str:
     """A record to read."""
     which = ", ".join(f"{f:g}" for f in r["frequency"])
@@ -276,8 +291,12 @@ if __name__ == "__main__":
     parser.add_argument("--only", nargs="+", choices=CHOICES, default=list(CHOICES), metavar="HZ")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--chart", metavar="PNG")
+    parser.add_argument("--exponent", action="store_true")
     add_executor(parser)
     arguments = parser.parse_args()
+    if arguments.exponent:
+        print(exponent(json.loads(sys.stdin.read().strip().splitlines()[-1])))
+        sys.exit()
     if arguments.chart:
         chart(json.loads(sys.stdin.read().strip().splitlines()[-1]), arguments.chart)
         sys.exit()
