@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ngbrain.errors import InputError
-from ngbrain.inverse.smoothing import fit_splines, moving_least_squares
+from ngbrain.inverse.smoothing import fit_splines, moving_least_squares, takes_splines
 from ngbrain.io.waves import WaveData
 
 FAR = 5.0
@@ -55,7 +55,7 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
     around, none = _around(data), np.zeros(data.displacement.shape, bool)
     known = data.measured & data.mask[:, None]
     number, least = int(known.sum(axis=1).max()), SMALLEST**data.dim / FULLEST
-    if data.structured and number < least:  # what bends more than the smallest spline would count as errors
+    if takes_splines(data) and number < least:  # what bends more than the smallest spline would count as errors
         raise InputError(
             "mask", f"true at {number} measured points", f"at least {np.ceil(least):.0f} to tell gross errors by"
         )
@@ -85,7 +85,7 @@ def _without(data: WaveData, out: np.ndarray) -> WaveData:
 
 def _off(left: WaveData, data: WaveData, known: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
     """|u - û| of all that is known, NaN elsewhere, û fitted to what is left; and `far` σ."""
-    smooth = fit_splines(left, STIFF) if left.structured else moving_least_squares(left)
+    smooth = fit_splines(left, STIFF) if takes_splines(left) else moving_least_squares(left)
     off = np.where(known, np.abs(data.displacement - smooth.values()), np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a component that is never measured

@@ -20,6 +20,8 @@ from ngbrain.io.waves.data import WaveData
 from ngbrain.io.waves.grid import Grid
 
 _DEGREE = 5  # quintic: the Laplacian of a curl, a third derivative, is still smooth
+FEWEST = _DEGREE + 3
+"""Points along each axis of a grid for splines."""
 _GROWTH = 1.2  # from one number of knots to try to the next
 _PATIENCE = 2  # numbers tried after the best
 _TOUCHED = 0.05  # share of a spline's weight on points that count, from which it counts as a coefficient
@@ -80,6 +82,8 @@ class SmoothField(ABC):
 def smoothed(data: WaveData) -> SmoothField:
     """A smooth field through the measured points of the mask: `fit_splines` on a grid, `moving_least_squares` otherwise.
 
+    So too on a grid of few points along some axis, such as a slab's.
+
     >>> points = np.array([[x, y] for y in range(12) for x in range(12)]) * 0.01
     >>> u = 1e-5 * np.stack([np.sin(20 * points[:, 1]), np.cos(20 * points[:, 0])], axis=1)[None]
     >>> data = WaveData(points, u, [50.0], 1000.0, "isotropic", "elastic", poisson=0.49)
@@ -87,8 +91,13 @@ def smoothed(data: WaveData) -> SmoothField:
     True
     """
     if data not in _KNOWN:
-        _KNOWN[data] = fit_splines(data) if data.structured else moving_least_squares(data)
+        _KNOWN[data] = fit_splines(data) if takes_splines(data) else moving_least_squares(data)
     return _KNOWN[data]
+
+
+def takes_splines(data: WaveData) -> bool:
+    """Whether the points are a grid that is not thin."""
+    return data.structured is not None and min(data.structured.shape) >= FEWEST
 
 
 _KNOWN: WeakKeyDictionary[WaveData, SmoothField] = WeakKeyDictionary()
@@ -147,9 +156,9 @@ def fit_splines(data: WaveData, full: float = 0.9) -> SplineField:
     some points of the mask, but at no more than 6 to the power of the dimension, as many as the smallest spline has coefficients.
     """
     grid = data.structured
-    if grid is None or min(grid.shape) < _DEGREE + 3:
+    if grid is None or min(grid.shape) < FEWEST:
         found = "scattered" if grid is None else f"a grid of {' x '.join(map(str, grid.shape))}"
-        raise InputError("points", found, f"a grid with at least {_DEGREE + 3} points along each axis")
+        raise InputError("points", found, f"a grid with at least {FEWEST} points along each axis")
     components: list[list[_Component | None]] = []
     number = 0  # of knots that is best, as `_counts` has it: about the same for all components
     for u, measured in zip(data.displacement, data.measured, strict=True):

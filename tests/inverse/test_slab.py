@@ -8,6 +8,7 @@ from planewaves import grid, wave_number, waves
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
+from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.slab import invert_slices, moving_axis, share_through, slices_of
@@ -36,6 +37,32 @@ def slab(tilt=0.0, axis=2, noise=0.01):
 @pytest.fixture(scope="module")
 def found():
     return invert(slab(), rounds=4)
+
+
+def three_components():
+    """A slab of 5 slices, two shear waves whose displacement has three components, which leave the slices; 2 % noise."""
+    points, k, u = grid(12, 11, 5, spacing=SPACING), wave_number(G), 0
+    for along in ([0.94, 0.0, 0.34], [0.56, 0.75, -0.35]):
+        across = np.cross(along, [0.3, -0.5, 0.81])
+        u = u + np.exp(-1j * k * (points @ along))[:, None] * across
+    return waves(points, 1e-5 * u[None], poisson=None, bulk=2e6).with_noise(0.02, seed=1)
+
+
+def test_a_slab_of_three_components_has_a_start():
+    """Splines want eight points along each axis: a slab is smoothed by moving least squares."""
+    found = uniform_modulus(three_components())
+    assert found.value == pytest.approx(G, rel=0.25) and not found.note
+
+
+@pytest.mark.slow
+def test_a_slab_of_three_components_is_inverted_in_space():
+    data = three_components()
+    u, wrong = data.displacement.copy(), np.flatnonzero(~data.border)[::20]
+    u[0, wrong, 1] += 2 * data.rms.max()
+    found = invert(replace(data, displacement=u))
+    assert np.isnan(found.data.displacement[0, wrong, 1]).all()
+    assert found.usable and np.nanmedian(found.maps["storage"]) == pytest.approx(G.real, rel=0.03)
+    assert np.nanmedian(found.maps["loss"]) == pytest.approx(G.imag, rel=0.05)
 
 
 def test_slices_one_by_one(found):
