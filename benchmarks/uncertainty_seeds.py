@@ -122,7 +122,7 @@ def bumps(seed: int) -> tuple[WaveData, Discretisation]:
 
 
 CASES = {"plane": (plane, 0.02, 20), "space": (one_bump, 0.02, 6), "drawn": (bumps, 0.02, 20)}
-"""What makes data and elements, noise, and draws: of `space` one takes 80 to 95 s, of `drawn` 18 s."""
+"""What makes data and elements, noise, and draws: of `space` one takes 80 to 95 s, of `drawn` 30 s."""
 
 
 def scores(bars: Uncertainty) -> np.ndarray:
