@@ -25,7 +25,7 @@ _FLUID = 8e-3  # m around the brain that are dark: fluid and bone
 _SCALP = (9e-3, 17e-3)  # m from the brain in which a scalp is bright
 _FOREHEAD = -5e-3  # m, height in the template above which a scalp is drawn: faces and necks differ too much
 _SIZES = (0.82, 0.90, 0.98, 1.07)
-_STARTS, _APART = 3, 25e-3  # starts kept of each search, and the least distance (m) between their corners
+_STARTS, _APART = 3, 25e-3  # starts kept of each search at each size, and the least distance (m) between their corners
 _PATCH = 44  # voxels, edge of the cube that holds the template at any turn and size
 _ROUNDS = 30
 _NEAR, _SETTLED = 0.05, 1e-4  # gain in log-likelihood below which steps end, and at the end
@@ -136,7 +136,10 @@ def _settled(fine: Volume, finest: Volume, looks: list[Volume], starts: list[np.
 
 
 def _found(head: Volume, look: Volume, turns: list[tuple[float, ...]]) -> list[np.ndarray]:
-    """Places (4, 4) of high correlation with a head on voxels of 8 mm, best first, no two near each other."""
+    """Places (4, 4) of high correlation with a head on voxels of 8 mm, no two near each other.
+
+    Some of each size: a larger template covers more of the head, scalp too, and its products are larger for that alone.
+    """
     shape = [fft.next_fast_len(n + _PATCH, real=True) for n in head.data.shape]
     margin = _PATCH // 2
     spectrum = fft.rfftn(np.pad(head.data, margin), shape)
@@ -145,7 +148,7 @@ def _found(head: Volume, look: Volume, turns: list[tuple[float, ...]]) -> list[n
     middle = look.to_world(ndimage.center_of_mass(inside * (np.abs(values) > 0)))
     grid = (np.indices((_PATCH,) * 3).reshape(3, -1).T - margin) * head.spacing
     ends = np.array(list(product(*zip(*_ends(look), strict=True))))
-    found = []
+    found: dict[float, list[tuple[float, np.ndarray]]] = {size: [] for size in _SIZES}
     for angles, size in product(turns, _SIZES):
         turn = _turned(angles)
         where = look.to_voxels(grid @ turn / size + middle).T
@@ -160,15 +163,16 @@ def _found(head: Volume, look: Volume, turns: list[tuple[float, ...]]) -> list[n
             place = np.eye(4)
             place[:3, :3] = size * turn
             place[:3, 3] = head.to_world(np.array(at)) - size * turn @ middle
-            found.append((alike[at], place))
+            found[size].append((alike[at], place))
             alike[tuple(slice(max(i - 2, 0), i + 3) for i in at)] = -np.inf
     kept: list[np.ndarray] = []
-    for _, place in sorted(found, key=lambda each: -each[0]):
-        here = ends @ place[:3, :3].T + place[:3, 3]
-        if all(np.abs(here - (ends @ k[:3, :3].T + k[:3, 3])).max() > _APART for k in kept):
-            kept.append(place)
-        if len(kept) == _STARTS:
-            break
+    for number, places in enumerate(found.values(), 1):
+        for _, place in sorted(places, key=lambda each: -each[0]):
+            here = ends @ place[:3, :3].T + place[:3, 3]
+            if all(np.abs(here - (ends @ k[:3, :3].T + k[:3, 3])).max() > _APART for k in kept):
+                kept.append(place)
+            if len(kept) == number * _STARTS:
+                break
     return kept
 
 

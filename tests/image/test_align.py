@@ -1,12 +1,13 @@
-"""A place that was found before is improved, not searched for again; one that does not fit is."""
+"""Where the template is looked for; a place that was found before is improved, and searched for again if it does not fit."""
 
 import numpy as np
 import pytest
 from regridded import rotation
+from scipy import ndimage
 
 from ngbrain.image import align as module
-from ngbrain.image.align import align, thinned
-from ngbrain.image.volume import mni152
+from ngbrain.image.align import align, normalised, thinned
+from ngbrain.image.volume import Volume, mni152
 
 
 @pytest.fixture
@@ -34,3 +35,18 @@ def test_a_start_that_is_near_is_improved_and_another_is_not_believed(searches):
     far = np.eye(4)
     far[:3, 3] = [90e-3, 0.0, 0.0]
     assert off(align(head, template, far).affine) < 1e-3 and searches
+
+
+def test_places_to_begin_at_are_of_every_size():
+    """Products with the largest template, which covers scalp too, are larger, wherever it lies: with spin echoes, for one."""
+    template, size, affine = mni152().volume, 0.84, np.diag([4e-3, 4e-3, 4e-3, 1.0])
+    affine[:3, 3] = [-0.12, -0.14, -0.09]
+    air = Volume(np.zeros((60, 68, 40), np.float32), affine)
+    brain = template.at(air.to_world(np.argwhere(air.data == 0)) / size).reshape(air.data.shape)
+    away = 4 * ndimage.distance_transform_edt(brain < 0.05)
+    data = np.select([(away >= 6) & (away < 20), away > 0, brain > 0.4], [2.5, 0.05, 0.7 + 0.1 * brain], 0.5)
+    coarse = normalised(thinned(Volume(data.astype(np.float32), affine), 8e-3))
+    starts = module._found(coarse, module._dressed(template)[0], module._TURNS)
+    sizes = [np.cbrt(np.linalg.det(start[:3, :3])) for start in starts]
+    assert np.allclose(np.unique(np.round(sizes, 6)), module._SIZES)
+    assert min(off(start @ np.diag([1 / size, 1 / size, 1 / size, 1])) for start in starts) < 25e-3
