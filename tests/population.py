@@ -46,8 +46,8 @@ class Individual:
         return Scan(straightened(self.stored, spacing), self.stored.affine, self.stored.data.shape, "individual")
 
 
-def individual(seed, voxel=None, picture=True):
-    """The head of a number; `voxel` (mm) instead of voxels of its own; with a T1 or without."""
+def individual(seed, voxel=None, picture=True, **given):
+    """The head of a number; `voxel` (mm) instead of voxels of its own, and whatever else of `about`; with a T1 or without."""
     rng = np.random.default_rng([49, seed])
     about = {
         "size": rng.uniform(0.86, 0.99),
@@ -68,6 +68,7 @@ def individual(seed, voxel=None, picture=True):
     }
     if voxel is not None:
         about |= {"voxel": voxel, "slice": 1.0}
+    about |= given
     sides = np.array([about["voxel"], about["voxel"], min(about["voxel"] * about["slice"], 3.0)])
     place = _place(about, rng)
     grid, affine = _field_of_view(place, sides, about["neck"])

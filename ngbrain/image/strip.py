@@ -12,9 +12,9 @@ from ngbrain.image.contrast import TISSUES, contrast
 from ngbrain.image.volume import Scan, Volume, mni152
 
 _WANTED = "a T1 of a whole head or brain"
-_T1 = "a T1, in which white matter is brightest and fluid darkest"
-# Least step from grey to white matter; measured: T1s 0.9 and more, one after contrast agent 0.4, FLAIR and PD to 0.25.
-_STEP = 0.33
+_T1 = "a T1, in which white matter is brightest"
+# Least step from grey to white matter; measured: T1s 0.95 and more, after a contrast agent 0.80, FLAIR and PD to 0.57.
+_STEP = 0.7
 _VOXEL = 2e-3  # m, on which the brain is looked for
 _AROUND = 8  # such voxels about the template's brain that are looked at
 _SURE, _FAR = 6.0, 9.0  # mm inside the template's brain all is brain, mm outside it none
@@ -76,7 +76,7 @@ def placed(scan: Scan) -> Alignment:
 
     Raises:
         InputError: next to nothing but background; nothing like the template's brain (likeness below 0.4); or another
-            contrast than that of a T1, in which fluid is dark and white matter bright.
+            contrast than that of a T1, in which white matter is brightest.
         MissingExtra: nilearn is not installed.
     """
     with naming(scan.source):
@@ -85,7 +85,7 @@ def placed(scan: Scan) -> Alignment:
             what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
             raise InputError("image", f"{what}, at least {ALIKE:g} needed)", _WANTED)
         seen = contrast(scan.volume, found.affine)
-        if seen.order != TISSUES:
+        if seen.order[2] != TISSUES[2]:  # fluid is darkest, but for the vessels in it after a contrast agent
             what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
             raise InputError("image", what.replace("grey", "grey matter").replace("white", "white matter"), _T1)
         if seen.step < _STEP:
