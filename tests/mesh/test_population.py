@@ -61,7 +61,7 @@ def test_coarse_heads_are_found_and_their_labels_meshed(seed, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::ngbrain.image.tissues.TissueWarning")  # 20 is noisy and 22 large, and so it is said
+@pytest.mark.filterwarnings("ignore::ngbrain.image.tissues.TissueWarning")  # 20 is noisy, 22 large: so it is said
 @pytest.mark.parametrize("seed", range(0, 24, 2))
 def test_a_hull_of_a_t1(seed, tmp_path):
     head = individual(seed)
