@@ -14,6 +14,7 @@ from ngbrain.inverse.optimality import _column_scale
 from ngbrain.inverse.phantoms import Phantom
 from ngbrain.inverse.regularise import total_variation
 from ngbrain.inverse.weights import Discrepancy, Given
+from ngbrain.result import Status
 
 
 def uniform(inversion, **options):
@@ -84,9 +85,9 @@ def test_ends_at_a_minimum():
     gradient, random = inversion.reduced.at(found.x).gradient(), np.random.default_rng(0)
     start = np.linalg.norm(inversion.reduced.at(inversion.start).gradient())
     assert found.converged and np.linalg.norm(gradient) < 1e-3 * start
-    assert found.value == pytest.approx(inversion.reduced.value(found.x), rel=1e-9)
+    assert found.objective == pytest.approx(inversion.reduced.value(found.x), rel=1e-9)
     steps = 0.01 * random.normal(size=(10, len(found.x)))
-    assert all(inversion.reduced.value(found.x + step) > found.value for step in steps)
+    assert all(inversion.reduced.value(found.x + step) > found.objective for step in steps)
 
 
 def test_no_step_goes_up():
@@ -97,7 +98,7 @@ def test_no_step_goes_up():
     for _ in range(6):
         found = search.descend(x, rounds=1)
         x = found.x
-        values.append(found.value)
+        values.append(found.objective)
     assert np.all(np.diff(values) <= 1e-8 * values[0])
 
 
@@ -109,7 +110,7 @@ def test_a_step_that_overshoots_is_halved():
     for _ in range(6):
         found = search.descend(x, rounds=1)
         x = found.x
-        values.append(found.value)
+        values.append(found.objective)
         told += found.history
     assert np.all(np.diff(values) < 0)
     assert max(entry.step for entry in told) < 0.05
@@ -151,10 +152,10 @@ def test_an_end_says_whether_steps_or_rounds_ran_out():
 
     inversion.reduced.at = once
     stuck = GaussNewton(inversion.reduced, Given(), told.append).descend(inversion.start)
-    assert stuck.stuck and not stuck.converged and len(stuck.history) == 1
+    assert stuck.status is Status.STALLED and len(stuck.history) == 1
     inversion.reduced.at = at
     stopped = GaussNewton(inversion.reduced, Given()).descend(inversion.start, rounds=1)
-    assert not stopped.stuck and not stopped.converged
+    assert stopped.status is Status.STOPPED
     for end, why in ((stuck, "no step lowered the objective any more"), (stopped, "more may change the maps")):
         (note,) = of_end(end)
         assert note.startswith(f"stopped after 1 round, before fields and weights had settled ({why})")

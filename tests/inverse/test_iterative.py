@@ -194,7 +194,7 @@ def test_what_has_settled_is_not_begun_again(tmp_path):
     resumed = Iterative(second, Given(), checkpoint=tmp_path / "whole.npz", tell=told.append).resume(21)
     assert found.converged and resumed.converged and not told
     assert np.array_equal(resumed.x, found.x) and resumed.history == found.history
-    assert resumed.value == pytest.approx(found.value, rel=1e-12) and resumed.weights == found.weights
+    assert resumed.objective == pytest.approx(found.objective, rel=1e-12) and resumed.weights == found.weights
     assert second.model.solves.factorisations == 1
 
 

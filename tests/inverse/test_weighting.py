@@ -55,7 +55,7 @@ def test_all_weights_keep_their_ratio_and_the_minimum_is_one():
     ratios = [found.weights[name] / before[name] for name in before]
     assert ratios[0] == pytest.approx(ratios[1]) and found.weights == inversion.reduced.weights
     steps = 0.01 * np.random.default_rng(0).normal(size=(5, len(found.x)))
-    assert all(inversion.reduced.value(found.x + step) > found.value for step in steps)
+    assert all(inversion.reduced.value(found.x + step) > found.objective for step in steps)
 
 
 def test_a_curve_needs_three_points():

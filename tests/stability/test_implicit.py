@@ -308,7 +308,7 @@ def from_degrees(model, truth, degrees):
         found = levenberg_marquardt(reduced, reduced.unknowns.start, Given())
     except ConvergenceError:
         return degrees, np.inf
-    return float(np.degrees(found.x[0])), found.value
+    return float(np.degrees(found.x[0])), found.objective
 
 
 def test_one_start_of_unloaded_fibres_stands_still_and_several_do_not():

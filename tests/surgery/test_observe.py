@@ -101,12 +101,12 @@ def test_what_moving_blades_takes_is_the_slope_of_the_contacts_energy(blade, sid
 
 @pytest.mark.parametrize("blade", [spatula, lambda cleft: Tube(cleft, WIDTH, 1e-3, TIP)])
 def test_a_blades_surface_moves_with_its_distance(blade, rng):
-    """A place that goes with the surface stays as far from it: ∂φ/∂advance + ∇φ · moves = 0, on faces and rounded edges."""
+    """A place that goes with the surface stays as far from it: ∂φ/∂a + ∇φ · ∂moves/∂a = 0, on faces and rounded edges."""
     cleft, advance = Cleft(np.zeros(3), OUT, np.array([0, 0, -1.0]), *SLOT), ngs.Parameter(1e-3)
     mesh = block((0.01, 0.03, 0.01), 0.01)
     x = ngs.CF((ngs.x - 0.005, ngs.y, ngs.z - 0.005)).MakeVariable()
     made = blade(cleft)
     distance = made.distance(advance)(x)
-    rest = distance.Diff(advance) + ngs.InnerProduct(distance.Diff(x), made.moves(x))
+    rest = distance.Diff(advance) + ngs.InnerProduct(distance.Diff(x), made.moves(x, advance).Diff(advance))
     places = mesh(*(rng.uniform(0, 1, (3, 200)) * np.array([[0.01], [0.03], [0.01]])))
     assert np.abs(rest(places)).max() < 1e-9 < 0.9 < np.abs(distance.Diff(advance)(places)).max()
