@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from enum import StrEnum
 from html import escape
 from pathlib import Path
 from typing import Any
+
+from ngbrain.atomic import atomic_write
 
 
 class Status(StrEnum):
@@ -36,6 +38,8 @@ class Result:
     ----------
     status
         How it ended.
+    reason
+        What kept it from converging, in words; empty where it did.
     history
         What each iteration or step did.
     warnings
@@ -61,6 +65,7 @@ class Result:
     """
 
     status: Status = Status.STOPPED
+    reason: str = ""
     history: list[Any] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
@@ -82,7 +87,7 @@ class Result:
     @property
     def reasons(self) -> list[str]:
         """What speaks against using the value."""
-        return [] if self.converged else [str(self.status)]
+        return [] if self.converged else [self.reason or str(self.status)]
 
     @property
     def usable(self) -> bool:
@@ -105,7 +110,7 @@ class Result:
         """As plain data."""
         return {
             "result": type(self).__name__,
-            "value": _plain(self.value),
+            "value": self.value,
             "status": str(self.status),
             "usable": self.usable,
             "reasons": self.reasons,
@@ -115,10 +120,8 @@ class Result:
 
     def save(self, path: str | Path) -> Path:
         """Write `to_dict` as JSON, whole or not at all."""
-        path = Path(path)
-        part = path.with_name(f".{path.name}.{os.getpid()}")
-        part.write_text(json.dumps(self.to_dict(), indent=1), encoding="utf-8")
-        part.replace(path)
+        path, text = Path(path), json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False)
+        atomic_write(path, lambda part: part.write_text(text, encoding="utf-8"))
         return path
 
     def __repr__(self) -> str:
@@ -147,7 +150,13 @@ def _short(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as lists."""
+    """As JSON has it: arrays as lists, what is not finite as null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(value, Mapping):
         return {str(name): _plain(each) for name, each in value.items()}
-    return value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

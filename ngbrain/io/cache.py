@@ -94,7 +94,7 @@ def sources(names: Iterable[str]) -> list[Path]:
     """The files of modules and of every module of this package that they import, directly or through others, in order.
 
     >>> [path.name for path in sources(["ngbrain.mesh.cleft"])]
-    ['errors.py', 'cleft.py', 'result.py']
+    ['atomic.py', 'errors.py', 'cleft.py', 'result.py']
     """
     found, waiting = set[str](), list(names)
     while waiting:

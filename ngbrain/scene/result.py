@@ -9,6 +9,9 @@ from typing import Any
 from ngbrain.look import curves
 from ngbrain.result import Result
 
+COUNTED = {"unknowns": "n_unknowns", "time_steps": "n_steps", "Newton_iterations": "newton"}
+"""What is counted of an operation, by its key in `result.json`."""
+
 
 @dataclass(repr=False, eq=False)
 class SceneResult(Result, Mapping[str, Any]):
@@ -31,7 +34,8 @@ class SceneResult(Result, Mapping[str, Any]):
     @property
     def value(self) -> dict[str, Any]:
         """Question, or protocol and quantity → number."""
-        return self.data["answers"]
+        answers: dict[str, Any] = self.data.get("answers", {})
+        return answers
 
     @property
     def headline(self) -> str:
@@ -41,10 +45,9 @@ class SceneResult(Result, Mapping[str, Any]):
     @property
     def statistics(self) -> dict[str, float]:
         """Time on the clock, and of an operation what its runs took."""
-        model = self.data["model"]
-        return {name: model[name] for name in ("n_unknowns", "n_steps", "newton") if name in model} | {
-            "s": round(self.data["time_s"], 1)
-        }
+        model = self.data.get("model", {})
+        counted = {told: model[name] for told, name in COUNTED.items() if name in model}
+        return counted | {"s": round(self.data.get("time_s", 0.0), 1)}
 
     def to_dict(self) -> dict[str, Any]:
         """What `result.json` holds."""

@@ -36,7 +36,6 @@ class NewtonRecord(Result):
     the units of the problem's own scaling; `min_det_F` is the smallest over all quadrature points of the accepted state.
     """
 
-    reason: str = ""
     iterations: int = 0
     min_det_F: float = float("nan")  # noqa: N815
     work: Work = field(default_factory=Work)
@@ -60,11 +59,6 @@ class NewtonRecord(Result):
         """Of the method."""
         return {"iterations": self.iterations, **vars(self.work)}
 
-    @property
-    def reasons(self) -> list[str]:
-        """Why it did not converge."""
-        return [] if self.converged else [self.reason or str(self.status)]
-
 
 @dataclass(repr=False)
 class PathRecord(Result):
@@ -82,7 +76,6 @@ class PathRecord(Result):
     guard    what was added to the body to get there; empty if nothing was
     """
 
-    reason: str = ""
     factor: float = 0.0
     cuts: list[str] = field(default_factory=list)
     tried: int = 0
@@ -106,11 +99,6 @@ class PathRecord(Result):
     def statistics(self) -> dict[str, float]:
         """Of all steps."""
         return {"load_steps": len(self.history), "cuts": len(self.cuts), "iterations": self.tried, **vars(self.work)}
-
-    @property
-    def reasons(self) -> list[str]:
-        """Why it did not arrive."""
-        return [] if self.converged else [self.reason or str(self.status)]
 
     def plot(self) -> Any:
         """Residuals of all Newton iterations."""
