@@ -9,7 +9,8 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.materials.linear import OfSmallStrain

@@ -11,7 +11,8 @@ import numpy as np
 from ngbrain.forward.common import interpolation as points
 from ngbrain.forward.common.interpolation import evaluation, inside, quadrature_field, quadrature_points
 from ngbrain.forward.harmonic import problem as harmonic
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import TISSUES

@@ -19,7 +19,8 @@ import numpy as np
 from _bodies import sampled
 from inversion_retraction import FINER, NOISE, noisy, observed, operation
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData, write_waves
 from ngbrain.materials import Shearing
 from ngbrain.surgery.model import Model

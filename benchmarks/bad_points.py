@@ -27,7 +27,8 @@ from _front import figure
 from ngbrain import parallel
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.inversion import Inversion
 from ngbrain.inverse.invert import invert
 from ngbrain.io.waves import WaveData, read_waves

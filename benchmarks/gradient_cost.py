@@ -21,7 +21,8 @@ import numpy as np
 from _command import main
 from _front import figure
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import boxes, rectangles

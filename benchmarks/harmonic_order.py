@@ -25,7 +25,8 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.meshes import MakeStructured2DMesh
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.materials import Shearing
 
 HERTZ, RHO, LENGTH, BULK = 50.0, 1000.0, 0.1, 1e5

@@ -30,7 +30,8 @@ from scipy.special import ndtri
 
 from ngbrain import parallel
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.discretise import Discretisation, in_elements
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.phantoms import Phantom

@@ -5,7 +5,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.adjoint.reduced import Reduced
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Unknown

@@ -13,7 +13,8 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 from _bodies import sampled, waves
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.waves import WaveData
 from ngbrain.materials import Shearing
 

@@ -13,7 +13,8 @@ from perturbed import DRAWN, moved
 
 from ngbrain import parallel
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke, Prony, Shearing
 from ngbrain.mesh import block

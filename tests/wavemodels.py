@@ -5,7 +5,8 @@ import numpy as np
 from waves import cube, square
 
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles

@@ -18,7 +18,8 @@ import numpy as np
 
 import ngbrain
 from ngbrain.datasets import load_waves
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.answers import answers, of_shear
 from ngbrain.inverse.direct import navier
 from ngbrain.inverse.discretise import in_elements

@@ -16,7 +16,8 @@ import numpy as np
 from netgen.csg import CSGeometry, OrthoBrick, Pnt
 
 import ngbrain
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.direct import helmholtz_of_curl, local_frequency
 from ngbrain.inverse.space import invert_in_space
 from ngbrain.io.waves import WaveData

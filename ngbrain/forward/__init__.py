@@ -5,7 +5,7 @@ For a loop of one's own `advance` makes a step from one `State` to the next, und
 What it is made of: `Material` by region; supports by boundary; loads (`Traction`, `Weight`, `Pressure`, `Spring`, `RigidFace`,
 `RigidBody`, `CavityPressure`, `CavityVolume`) and `Inertia`; contacts (`Contact`, `Friction`, `Sliding`, `Closing`,
 `GivenForce`); in space or in `PlaneStrain` and `Axisymmetric`. Linear waves at one frequency: `Harmonic`; on a deformed body
-`PrestressedModel`. What is asked of a state: `ngbrain.forward.observables`. Models that are differentiated by parameters:
+`Harmonic.about`. What is asked of a state: `ngbrain.forward.observables`. Models that are differentiated by parameters:
 `StaticModel` of equilibria (`Case`), `RunModel` of runs, `WaveModel` of waves.
 """
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from ngbrain.forward.contact.force_control import GivenForce
     from ngbrain.forward.contact.friction import Friction
     from ngbrain.forward.contact.rigid import Closing, Contact, Sliding
-    from ngbrain.forward.harmonic.problem import Harmonic, Wave
-    from ngbrain.forward.sensitivity.harmonic.prestressed import PrestressedModel
+    from ngbrain.forward.harmonic.problem import Harmonic
+    from ngbrain.forward.harmonic.wave import Wave
     from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
     from ngbrain.forward.sensitivity.static_model import Case, StaticModel
     from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -45,7 +45,8 @@ _HOME = {
     "contact.rigid": ("Closing", "Contact", "Sliding"),
     "contact.force_control": ("GivenForce",),
     "contact.friction": ("Friction",),
-    "harmonic.problem": ("Harmonic", "Wave"),
+    "harmonic.problem": ("Harmonic",),
+    "harmonic.wave": ("Absorbing", "Wave"),
     "sensitivity.static_model": ("Case", "StaticModel"),
     "solid.inertia": ("GeneralizedAlpha", "Inertia"),
     "common.kinematics": ("AntiPlane", "Axisymmetric", "PlaneStrain"),
@@ -54,7 +55,6 @@ _HOME = {
         "CavityPressure", "CavityVolume", "Pressure", "RigidBody", "RigidFace", "Spring", "Traction", "Weight",
     ),
     "common.material": ("Material",),
-    "sensitivity.harmonic.prestressed": ("PrestressedModel",),
     "common.state": ("State",),
     "solid.advance": ("LoadHistory", "LoadProgram", "advance", "newton_for"),
     "solid.problem": ("Problem",),
@@ -66,6 +66,7 @@ _HOME = {
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Absorbing",
     "AntiPlane",
     "Axisymmetric",
     "Case",
@@ -86,7 +87,6 @@ __all__ = [
     "Material",
     "PlaneStrain",
     "Pressure",
-    "PrestressedModel",
     "Problem",
     "RigidBody",
     "RigidFace",

@@ -16,8 +16,9 @@ from scipy.spatial import KDTree
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic, LawOfFrequency, Wave
+from ngbrain.forward.harmonic.problem import Harmonic, LawOfFrequency
 from ngbrain.forward.harmonic.stiffness import definite, elastic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.composition import Composition, Whole
 from ngbrain.inverse.discretise import Discretisation, all_measured, without_scale

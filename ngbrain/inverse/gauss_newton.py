@@ -56,11 +56,11 @@ class GaussNewton:
         tell: Callable[[Iteration], None] = lambda _: None,
         seed: int = 0,
     ) -> None:
-        if not isinstance(reduced.model, WaveModel) or not isinstance(reduced.unknowns, Fields):
-            raise InputError(
-                "reduced", type(reduced.model).__name__, "a WaveModel and Fields; other models descend by l_bfgs"
-            )
-        self.reduced, self.model, self.unknowns = reduced, reduced.model, reduced.unknowns
+        model, unknowns = reduced.model, reduced.unknowns
+        if not isinstance(model, WaveModel) or model.body.state is not None or not isinstance(unknowns, Fields):
+            wanted = "a WaveModel of a body at rest, and Fields; other models descend by l_bfgs"
+            raise InputError("reduced", type(model).__name__, wanted)
+        self.reduced, self.model, self.unknowns = reduced, model, unknowns
         self._ledger = Ledger(reduced, policy, tell, seed)
         self.misfit = self._ledger.misfit
         blocks = reduced.unknowns.blocks

@@ -20,6 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import SolverError
+from ngbrain.forward.sensitivity.harmonic.at_rest import FieldSensitivity
 from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.inverse.curvature import Metric
 
@@ -61,7 +62,8 @@ class Optimality:
         fixed: bool,
         level: Array | None = None,
     ) -> None:
-        body = state.model.body
+        body, fields = state.model.body, state.sensitivity
+        assert isinstance(fields, FieldSensitivity)
         self.state, self.loads, self.size = state, len(body.waves), regular.shape[0]
         self.free = ~body.held
         self.active = self.free if fixed else np.ones_like(self.free)
@@ -80,7 +82,7 @@ class Optimality:
             matrix = matrix @ sp.diags_array(column)
             row = 1 / np.sqrt(np.asarray(abs(matrix).power(2).sum(axis=1)).ravel())
             matrix = sp.diags_array(row) @ matrix
-            change = sp.diags_array(row) @ (state.sensitivities[k] @ jacobian)[self.free]
+            change = sp.diags_array(row) @ (fields.matrices[k] @ jacobian)[self.free]
             square = sp.csr_array(sp.diags_array(column) @ square @ sp.diags_array(column) + tied)
             hessians += [square, square]
             before, after = [None] * (2 * k), [None] * (2 * (self.loads - 1 - k))

@@ -18,7 +18,8 @@ import scipy.sparse.linalg
 
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.errors import InputError, SolverError, nearest
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Log, Scaled, Unknown

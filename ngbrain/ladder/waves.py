@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.ladder.quantities import along, point_in, within
 from ngbrain.ladder.rungs import Model

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 
 class Factor(Protocol):
-    """Of one matrix. Symmetric as it is, it serves the transposed system too."""
+    """Of one matrix. Of a symmetric one `solve` serves the transposed system too."""
 
     def solve(self, b: Array) -> Array:
         """x with Ax = b in the free unknowns and 0 in the others."""
@@ -103,8 +103,15 @@ class OnProcessor:
 
     def solve(self, b: Array) -> Array:
         """A⁻¹b."""
+        return self._times(self._inverse, b)
+
+    def transposed(self, b: Array) -> Array:
+        """A⁻ᵀb, of a factor with pivots."""
+        return self._times(self._inverse.T, b)
+
+    def _times(self, inverse: ngs.BaseMatrix, b: Array) -> Array:
         self._in.FV().NumPy()[:] = b
-        self._out.data = self._inverse * self._in
+        self._out.data = inverse * self._in
         return np.array(self._out.FV().NumPy())
 
 

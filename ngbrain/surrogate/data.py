@@ -28,7 +28,8 @@ from scipy.ndimage import map_coordinates
 from ngbrain import parallel
 from ngbrain.atomic import atomic_write
 from ngbrain.errors import InputError, naming, nearest
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.io.finished import FinishedWork
 from ngbrain.io.hdf5 import hdf5_image
 from ngbrain.io.versions import versions

@@ -8,7 +8,8 @@ from waves import number, square
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing
 

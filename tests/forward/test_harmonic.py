@@ -10,7 +10,8 @@ from waves import cube, square, strip
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.harmonic import factors
-from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles
 from ngbrain.solvers.device import Device, OnProcessor

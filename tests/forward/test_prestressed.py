@@ -15,15 +15,16 @@ from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import CavityVolume, Pressure, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
-from ngbrain.forward.sensitivity.harmonic.prestressed import Prestressed, PrestressedModel
-from ngbrain.forward.sensitivity.harmonic.prestressed_factor import Factor
-from ngbrain.forward.sensitivity.static_model import Equilibria, Held, Nodes
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
+from ngbrain.forward.sensitivity.static_model import Held, Nodes
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Scaled, Unknown
-from ngbrain.materials import NeoHooke, Ogden, Shearing
+from ngbrain.materials import Branch, NeoHooke, Ogden, Shearing, Viscous
+from ngbrain.solvers.device import CPU, Device
 
 POINTS = SIDE * np.array([[0.31, 0.52, 0.4], [0.7, 0.83, 0.6]])
 
@@ -46,7 +47,7 @@ def waves(dim=2):
     return [Wave(30.0, {"top": (1e-6, 2e-7j, *still)}), Wave(45.0, {"top": (0, 1e-6 + 1e-6j, *still)})]
 
 
-def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=False, **more):
+def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=False):
     """A square (or another mesh) pressed, sheared and loaded: all that it is made of are fields but for some numbers."""
     mesh = mesh or square(2, size=SIDE)
     parameters = {"nodes": Nodes(mesh)} if nodes else {}
@@ -62,8 +63,14 @@ def model(law=ogden, form="P2/P1", load=Traction, mesh=None, held=None, nodes=Fa
     body = Problem(mesh, {".*": Material(law(parameter), bulk)}, {"bottom": 0, "top": down}, [acting], element=form)
     parameters["top"] = Held(body, "top")
     loss, rho = parameter("loss", 0.2), parameter("rho", 1e3)
-    settings = {"loss": loss, "rho": rho, "held": held, "newton": tight(body), **more}
-    return PrestressedModel(body, waves(mesh.dim), POINTS[:, : mesh.dim], parameters, **settings)
+    about = Harmonic.about(body, waves(mesh.dim), loss=loss, density=rho, held=held)
+    return WaveModel(about, parameters, POINTS[:, : mesh.dim], tight(body))
+
+
+def relaxing():
+    """A body with a memory."""
+    tissue = Material(Viscous(NeoHooke(400.0), (Branch(NeoHooke(600.0), 1.0),)), 5e4)
+    return Problem(square(1, size=SIDE), {".*": tissue}, {"bottom": 0}, element="P2/P1")
 
 
 def weights(there, rng):
@@ -80,7 +87,10 @@ def verify(of, rng, names=None):
     for name, direction in directions(of, rng):
         change = there.push(direction)
         assert dot(change, pulled, direction, w) < 1e-10, name
-        if names is None or name in names:
+        if name == BOUNDARY:  # waves are linear in it
+            moved = of.at(theta + direction).data - there.data
+            assert moved == pytest.approx(change, abs=1e-9 * np.abs(change).max())
+        elif names is None or name in names:
             rates = taylor(lambda t: of.at(t).data, lambda _: change, theta, direction, 2)  # noqa: B023
             assert np.all((rates > 1.9) & (rates < 2.1)), (name, rates)
 
@@ -103,7 +113,7 @@ def test_a_pressure_that_follows(rng):
     """Its tangent is not symmetric where its rim is free, nor is the waves' matrix."""
     of = model(neo_hooke, load=Pressure, held="top")
     verify(of, rng, {"load", "mu"})
-    A = next(iter(of.at(of.theta)._factors.values())).matrix[~of.held][:, ~of.held]
+    A = of.at(of.theta).factors.matrix(0)[~of.body.held][:, ~of.body.held]
     assert abs(A - A.T).max() > 1e-3 * abs(A).max()
 
 
@@ -131,7 +141,7 @@ def test_waves_may_be_held_elsewhere(rng):
     u, mesh = there.displacement(0), of.body.mesh
     across, along = map(abs, u(mesh(*left)))
     assert across < 1e-9 * along
-    assert abs(u(mesh(*bottom))[1]) > 1e-8 and of.body.u(mesh(*bottom)) == pytest.approx((0, 0))
+    assert abs(u(mesh(*bottom))[1]) > 1e-8 and of.body.state.body.u(mesh(*bottom)) == pytest.approx((0, 0))
     assert u(mesh(0.05, SIDE)) == pytest.approx((1e-6, 2e-7j))
     verify(of, rng, {"mu"})
 
@@ -141,7 +151,8 @@ def test_around_an_axis(rng):
     rollers = {"bottom": (None, 0), "left": (0, None), "top": (None, 0)}
     sinking, around = [Weight((0.0, -2e3))], Axisymmetric()
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 5e4)}, rollers, sinking, element="P2/P1", kinematics=around)
-    verify(PrestressedModel(body, [Wave(20.0, {"top": (0, 1e-6)})], POINTS[:, :2], {"mu": mu}, loss=0.1), rng)
+    about = Harmonic.about(body, [Wave(20.0, {"top": (0, 1e-6)})], loss=0.1)
+    verify(WaveModel(about, {"mu": mu}, POINTS[:, :2]), rng)
 
 
 def test_a_cavity_keeps_its_volume(rng):
@@ -162,7 +173,7 @@ def test_a_cavity_keeps_its_volume(rng):
     )
     swinging = [Wave(20.0, {"right": (1e-6, 5e-7j)})]
     held = {"x": "top|right", "y": "bottom|right"}
-    of = PrestressedModel(body, swinging, SIDE * np.array([[0.25, 0.25]]), {"mu": mu}, loss=0.1, held=held)
+    of = WaveModel(Harmonic.about(body, swinging, loss=0.1, held=held), {"mu": mu}, SIDE * np.array([[0.25, 0.25]]))
     verify(of, rng)
     assert abs(of.at(of.theta).waves[0, -1]) > 0
 
@@ -172,13 +183,11 @@ def test_at_rest_they_are_harmonic_waves(form):
     mesh = square(3, size=SIDE)
     mu = field(mesh, 2e3)
     body = Problem(mesh, {".*": Material(NeoHooke(mu), 1e4)}, {"bottom": 0, "top": 0}, element=form)
-    of = PrestressedModel(body, waves(), POINTS[:, :2], {"mu": mu}, loss=0.3, rho=1100.0)
-    rest = Prestressed(of, Equilibria(of.static, of.theta, [np.zeros(body.fes.ndof)]))
+    rest = Harmonic.about(body, waves(), loss=0.3, density=1100.0).solve()
     settings = {"bulk": 1e4, "density": 1100.0, "form": form, "held": "bottom|top"}
     harmonic = Harmonic(mesh, Shearing(mu * (1 + 0.3j)), waves(), **settings).solve()
-    for found, wave in zip(rest.data, harmonic, strict=True):
-        u = wave.components[0] if form == "P2/P1" else wave
-        wanted = np.array([u(mesh(*point)) for point in POINTS[:, :2]])
+    for found, wanted in zip(rest, harmonic, strict=True):
+        found, wanted = found.vec.FV().NumPy()[: len(body.held)], wanted.vec.FV().NumPy()[: len(body.held)]
         assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
@@ -256,29 +265,56 @@ def test_solves_are_counted(rng):
     ("changes", "named"),
     [
         ({"waves": []}, "waves"),
-        ({"waves": [Wave(30.0, {}, {"top": (1, 0)})]}, "Wave"),
-        ({"waves": [Wave(30.0, {"top": (1e-6, 0, 0)})]}, "Wave.held"),
+        ({"waves": [Wave(30.0, {"top": (1e-6, 0, 0)})]}, "Wave"),
         ({"waves": [Wave(30.0, {"left": (1e-6, 0)})]}, "Wave.held"),
         ({"held": {"z": "top"}}, "held"),
         ({"loss": -0.1}, "loss"),
-        ({"rho": 0.0}, "rho"),
-        ({"points": [[1.0, 1.0]]}, "points"),
+        ({"density": 0.0}, "density"),
+        ({"body": relaxing()}, "body"),
     ],
 )
 def test_what_makes_no_sense(changes, named):
     mesh = square(1, size=SIDE)
     body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e4)}, {"bottom": 0, "top": (0, -0.01)}, element="P2/P1")
-    given = {"waves": waves(), "points": POINTS[:, :2], "parameters": {}} | changes
+    given = {"body": body, "waves": waves()} | changes
     with pytest.raises(InputError, match=f"^{named} is"):
-        PrestressedModel(body, **given)
+        Harmonic.about(**given)
 
 
-def test_a_resonance_without_loss_is_said():
-    """Nothing to divide by."""
-    of = model(neo_hooke)
-    there = of.at(of.theta)
+def test_a_pressure_that_follows_is_refused_by_a_gpu():
+    of = model(neo_hooke, load=Pressure, held="top").body
+    with pytest.raises(InputError, match="follows"):
+        Harmonic.about(of.state.body, of.waves, device=Device("cuda", CPU.make))
+
+
+@pytest.mark.parametrize("load", [Traction, Pressure])
+def test_a_resonance_without_loss_is_said(load):
+    """A body that nothing holds, pushed evenly."""
+    of = model(neo_hooke, load=load).body
     with pytest.raises(SolverError, match="resonance"):
-        Factor(of.work.pattern, 0 * of.work.matrices()(1.0), ~of.held, True, of.solves).solve(there.waves[0], "forward")
+        Harmonic.about(of.state.body, [Wave(0.0, traction={"top": (1.0, 0)})], held={}).solve()
+
+
+@pytest.mark.parametrize("form", ["P2", "P2/P1"])
+def test_a_small_traction_at_rest_is_a_little_more_load(form):
+    """At 0 Hz waves are how the equilibrium changes with a dead load."""
+    mesh, more = square(2, size=SIDE), ngs.Parameter(0.0)
+    loads = [Traction("right", (150.0 + more, 80.0))]
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 4e3)}, {"bottom": 0}, loads, element=form)
+    equilibria = []
+    for push in (-1.0, 1.0, 0.0):
+        more.Set(push)
+        body.changed()
+        LoadPath(body).solve(newton=tight(body))
+        equilibria.append(body.x)
+    found = Harmonic.about(body, [Wave(0.0, traction={"right": (2.0, 0.0)})]).solve()[0].vec.FV().NumPy()
+    wanted = equilibria[1] - equilibria[0]
+    n = len(body.held)
+    assert np.abs(found[:n] - wanted[:n]).max() < 1e-5 * np.abs(wanted[:n]).max()
+    rest = Harmonic(
+        mesh, Shearing(1e3), [Wave(0.0, traction={"right": (2.0, 0.0)})], bulk=4e3, form=form, held="bottom"
+    )
+    assert np.abs(rest.solve()[0].vec.FV().NumPy()[:n] - wanted[:n]).max() > 0.05 * np.abs(wanted[:n]).max()
 
 
 def pressed_by_a_plate(depth=1e-3, share=0.9, element="P2/P1"):
@@ -295,16 +331,14 @@ def test_waves_in_a_body_in_contact_have_their_rates(rng):
     """The contact is frozen: it resists what presses on the plate, as its tangent says."""
     body, parameters = pressed_by_a_plate()
     still = [Wave(30.0, {"bottom": (1e-6, 2e-7j)})]
-    of = PrestressedModel(body, still, POINTS[:, :2], parameters, loss=0.2, rho=1e3, newton=tight(body))
+    of = WaveModel(Harmonic.about(body, still, loss=0.2), parameters, POINTS[:, :2], tight(body))
     verify(of, rng)
 
 
 def test_at_rest_they_are_how_its_equilibrium_changes():
     body, parameters = pressed_by_a_plate()
     move = 1e-7
-    of = PrestressedModel(
-        body, [Wave(1e-3, {"bottom": (move, 0)})], POINTS[:, :2], parameters, loss=1e-9, rho=1e3, newton=tight(body)
-    )
+    of = WaveModel(Harmonic.about(body, [Wave(1e-3, {"bottom": (move, 0)})]), parameters, POINTS[:, :2], tight(body))
     found = of.at(of.theta).data.real[0]
     states = []
     for share in (0.0, 1e3):  # by as much more
@@ -318,8 +352,6 @@ def test_at_rest_they_are_how_its_equilibrium_changes():
     wanted = (states[1] - states[0]) / 1e3
     assert found == pytest.approx(wanted, abs=0.02 * np.abs(wanted).max())
     free, _ = pressed_by_a_plate(depth=-1e-3)  # a plate that does not touch lets all of it go along
-    gone = PrestressedModel(
-        free, [Wave(1e-3, {"bottom": (move, 0)})], POINTS[:, :2], {"mu": parameters["mu"]}, loss=1e-9, rho=1e3
-    )
+    gone = WaveModel(Harmonic.about(free, [Wave(1e-3, {"bottom": (move, 0)})]), {"mu": parameters["mu"]}, POINTS[:, :2])
     assert gone.at(gone.theta).data.real[0][:, 0] == pytest.approx(move, rel=1e-6)
     assert np.abs(found[:, 0] - move).max() > 0.1 * move

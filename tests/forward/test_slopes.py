@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from waves import square
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.slopes import alike
 from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.materials import Shearing

@@ -8,7 +8,8 @@ from waves import square
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.kinematics import AntiPlane
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.direct import uniform_modulus
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.uncertainty import uncertainty

@@ -5,7 +5,8 @@ import pytest
 from planewaves import RHO, grid, shear_waves
 from waves import square
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.inverse.discretise import in_elements
 from ngbrain.inverse.invert import invert
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from waves import displacement, error, number, strip
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.materials import Shearing
 
 LENGTH, HERTZ, RHO = 0.1, 50.0, 1000.0

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from waves import displacement, strip
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.materials import Shearing
 
 LENGTH, MODULUS, RHO = 0.05, 2000.0, 1000.0

@@ -10,7 +10,8 @@ from waves import cube, displacement, error, number, plane_wave, square
 
 from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.problem import Absorbing, Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Absorbing, Wave
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.materials import NeoHooke, Shearing, TransverselyIsotropic

@@ -13,7 +13,8 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 
-from ngbrain.forward.harmonic.problem import Harmonic, Wave
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, WaveModel
 from ngbrain.materials import Shearing, TransverselyIsotropic
 from ngbrain.mesh.grid import rectangles

@@ -8,8 +8,9 @@ import pytest
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.problem import Wave
-from ngbrain.forward.sensitivity.harmonic.prestressed import PrestressedModel
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.harmonic.wave import Wave
+from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 from ngbrain.forward.sensitivity.static_model import Held
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import MooneyRivlin, NeoHooke, Ogden
@@ -29,18 +30,18 @@ LAWS = {
 """Laws, and ρc² (Pa) of waves along the axis at a stretch s of it."""
 
 
-def stretched(law, stretch):
+def stretched(law, stretch, loss=ETA, frequency=FREQUENCY):
     """A bar between rollers, without change of volume, driven across at one end and held at the other."""
     bar = MakeStructured3DMesh(nx=6, ny=1, nz=1, hexes=True, mapping=lambda x, y, z: (LENGTH * x, WIDTH * y, WIDTH * z))
     mu = ngs.Parameter(MU)
     ends = {"back": (0, None, None), "front": ((stretch - 1) * LENGTH, None, None)}
     rollers = ends | {"left": (None, 0, None), "bottom": (None, None, 0)}
     body = Problem(bar, {".*": Material(law(mu), inf)}, rollers, element="Q4/Q3")
-    across = [Wave(FREQUENCY, {"back": (0, 1e-6, 0)})]
+    across = [Wave(frequency, {"back": (0, 1e-6, 0)})]
     points = np.array([(x, 0.4 * WIDTH, 0.7 * WIDTH) for x in PLACES])
     held = {"x": ".*", "y": "back|front", "z": ".*"}
     parameters = {"mu": mu, "front": Held(body, "front")}
-    return PrestressedModel(body, across, points, parameters, loss=ETA, rho=RHO, held=held)
+    return WaveModel(Harmonic.about(body, across, loss=loss, density=RHO, held=held), parameters, points)
 
 
 def standing(modulus, stretch):
@@ -58,6 +59,15 @@ def test_waves_along_the_axis(law, stretch):
     wanted = standing(modulus(stretch), stretch)
     assert np.abs(found[:, 1] - wanted).max() < 1e-3 * np.abs(wanted).max()
     assert np.abs(found[:, [0, 2]]).max() < 1e-6 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize(("law", "stretch"), [(law, s) for law in LAWS for s in (0.8, 1.2)])
+def test_resonances_of_a_stretched_bar(law, stretch):
+    """The first, without loss: ω = π/(λL) √(ρc²/ρ)."""
+    made, modulus = LAWS[law]
+    first = np.pi / (stretch * LENGTH) * np.sqrt(modulus(stretch) / RHO)
+    model = stretched(made, stretch, loss=0.0, frequency=0.9 * first / (2 * np.pi))
+    assert model.at(model.theta).factors.detuning(0) == pytest.approx(1 / 0.9 - 1, abs=2e-4)
 
 
 @pytest.mark.parametrize("stretch", [0.8, 1.2])

@@ -1,4 +1,7 @@
-"""Matrices of a harmonic body, one for each frequency, and their factors: complex-symmetric, so that one serves adjoints too."""
+"""Matrices of a harmonic body, one for each frequency, and their factors: one serves adjoints too.
+
+Matrices are complex-symmetric, but about a body under a pressure that follows it.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,12 @@ from typing import TYPE_CHECKING
 import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
-from ngsolve import CoefficientFunction
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.solvers.condensed import rows, sparse
-from ngbrain.solvers.device import PIVOTED, Device, Factor
+from ngbrain.solvers.device import PIVOTED, Device, Factor, OnProcessor
 
 if TYPE_CHECKING:
     from ngbrain.forward.harmonic.problem import Harmonic
@@ -27,57 +29,65 @@ pressures, where round-off grows with K/μ (4e-8 at 10⁸)."""
 
 
 class Factorised:
-    """A body's matrices at its present moduli, one for each frequency: complex-symmetric, all unknowns; factors on demand.
+    """A body's matrices at its present moduli, one for each frequency: all unknowns; factors on demand.
 
     solves  where they and their back-substitutions are counted
     """
 
     def __init__(self, body: Harmonic, solves: Solves | None = None) -> None:
         self.body, self.solves = body, Solves() if solves is None else solves
-        trial, test = body.fes.TnT()
-        self._forms: dict[float, ngs.BilinearForm] = {}
+        matrices = body.matrices()
+        self._matrices = {omega: matrices(omega) for omega in {wave.omega for wave in body.waves}}
         self._factors: dict[float, Factor] = {}
         self.refactored: set[float] = set()
         """Angular frequencies (rad/s) whose first factor was of no use."""
         self.improved: set[float] = set()
         """Those at which every solution is improved once."""
-        for omega in {wave.omega for wave in body.waves}:
-            form = ngs.BilinearForm(body.fes)
-            form += body.terms(omega, trial, test, _same)
-            form.Assemble()
-            self._forms[omega] = form
-        self._in, self._out = form.mat.CreateColVector(), form.mat.CreateColVector()
+        any_of_them = next(iter(self._matrices.values()))
+        self._in, self._out = any_of_them.CreateColVector(), any_of_them.CreateColVector()
 
-    def apply(self, number: int, x: Array) -> Array:
-        """A x of the wave's matrix."""
+    def apply(self, number: int, x: Array, transposed: bool = False) -> Array:
+        """A x, or Aᵀ x, of the wave's matrix."""
+        if transposed and not self.body.symmetric:
+            return np.asarray(self.matrix(number).T @ x)
         self._in.FV().NumPy()[:] = x
-        self._out.data = self._forms[self.body.waves[number].omega].mat * self._in
+        self._out.data = self._of(number) * self._in
         return self._out.FV().NumPy().copy()
 
     def reactions(self, number: int, x: Array, where: Array) -> Array:
-        """A x at some unknowns (indices): of a few, in a fraction of the time of `apply`."""
-        return np.asarray(rows(self._forms[self.body.waves[number].omega].mat, where) @ x)
+        """Aᵀ x at some unknowns (indices): of a few, in a fraction of the time of `apply`."""
+        if not self.body.symmetric:
+            return self.apply(number, x, transposed=True)[where]
+        return np.asarray(rows(self._of(number), where) @ x)
 
     def matrix(self, number: int) -> sp.csr_array:
         """A of the wave."""
-        return sparse(self._forms[self.body.waves[number].omega].mat)
+        return sparse(self._of(number))
 
-    def solve(self, number: int, b: Array, purpose: str = "forward") -> Array:
-        """x with (A x - b) = 0 in the free unknowns and x = 0 in the held ones; `purpose` as `Solves` has them."""
-        x = self._back(number, b, purpose)
+    def solve(self, number: int, b: Array, purpose: str = "forward", transposed: bool = False) -> Array:
+        """x with A x = b, or Aᵀ x = b, in the free unknowns and x = 0 in the held ones; `purpose` as `Solves` has them."""
+        x = self._back(number, b, purpose, transposed)
         if self.body.waves[number].omega in self.improved:
-            x += self._back(number, b - self.apply(number, x), "refinements")
+            x += self._back(number, b - self.apply(number, x, transposed), "refinements", transposed)
         return x
 
-    def _back(self, number: int, b: Array, purpose: str) -> Array:
+    def _of(self, number: int) -> ngs.BaseMatrix:
+        return self._matrices[self.body.waves[number].omega]
+
+    def _back(self, number: int, b: Array, purpose: str, transposed: bool = False) -> Array:
         omega = self.body.waves[number].omega
         if omega not in self._factors:
             self._factors[omega] = self._factor(omega, self.body.device)
         self.solves.count(purpose)
-        return self._factors[omega].solve(b)
+        factor = self._factors[omega]
+        if transposed and not self.body.symmetric:
+            assert isinstance(factor, OnProcessor)
+            return factor.transposed(b)
+        return factor.solve(b)
 
     def _factor(self, omega: float, device: Device) -> Factor:
-        factor = device.factor(self._forms[omega].mat, self.body.free, "the harmonic matrix")
+        what = f"the matrix of {omega / (2 * np.pi):g} Hz, as at a resonance without loss,"
+        factor = device.factor(self._matrices[omega], self.body.free, what)
         self.solves.factorisations += 1
         return factor
 
@@ -134,7 +144,3 @@ class Factorised:
         start = np.where(body.held, 0, np.random.default_rng(0).normal(size=body.fes.ndof)).astype(complex)
         values = eigs(operator, k=1, v0=start, return_eigenvectors=False, tol=1e-8)
         return float(abs(np.sqrt(1 + 1 / (values[0] * omega**2)) - 1))
-
-
-def _same(work: CoefficientFunction) -> CoefficientFunction:
-    return work

@@ -7,14 +7,14 @@ For every wave find u with u = g where it is held and, for all v that are zero t
 W is a quadratic energy with complex moduli, written without conjugates: the matrix is complex-symmetric, so its factor serves
 the adjoint too. With motion through the plane (`AntiPlane`) u is one number and ∂W/∂ε:ε(v) = G ∇u·∇v. Nearly incompressible
 bodies take the pressure p as one more unknown, W = W_shape(ε) + p tr ε - p²/2K. ω = 0 is the quasi-static case.
+
+About the equilibrium of a deformed body (`Harmonic.about`) the matrix is the tangent of all that acts on it, see `about_state`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import ngsolve as ngs
 import numpy as np
@@ -28,54 +28,23 @@ from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain, Solid, kin
 from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
+from ngbrain.forward.harmonic.integrands import Change, Terms, derivative, dot, gradient, same, vanishes
+from ngbrain.forward.harmonic.wave import Absorbing, Wave, vector
 from ngbrain.materials.base import Value, positive
 from ngbrain.materials.linear import OfSmallStrain
 from ngbrain.solvers.device import CPU, Device
 
+if TYPE_CHECKING:
+    from ngbrain.forward.harmonic.about_state import AboutState
+    from ngbrain.forward.solid.problem import Problem
+
 Array = np.ndarray
-Vector: TypeAlias = Sequence[Value] | CoefficientFunction
 LawOfFrequency: TypeAlias = OfSmallStrain | Callable[[float], OfSmallStrain]
 """A law of ε with complex moduli, or a function that gives it for ω (rad/s)."""
 
 
-@dataclass(frozen=True)
-class Wave:
-    """What drives the body at one frequency (Hz, 0 for quasi-static).
-
-    held      boundary pattern → displacement amplitude (m, complex), for boundaries among those that the body is held at
-    traction  boundary pattern → force per area (Pa, complex)
-    force     per volume (N/m³, complex)
-    """
-
-    frequency: float
-    held: Mapping[str, Vector] = field(default_factory=dict)
-    traction: Mapping[str, Vector] = field(default_factory=dict)
-    force: Vector | None = None
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.frequency, (int, float)) and 0 <= self.frequency < math.inf):
-            raise InputError("Wave.frequency", self.frequency, "a frequency in Hz of at least 0")
-
-    @property
-    def omega(self) -> float:
-        """Angular frequency (rad/s)."""
-        return 2 * math.pi * self.frequency
-
-
-@dataclass(frozen=True)
-class Absorbing:
-    """A boundary that lets plane waves out: z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
-
-    Exact for waves that meet it squarely. Source: Lysmer and Kuhlemeyer 1969, 10.1061/JMCEA3.0001144.
-    """
-
-    boundary: str
-    shear: Value
-    bulk: Value = 0.0
-
-
 class Harmonic:
-    """A body in which waves are looked for.
+    """A body in which waves are looked for: at rest, or with `Harmonic.about` about the equilibrium of a deformed one.
 
     mesh       2-D (plane strain, or `kinematics` of `Axisymmetric()` or `AntiPlane()`) or 3-D
     law        of the strain, complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`,
@@ -104,6 +73,13 @@ class Harmonic:
     (0.001+0j)
     """
 
+    law: LawOfFrequency
+    state: AboutState | None = None
+    """The deformed body whose equilibrium waves are about; None at rest."""
+    bulk: Value | None = None
+    absorbing: tuple[Absorbing, ...] = ()
+    translation = False
+
     def __init__(
         self,
         mesh: ngs.Mesh,
@@ -124,38 +100,113 @@ class Harmonic:
             "bulk": bulk, "density": density, "form": form, "held": held, "absorbing": absorbing, "kinematics": kinematics,
             "quadrature": quadrature, "device": device, "translation": translation,
         }  # fmt: skip
-        self.mesh, self.law, self.bulk, self.density = mesh, law, bulk, density
-        self.waves, self.absorbing = tuple(waves), tuple(absorbing)
-        self.form, self.kinematics = ElementPair.named(form), kinematics_of(mesh, kinematics)
-        self.axes = "z" if isinstance(self.kinematics, AntiPlane) else "xyz"[: mesh.dim]
-        """The components of the displacement."""
-        axes = self._check(held)
-        dirichlet = {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
+        self.law, self.bulk, self.absorbing, self.translation = law, bulk, tuple(absorbing), translation
+        self._stand(mesh, waves, density, ElementPair.named(form), kinematics_of(mesh, kinematics))
+        self._check_medium()
+        axes = self._check_waves(held)
         if self.axes == "z":
             self.displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
         else:
-            self.displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **dirichlet)
-        self.translation, self.fes = translation, self.displacement
-        if translation and self.axes != "z":
-            raise InputError("translation", True, "False but with motion through the plane")
+            self.displacement = ngs.VectorH1(mesh, order=self.form.order, complex=True, **_dirichlet(axes))
+        self.fes = self.displacement
         if translation:
             self.fes = self.displacement * ngs.NumberSpace(mesh, complex=True)
         elif self.form.pressure is not None:
             pressures = ngs.H1 if self.form.continuous else ngs.L2
             self.fes = self.displacement * pressures(mesh, order=self.form.pressure, complex=True)
+        self._discretise(device, quadrature)
+        for omega in {wave.omega for wave in self.waves}:
+            self.works(omega, *self.fes.TnT())  # what cannot be differentiated is said now
+
+    @classmethod
+    def about(
+        cls,
+        body: Problem,
+        waves: Sequence[Wave],
+        *,
+        loss: Value = 0.0,
+        density: Value = 1000.0,
+        held: str | Mapping[str, str] | None = None,
+        device: Device = CPU,
+    ) -> Harmonic:
+        """Small waves about the equilibrium that a body has when they are solved for (acoustoelasticity).
+
+        Coordinates, points, densities and tractions are those of rest; contact is frozen as it is. A loss that depends on
+        frequency takes a body for each.
+
+        Parameters
+        ----------
+        body : Problem
+            Elastic, under its supports, loads and contacts without friction; `LoadPath` brings it to equilibrium.
+        waves : sequence of Wave
+            Loads; dead ones, as those of the body that follow it are part of its tangent.
+        loss : float or CoefficientFunction
+            η, by which the shear moduli are (1 + iη) times those of the body's laws.
+        density : float or CoefficientFunction
+            ρ (kg/m³).
+        held : str or dict, optional
+            Boundaries that waves hold, as above; by default where the body is held.
+        device : Device
+            Where matrices are factorised; with a pressure that follows they are not symmetric, which the processor alone takes.
+
+        Raises
+        ------
+        InputError
+            For a body that relaxes, has friction or walls that close on each other.
+
+        References
+        ----------
+        Ogden 2007, 10.1007/978-3-211-73572-5_1.
+
+        Examples
+        --------
+        >>> from ngbrain.forward import LoadPath, Material, Problem, Wave
+        >>> from ngbrain.materials import NeoHooke
+        >>> from ngbrain.mesh.grid import rectangles
+        >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))
+        >>> body = Problem(mesh, {".*": Material(NeoHooke(2e3), 1e5)}, {"bottom": 0, "top": (0, -0.02)}, element="Q2/Q1")
+        >>> record = LoadPath(body).solve()
+        >>> u, = Harmonic.about(body, [Wave(30.0, {"top": (1e-3, 0)})], loss=0.2).solve()
+        >>> u.components[0](mesh(0.05, 0.1))[0]
+        (0.001+0j)
+        """
+        from ngbrain.forward.harmonic.about_state import AboutState  # a body at rest needs no solid
+
+        made = cls.__new__(cls)
+        made.state = AboutState(body, loss, density)
+        made._stand(body.mesh, waves, made.state.density, body.element, body.kinematics)
+        axes = made._check_waves(made.state.supports() if held is None else held)
+        made.displacement = ngs.VectorH1(body.mesh, order=body.element.order, complex=True, **_dirichlet(axes))
+        made.fes = made.state.space(made.displacement)
+        made._discretise(device if body.symmetric else made.state.pivoted(device), None)
+        return made
+
+    def _stand(
+        self, mesh: ngs.Mesh, waves: Sequence[Wave], density: Value, form: ElementPair, kinematics: Solid
+    ) -> None:
+        self.mesh, self.waves, self.density = mesh, tuple(waves), density
+        self.form, self.kinematics = form, kinematics
+        self.axes = "z" if isinstance(kinematics, AntiPlane) else "xyz"[: mesh.dim]
+        """The components of the displacement."""
+
+    def _discretise(self, device: Device, quadrature: int | None) -> None:
+        """What is held, rules of quadrature, and what waves prescribe."""
         self.device, self.device_note = device.for_unknowns(self.fes.ndof)
         self.held = ~np.fromiter(self.fes.FreeDofs(), bool, self.fes.ndof)
-        self.held[self.displacement.ndof :] |= translation
+        self.held[self.displacement.ndof :] |= self.translation
         self.free = ngs.BitArray((~self.held).tolist())
         degree = self.form.order + 1 if quadrature is None else quadrature
-        self.rules = IntegrationRuleSpace(mesh, order=degree).GetIntegrationRules()
+        self.rules = IntegrationRuleSpace(self.mesh, order=degree).GetIntegrationRules()
         self.boundary_rules = {
             shape: ngs.IntegrationRule(shape, 2 * degree) for shape in (ngs.SEGM, ngs.TRIG, ngs.QUAD)
         }
-        for omega in {wave.omega for wave in self.waves}:
-            self.works(omega, *self.fes.TnT())  # what cannot be differentiated is said now
         self.prescribed = [self._prescribed(wave) for wave in self.waves]
         """Displacement amplitudes of the held unknowns (m), one array for each wave; zero elsewhere."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the matrices are: all but those about a body under a pressure that follows it."""
+        return self.state is None or self.state.body.symmetric
 
     @property
     def mixed(self) -> bool:
@@ -168,9 +219,9 @@ class Harmonic:
         """Displacement, pressure (if there is one) and displacement gradient of a trial, test or grid function."""
         known = isinstance(whole, ngs.GridFunction)
         u, p = whole, None
-        if self.mixed or self.translation:
-            u, p = whole.components if known else whole
-        return u, p if self.mixed else None, _gradient(u) if known else ngs.Grad(u)
+        if self.fes is not self.displacement:
+            u, p, *_ = whole.components if known else whole
+        return u, p if self.mixed else None, gradient(u) if known else ngs.Grad(u)
 
     def strain(self, u: CoefficientFunction, grad: CoefficientFunction) -> CoefficientFunction:
         """ε(u): 2×2 in plane strain, else 3×3."""
@@ -204,7 +255,7 @@ class Harmonic:
 
     def inertia(self, u: CoefficientFunction, v: CoefficientFunction) -> CoefficientFunction:
         """ρ u·v of two displacements."""
-        return self.density * _dot(u, v)
+        return self.density * dot(u, v)
 
     def terms(
         self, omega: float, trial: CoefficientFunction, test: CoefficientFunction, change: Change
@@ -215,28 +266,41 @@ class Harmonic:
         u, v = self.split(trial)[0], self.split(test)[0]
         for wall in self.absorbing if omega else ():
             normal = ngs.specialcf.normal(self.mesh.dim)
-            u_n, v_n = (ngs.CF(0.0),) * 2 if self.axes == "z" else (_dot(u, normal), _dot(v, normal))
+            u_n, v_n = (ngs.CF(0.0),) * 2 if self.axes == "z" else (dot(u, normal), dot(v, normal))
             squeezed = ngs.sqrt(self.density * (wall.bulk + 4 / 3 * wall.shear) * ngs.CF(1))
             sheared = ngs.sqrt(self.density * wall.shear * ngs.CF(1))
-            work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (_dot(u, v) - u_n * v_n))
+            work = 1j * omega * self.kinematics.weight() * (squeezed * u_n * v_n + sheared * (dot(u, v) - u_n * v_n))
             if not vanishes(work := change(work)):
                 integrals.append(work * ngs.ds(wall.boundary, intrules=self.boundary_rules))
         return sum(integrals[1:], integrals[0]) if integrals else None
 
+    def matrices(self) -> Callable[[float], ngs.BaseMatrix]:
+        """From ω (rad/s) to the matrix, all unknowns, of the moduli as they now are."""
+        if self.state is not None:
+            return self.state.matrices(self.fes)
+        trial, test = self.fes.TnT()
+
+        def assembled(omega: float) -> ngs.BaseMatrix:
+            form = ngs.BilinearForm(self.fes)
+            form += self.terms(omega, trial, test, same)
+            return form.Assemble().mat
+
+        return assembled
+
     def factorised(self, solves: Solves | None = None) -> Factorised:
-        """Matrices of the moduli as they now are, and their factors, counted in `solves`."""
+        """Matrices of the moduli (and of the equilibrium) as they now are, and their factors, counted in `solves`."""
         return Factorised(self, solves)
 
     def solve(self, executor: parallel.AnyExecutor = None) -> list[ngs.GridFunction]:
         """Amplitudes (m, complex), one for each wave; with a pressure its first component is the displacement.
 
         executor  who solves for the waves of each frequency, on one thread (`parallel.run`), a body made anew of the same mesh and
-                  moduli; by default this process. The answer does not depend on it
+                  moduli; by default this process, as always about a deformed body. The answer does not depend on it
 
         Raises `SolverError` when a matrix has no usable factor, as at a resonance without loss.
         """
         of = {wave.frequency: [w for w in self.waves if w.frequency == wave.frequency] for wave in self.waves}
-        if executor in (None, 1) or len(of) < 2:
+        if executor in (None, 1) or len(of) < 2 or self.state is not None:
             amplitudes = _amplitudes(self)
         else:
             tasks = [
@@ -258,15 +322,15 @@ class Harmonic:
             return np.zeros(self.fes.ndof, complex)
         load = ngs.LinearForm(self.fes)
         if wave.force is not None:
-            load += self.kinematics.weight() * _dot(_vector(wave.force), test) * ngs.dx(intrules=self.rules)
+            load += self.kinematics.weight() * dot(vector(wave.force), test) * ngs.dx(intrules=self.rules)
         for boundary, traction in wave.traction.items():
-            work = self.kinematics.weight() * _dot(_vector(traction), test)
+            work = self.kinematics.weight() * dot(vector(traction), test)
             load += work * ngs.ds(boundary, intrules=self.boundary_rules)
         load.Assemble()
         return load.vec.FV().NumPy().copy()
 
-    def _check(self, held: str | Mapping[str, str]) -> dict[str, str]:
-        """Patterns by axis, when all that was given makes sense."""
+    def _check_waves(self, held: str | Mapping[str, str]) -> dict[str, str]:
+        """Patterns by axis, when what is held and what drives make sense."""
         if not self.waves:
             raise InputError("waves", "none", "one Wave or more")
         names = self.axes
@@ -281,6 +345,14 @@ class Harmonic:
                     raise InputError("Wave.held", repr(pattern), f"boundaries among those held: {held!r}")
             for pattern in wave.traction:
                 boundaries(self.mesh, pattern)
+            for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
+                if (size := vector(value).dim) != len(names):
+                    raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
+        return axes
+
+    def _check_medium(self) -> None:
+        if self.translation and self.axes != "z":
+            raise InputError("translation", True, "False but with motion through the plane")
         for wall in self.absorbing:
             boundaries(self.mesh, wall.boundary)
         if self.form.pressure is not None and self.bulk is None:
@@ -292,25 +364,27 @@ class Harmonic:
             raise InputError(
                 "law", type(self.law).__name__, "a law of small strain such as Shearing, or a function of ω"
             )
-        for wave in self.waves:
-            for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
-                if (size := _vector(value).dim) != len(names):
-                    raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
-        if names == "z" and (self.form.pressure is not None or self.bulk is not None):
+        if self.axes == "z" and (self.form.pressure is not None or self.bulk is not None):
             wanted = "neither with motion through the plane, which changes no volume"
             raise InputError("bulk", f"{self.bulk}, form {self.form}", wanted)
         self.form.check(self.mesh)
-        return axes
 
     def _prescribed(self, wave: Wave) -> Array:
         values = np.zeros(self.fes.ndof, complex)
         gfu = ngs.GridFunction(self.displacement)
         for pattern, value in wave.held.items():
             region = self.mesh.Boundaries(pattern)
-            gfu.Set(_vector(value), definedon=region, dual=True)  # it forgets what was set on other boundaries
+            gfu.Set(vector(value), definedon=region, dual=True)  # it forgets what was set on other boundaries
             there = np.flatnonzero(np.fromiter(gfu.space.GetDofs(region), bool))
             values[there] = gfu.vec.FV().NumPy()[there]
-        return np.where(self.held, values, 0)
+            if np.any(values[there][~self.held[there]]):
+                wanted = "0 along what `held` leaves free there"
+                raise InputError("Wave.held", f"{pattern!r} with a displacement that nothing holds", wanted)
+        return values
+
+
+def _dirichlet(axes: Mapping[str, str]) -> dict[str, str]:
+    return {f"dirichlet{axis}": pattern for axis, pattern in axes.items()}
 
 
 def _amplitudes(body: Harmonic) -> list[Array]:
@@ -323,54 +397,3 @@ def _solved(
     mesh: ngs.Mesh, law: LawOfFrequency, waves: Sequence[Wave], how: Mapping[str, Any], *, tell: parallel.Tell
 ) -> list[Array]:
     return _amplitudes(Harmonic(mesh, law, waves, **how))
-
-
-Terms: TypeAlias = ngs.comp.SumOfIntegrals
-Change: TypeAlias = Callable[[CoefficientFunction], CoefficientFunction]
-
-
-def derivative(
-    work: CoefficientFunction, variable: CoefficientFunction, direction: CoefficientFunction, name: str
-) -> CoefficientFunction:
-    """`work.Diff(variable, direction)`; `InputError` about `name` where a complex constant is in it, such as ngs.CF(2000 + 800j).
-
-    NGSolve differentiates complex numbers and real constants, but no complex constant of its own.
-    """
-    try:
-        return work.Diff(variable, direction)
-    except Exception as error:  # NGSolve's has no name in Python
-        if "Diff not implemented" not in str(error):
-            raise
-        wanted = "what NGSolve can differentiate: a number such as 2000 + 800j, or parts of their own, CF(2000) + 1j * CF(800)"
-        raise InputError(name, "made of a complex constant, ngs.CF of a complex number", wanted) from error
-
-
-def vanishes(work: CoefficientFunction) -> bool:
-    """Whether differentiation has found that there is nothing."""
-    return str(work).strip() == "ZeroCoefficientFunction"
-
-
-def _dot(a: CoefficientFunction, b: CoefficientFunction) -> CoefficientFunction:
-    """a·b without a conjugate, which InnerProduct would take."""
-    if a.dim == 1:
-        return a * b
-    first, *rest = (a[i] * b[i] for i in range(a.dim))
-    return sum(rest, first)
-
-
-def _gradient(u: ngs.GridFunction) -> CoefficientFunction:
-    """Of known waves, a component in each row: a gradient's form takes half the time that it takes with Grad(u)."""
-    if not u.components:
-        return ngs.grad(u)
-    rows = tuple(ngs.grad(component) for component in u.components)
-    return ngs.CF(rows, dims=(len(rows), len(rows)))
-
-
-def _vector(value: Vector) -> CoefficientFunction:
-    if isinstance(value, CoefficientFunction):
-        return value
-    if any(part is None for part in value):  # NGSolve's constructor would end the process
-        raise InputError(
-            "Wave", repr(tuple(value)), "numbers; components that slide are left out of `held`, {'y': 'top'}"
-        )
-    return ngs.CF(tuple(value))

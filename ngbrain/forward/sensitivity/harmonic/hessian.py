@@ -1,4 +1,4 @@
-"""How a wave model's matrix changes along a direction of its fields, and how its slopes do: what second derivatives are made of.
+"""How a body's matrix changes along a direction of its fields, and how its slopes do: what second derivatives are made of.
 
 With A' = Σ_j δθ_j ∂A/∂θ_j, the Hessian of Re Σ w̄ · d along δθ is, for waves u and adjoints λ with A λ = Bᵀ w̄,
 
@@ -8,28 +8,25 @@ With A' = Σ_j δθ_j ∂A/∂θ_j, the Hessian of Re Σ w̄ · d along δθ is,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.harmonic.problem import Change, vanishes
+from ngbrain.forward.harmonic.integrands import Change, vanishes
+from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, along
-
-if TYPE_CHECKING:
-    from ngbrain.forward.sensitivity.harmonic.wave_model import WaveModel
 
 Array = np.ndarray
 
 
 class Turned:
-    """A' of a model, and the slopes of A', along the direction that was last given to `aim`. Forms are made once."""
+    """A' of a body, and the slopes of A', along the direction that was last given to `aim`. Forms are made once."""
 
-    def __init__(self, model: WaveModel) -> None:
-        self._model, body = model, model.body
-        self._directions = {name: ngs.GridFunction(field.space) for name, field in model.fields.items()}
-        self._turn = _turning(model.fields, self._directions)
+    def __init__(self, body: Harmonic, fields: Mapping[str, ngs.GridFunction]) -> None:
+        self._body, self._fields = body, fields
+        self._directions = {name: ngs.GridFunction(field.space) for name, field in fields.items()}
+        self._turn = _turning(fields, self._directions)
         self._wave, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
         self._products: dict[float, ngs.LinearForm | None] = {}
         for omega in {wave.omega for wave in body.waves}:
@@ -37,10 +34,10 @@ class Turned:
             self._products[omega] = None if work is None else ngs.LinearForm(work)
         self._slopes: dict[tuple[float, str], Slope] = {}
 
-    def aim(self, direction: Array) -> None:
-        """A change of θ, of which the fields' part counts."""
-        for name, towards in self._directions.items():
-            towards.vec.FV().NumPy()[:] = direction[self._model.blocks[name]]
+    def aim(self, direction: Sequence[Array]) -> None:
+        """A change of each field."""
+        for towards, part in zip(self._directions.values(), direction, strict=True):
+            towards.vec.FV().NumPy()[:] = part
 
     def times(self, omega: float, u: Array) -> Array:
         """A' u (ndof,)."""
@@ -54,7 +51,7 @@ class Turned:
     def slope(self, omega: float, name: str, pairs: Sequence[Pair]) -> Array:
         """Σ vᵀ (∂A/∂θ_i)' u of pairs u, v, for each unknown of a field."""
         if (omega, name) not in self._slopes:
-            self._slopes[omega, name] = Slope(self._model.body, omega, self._model.fields[name], len(pairs), self._turn)
+            self._slopes[omega, name] = Slope(self._body, omega, self._fields[name], len(pairs), self._turn)
         return self._slopes[omega, name](pairs)
 
 

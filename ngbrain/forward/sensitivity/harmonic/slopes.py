@@ -8,7 +8,8 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve import CoefficientFunction
 
-from ngbrain.forward.harmonic.problem import Change, Harmonic, derivative, vanishes
+from ngbrain.forward.harmonic.integrands import Change, complexified, derivative, vanishes
+from ngbrain.forward.harmonic.problem import Harmonic
 
 Array = np.ndarray
 Pair = tuple[Array, Array]
@@ -21,11 +22,6 @@ APART = 0.1
 def along(field: ngs.GridFunction, direction: CoefficientFunction) -> Change:
     """From an integrand to its derivative along a change of a field."""
     return lambda work: derivative(work, field, direction, "density or absorbing")
-
-
-def complexified(space: ngs.FESpace) -> ngs.FESpace:
-    """The space over the complex numbers, where forms with complex waves live."""
-    return type(space)(space.mesh, order=space.globalorder, complex=True)
 
 
 class Slope:
@@ -72,7 +68,7 @@ def alike(body: Harmonic, fields: Mapping[str, ngs.GridFunction], omega: float) 
     So r = i for the loss modulus in G' + iG'', and iω for a viscosity. Tried, not deduced: between random waves, of two sets of
     random values around the fields' own, which stay as they are.
 
-    >>> from ngbrain.forward.harmonic.problem import Wave
+    >>> from ngbrain.forward.harmonic.wave import Wave
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 4), np.linspace(0, 0.1, 4))

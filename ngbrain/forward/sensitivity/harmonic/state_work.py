@@ -1,4 +1,4 @@
-"""Virtual work of waves in a body that is deformed already, by symbols: A v tested, and its derivatives."""
+"""Virtual work of waves about a body's equilibrium, by symbols: A v tested, and its derivatives."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
-from ngbrain.forward.contact.rigid import offsets
+from ngbrain.forward.harmonic.about_state import AboutState, derivative_by_state
 from ngbrain.forward.harmonic.factors import sparse
-from ngbrain.forward.sensitivity.harmonic.slopes import complexified
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes
-from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Seen, Terms, Work, slope, vector
-from ngbrain.materials.base import Deformation, Value, density
+from ngbrain.forward.solid.virtual_work import Motion, Terms, slope, vector
 
 Array = np.ndarray
 Slopes: TypeAlias = tuple[Callable[[], Array], list[Callable[[], Array]]]
@@ -25,43 +22,19 @@ Pair: TypeAlias = Callable[[Motion], tuple[Motion, Motion]]
 """From a part of the wave to what is tested with what: where loads follow the body, it matters which of two is which."""
 
 
-class WaveWork:
+class StateWork:
     """Re(A v) of a wave v = c + i d, tested, as integrals of real fields; Im(A v) is Re(A (-i v)).
 
     With them the derivatives of Re(λᵀ A v), at the body's state, by the state and by θ, and those of its change Re(λᵀ A' v) along
     the ways of both that `aim` was last given.
     """
 
-    def __init__(self, body: Problem, blocks: Iterable[Block], loss: Value, rho: Value) -> None:
-        self._body, self._blocks, self._loss, self._rho = body, list(blocks), loss, rho
-        fes = body.fes
-        self._work, self._squared = Work(body), ngs.Parameter(0.0)
+    def __init__(self, about: AboutState, blocks: Iterable[Block]) -> None:
+        self._about, self._body, self._blocks = about, about.body, list(blocks)
+        fes = about.body.fes
+        self._work, self._squared = about.work, ngs.Parameter(0.0)
         self._c, self._d, self._adjoint, self._change = (ngs.GridFunction(fes) for _ in range(4))
         self._trial, self._test = fes.TnT()
-        layout = body.layout
-        spaces = [complexified(part) for part in ([fes] if layout.single else fes.components[: 1 + layout.pressure])]
-        if layout.offset:
-            spaces.append(offsets(body.mesh, body.contacts, body.element.order, complex=True))
-        if layout.cavities:
-            spaces += [complexified(part) for part in fes.components[layout.count - layout.cavities :]]
-        same = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
-        u, v = (part if len(spaces) == 1 else part[0] for part in same.TnT())
-        pattern = u[0] * v[0] * ngs.dx
-        if layout.offset:
-            pattern += u[0] * v[0] * ngs.ds
-        self.pattern = ngs.BilinearForm(pattern).Assemble().mat
-        """A complex matrix with the entries' places."""
-
-    def matrices(self) -> Callable[[float], Array]:
-        """From ω (rad/s) to the entries of A at the body's state, in the order of `pattern`."""
-        still, moving, lossy = (np.array(form().AsVector().FV().NumPy()) for form in self._forms)
-        return lambda omega: still - omega**2 * moving + 1j * lossy
-
-    @cached_property
-    def _forms(self) -> list[Callable[[], ngs.BaseMatrix]]:
-        state, test, work = self._trial, self._test, self._work
-        parts = (work(state, test), work.of(self._kinetic, state, test), work.of(self._lossy, state, test))
-        return [_matrix(self._body, each) for each in parts]
 
     def sensitivity(self, omega: float, v: Array) -> tuple[sp.csr_array, sp.csr_array]:
         """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size)."""
@@ -128,7 +101,7 @@ class WaveWork:
 
     @cached_property
     def _by_state(self) -> Callable[[], ngs.BaseMatrix]:
-        return _matrix(self._body, self._real(self._trial, _tested(self._test)))
+        return derivative_by_state(self._body, self._real(self._trial, _tested(self._test)))
 
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
@@ -173,40 +146,10 @@ class WaveWork:
     def _real(self, state: Motion, pair: Pair, *along: Motion) -> Terms:
         """Re(A v) tested with a virtual motion, and for each motion more its derivative along it."""
         stored = self._work(state, *pair(self._c), *along)
-        kinetic = self._work.of(self._kinetic, state, *pair(self._c), *along)
-        lossy = self._work.of(self._lossy, state, *pair(self._d), *along)
+        kinetic = self._work.of(self._about.kinetic, state, *pair(self._c), *along)
+        lossy = self._work.of(self._about.lossy, state, *pair(self._d), *along)
         return stored + [term.times(-self._squared) for term in kinetic] + [term.times(-1) for term in lossy]
-
-    def _kinetic(self, at: Seen) -> ngs.comp.SumOfIntegrals:
-        return at.kinematics.weight() * self._rho / 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*")
-
-    def _lossy(self, at: Seen) -> ngs.comp.SumOfIntegrals:
-        body, deformation = self._body, Deformation.of(at.F)
-        first, *rest = (
-            at.kinematics.weight()
-            * self._loss
-            * density(m.elastic, deformation)
-            * ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules)
-            for pattern, m in body.materials.items()
-        )
-        return sum(rest, first)
 
 
 def _tested(virtual: Motion) -> Pair:
     return lambda part: (virtual, part)
-
-
-def _matrix(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
-    """How terms with trial functions as the state, and test functions, change with the state: the matrix at the body's."""
-    form = ngs.BilinearForm(body.fes)
-    for part in parts:
-        form += part.integral
-    if body.layout.offset:  # the same places for all of them, whether they act on walls or not
-        u, v = (body.layout.fields(of).u for of in body.fes.TnT())
-        form += ngs.Parameter(0.0) * u[0] * v[0] * ngs.ds
-
-    def assembled() -> ngs.BaseMatrix:
-        form.AssembleLinearization(body.gfu.vec)
-        return form.mat
-
-    return assembled

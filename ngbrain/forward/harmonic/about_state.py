@@ -1,0 +1,128 @@
+"""The matrix of small waves about the equilibrium of a deformed body.
+
+On an equilibrium u₀ of the energy E, E'(u₀) = 0, moves u₀ + Re(v e^{iωt}) with v = g where it is driven and
+
+    A v = b ,    A = E''(u₀) + iη W_iso''(u₀) - ω² M
+
+so that A is the tangent of all that acts on the body, its stress included (acoustoelasticity), and the loss is a ratio η of
+that of the laws of shape: G* = μ (1 + iη) at rest. All of it from the energies by symbols.
+
+Source: Ogden 2007, 10.1007/978-3-211-73572-5_1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.contact.rigid import offsets
+from ngbrain.forward.harmonic.integrands import complexified
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Seen, Terms, Work
+from ngbrain.materials.base import Deformation, Value, checked, density, positive
+from ngbrain.solvers.device import AUTO, CPU, PIVOTED, Device
+
+Array = np.ndarray
+
+
+class AboutState:
+    """What waves about a body's equilibrium take from it.
+
+    loss     η, a number or a field
+    density  ρ (kg/m³) at rest
+    """
+
+    def __init__(self, body: Problem, loss: Value, density: Value) -> None:
+        if any(material.viscous.branches for material in body.materials.values()):
+            raise InputError("body", "one that relaxes", "an elastic one; `loss` says how waves decay")
+        self.body = body
+        self.loss = checked(loss, "loss", lambda ratio: ratio >= 0, "a number of at least 0")
+        self.density = positive(density, "density")
+        self.work = Work(body)
+
+    def supports(self) -> dict[str, str]:
+        """Where the body is held: a pattern for each axis."""
+        return {name[-1]: pattern for name, pattern in self.body.supports.dirichlet.items()}
+
+    def space(self, displacement: ngs.FESpace) -> ngs.FESpace:
+        """Complex amplitudes of all that the body has, unknown by unknown as in its own space."""
+        body, layout = self.body, self.body.layout
+        if layout.single:
+            return displacement
+        parts = [displacement, *(complexified(part) for part in body.fes.components[1 : 1 + layout.pressure])]
+        if layout.offset:
+            parts.append(offsets(body.mesh, body.contacts, body.element.order, complex=True))
+        if layout.cavities:
+            parts += [complexified(part) for part in body.fes.components[layout.count - layout.cavities :]]
+        return ngs.FESpace(parts)
+
+    def pivoted(self, device: Device) -> Device:
+        """Where a matrix that is not symmetric is factorised."""
+        if device not in (CPU, AUTO):
+            raise InputError(
+                "device", repr(device.name), "'cpu': with a pressure that follows, matrices are not symmetric"
+            )
+        return PIVOTED
+
+    def matrices(self, space: ngs.FESpace) -> Callable[[float], ngs.BaseMatrix]:
+        """From ω (rad/s) to A at the body's state."""
+        still, moving, lossy = (np.array(form().AsVector().FV().NumPy()) if form else 0.0 for form in self._forms)
+        pattern = self._pattern(space)
+
+        def combined(omega: float) -> ngs.BaseMatrix:
+            matrix = pattern.CreateMatrix()
+            matrix.AsVector().FV().NumPy()[:] = still - omega**2 * moving + 1j * lossy
+            return matrix
+
+        return combined
+
+    def _pattern(self, space: ngs.FESpace) -> ngs.BaseMatrix:
+        """A complex matrix with the entries' places."""
+        u, v = (part if self.body.layout.single else part[0] for part in space.TnT())
+        places = u[0] * v[0] * ngs.dx
+        if self.body.layout.offset:
+            places += u[0] * v[0] * ngs.ds
+        return ngs.BilinearForm(places).Assemble().mat
+
+    @cached_property
+    def _forms(self) -> list[Callable[[], ngs.BaseMatrix] | None]:
+        """None for what there is not, as without loss."""
+        (state, test), work = self.body.fes.TnT(), self.work
+        parts = (work(state, test), work.of(self.kinetic, state, test), work.of(self.lossy, state, test))
+        return [derivative_by_state(self.body, each) if each else None for each in parts]
+
+    def kinetic(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+        """ρ/2 u·u."""
+        return at.kinematics.weight() * self.density / 2 * ngs.InnerProduct(at.u, at.u) * at.inside(".*")
+
+    def lossy(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+        """η times the energy of shape."""
+        body, deformation = self.body, Deformation.of(at.F)
+        first, *rest = (
+            at.kinematics.weight()
+            * self.loss
+            * density(m.elastic, deformation)
+            * ngs.dx(definedon=body.mesh.Materials(pattern), intrules=body.tissue.rules)
+            for pattern, m in body.materials.items()
+        )
+        return sum(rest, first)
+
+
+def derivative_by_state(body: Problem, parts: Terms) -> Callable[[], ngs.BaseMatrix]:
+    """How terms with trial functions as the state, and test functions, change with the state: the matrix at the body's."""
+    form = ngs.BilinearForm(body.fes)
+    for part in parts:
+        form += part.integral
+    if body.layout.offset:  # the same places for all of them, whether they act on walls or not
+        u, v = (body.layout.fields(of).u for of in body.fes.TnT())
+        form += ngs.Parameter(0.0) * u[0] * v[0] * ngs.ds
+
+    def assembled() -> ngs.BaseMatrix:
+        form.AssembleLinearization(body.gfu.vec)
+        return form.mat
+
+    return assembled

@@ -1,0 +1,123 @@
+"""How the matrix about a body's equilibrium changes with all that the body is made of, the equilibrium with it.
+
+    (∂A/∂θ δθ) v = A_θ δθ v + A_u δu₀ v ,    K δu₀ = -R_θ δθ ,    K = E''
+
+and transposed one adjoint solve of the equilibrium for all waves together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.forward.harmonic.about_state import AboutState
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.observables.points import Unknowns
+from ngbrain.forward.sensitivity.harmonic.state_work import StateWork
+from ngbrain.forward.sensitivity.parameter_blocks import Parameter
+from ngbrain.forward.sensitivity.static_model import Case, Equilibria, StaticModel
+from ngbrain.solvers.newton import Newton
+
+Array = np.ndarray
+
+
+class AboutEquilibrium:
+    """What a deformed body is made of, in blocks one after the other; `put` brings it to its equilibrium.
+
+    parameters  as in `StaticModel`; loss and density may be made of them too
+    """
+
+    def __init__(self, body: Harmonic, parameters: Mapping[str, Parameter], newton: Newton | None, steps: int) -> None:
+        state = body.state
+        assert isinstance(state, AboutState)
+        self.body = body
+        self.static = StaticModel([Case(state.body, [Unknowns()])], parameters, newton, steps)
+        self.solves = self.static.solves
+        self.sizes = {name: part.size for name, part in self.static.parts.items()}
+        self.work = StateWork(state, self.static.parts.values())
+
+    @property
+    def value(self) -> Array:
+        """θ as the body has it now."""
+        return self.static.theta
+
+    def put(self, values: Array) -> None:
+        """Set them, and find the equilibrium."""
+        self._there = self.static.at(values)
+
+    def sensitivity(self, waves: Array) -> StateSensitivity:
+        """At the equilibrium that was found last; it stays of use when others are."""
+        return StateSensitivity(self, self._there, waves)
+
+
+class StateSensitivity:
+    """See `Sensitivity`."""
+
+    def __init__(self, medium: AboutEquilibrium, there: Equilibria, waves: Array) -> None:
+        self._medium, self._there, self._waves = medium, there, waves
+        self._omegas = [wave.omega for wave in medium.body.waves]
+        self._direction = np.zeros(0)
+
+    def along(self, direction: Array) -> Sequence[Array]:
+        """(∂A/∂θ δθ) v of each wave."""
+        moved = self._there.push(direction)
+        return [by_theta @ direction + by_state @ moved for by_state, by_theta in self._matrices]
+
+    def back(self, adjoints: Sequence[Array]) -> Array:
+        """Σ Re λᵀ (∂A/∂θ) v."""
+        parts = zip(adjoints, self._matrices, strict=True)
+        found = [((by_state.T @ a).real, (by_theta.T @ a).real) for a, (by_state, by_theta) in parts]
+        by_state, by_theta = (np.sum(part, axis=0) for part in zip(*found, strict=True))
+        return by_theta + self._there.pull(by_state)
+
+    def slope(self, adjoints: Sequence[Array]) -> Array:
+        """By linear forms."""
+        by_state, by_theta = self._slopes(adjoints)
+        return by_theta + self._there.gradient(by_state)
+
+    def aim(self, direction: Array) -> None:
+        """Of θ, along which the equilibrium goes too."""
+        self._direction = direction
+        self._medium.work.aim(self._there.along(direction)[0], direction)
+
+    def turned(self, number: int) -> Array:
+        """A' v."""
+        return self._medium.work.turned(self._omegas[number], self._waves[number])
+
+    def turned_back(self, number: int, adjoint: Array) -> Array:
+        """A'ᵀ λ."""
+        return self._medium.work.turned_back(self._omegas[number], adjoint)
+
+    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
+        """That of the matrix, and that of the equilibrium."""
+        work = self._medium.work
+        first, _ = self._slopes(adjoints)
+        by_state, by_theta = np.zeros(len(first)), np.zeros(len(self._direction))
+        parts = zip(self._omegas, self._waves, adjoints, changes, others, strict=True)
+        for omega, wave, adjoint, change, other in parts:
+            for state, theta in (
+                work.slopes(omega, change, adjoint),
+                work.slopes(omega, wave, other),
+                work.turned_slopes(omega, wave, adjoint),
+            ):
+                by_state, by_theta = by_state + state, by_theta + theta
+        return by_theta + self._there.pull(by_state) + self._there.second(first, self._direction)
+
+    def _slopes(self, adjoints: Sequence[Array]) -> tuple[Array, Array]:
+        """Of Σ Re λᵀ A v by the state, and by θ with the state as it is."""
+        self._medium.static.bring(self._there)
+        parts = zip(self._omegas, self._waves, adjoints, strict=True)
+        found = [self._medium.work.slopes(omega, wave, adjoint) for omega, wave, adjoint in parts]
+        by_state, by_theta = (np.sum(part, axis=0) for part in zip(*found, strict=True))
+        return by_state, by_theta
+
+    @cached_property
+    def _matrices(self) -> Sequence[tuple[sp.csr_array, sp.csr_array]]:
+        """∂(A v)/∂u₀ (ndof, ndof) and ∂(A v)/∂θ (ndof, size) of each wave, assembled when first asked for."""
+        self._medium.static.bring(self._there)
+        return [
+            self._medium.work.sensitivity(omega, wave) for omega, wave in zip(self._omegas, self._waves, strict=True)
+        ]

@@ -1,0 +1,198 @@
+"""How the matrix of a body at rest changes with the fields that its energy is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, Protocol
+
+import ngsolve as ngs
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.solve_counts import Solves
+from ngbrain.forward.harmonic.factors import sparse
+from ngbrain.forward.harmonic.integrands import complexified
+from ngbrain.forward.harmonic.problem import Harmonic
+from ngbrain.forward.sensitivity.harmonic.hessian import Turned
+from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, alike, along
+
+Array = np.ndarray
+
+
+class Sensitivity(Protocol):
+    """How a body's matrix A changes with θ, all but what drives its boundary, between its waves u_k and whatever.
+
+    A' is the change along the direction that `aim` was last given.
+    """
+
+    def along(self, direction: Array) -> Sequence[Array]:
+        """(∂A/∂θ δθ) u of each wave (ndof,)."""
+
+    def back(self, adjoints: Sequence[Array]) -> Array:
+        """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `along` uses."""
+
+    def slope(self, adjoints: Sequence[Array]) -> Array:
+        """The same by linear forms: cheaper for a single product."""
+
+    def aim(self, direction: Array) -> None:
+        """Set the direction of A'."""
+
+    def turned(self, number: int) -> Array:
+        """A' u of a wave."""
+
+    def turned_back(self, number: int, adjoint: Array) -> Array:
+        """A'ᵀ λ of a wave."""
+
+    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
+        """The change of `slope` along the direction, with u' and λ'."""
+
+
+class AtRest:
+    """Fields of a body at rest, one after the other.
+
+    fields  name → real GridFunction
+    """
+
+    def __init__(self, body: Harmonic, fields: Mapping[str, Any]) -> None:
+        for name, field in fields.items():
+            if not isinstance(field, ngs.GridFunction):
+                raise InputError(f"parameters.{name}", type(field).__name__, "a GridFunction, of a body at rest")
+            if field.space.is_complex:
+                raise InputError(f"parameters.{name}", "complex", "a real field; storage and loss are one each")
+        self.body, self.solves = body, Solves()
+        self.fields: dict[str, ngs.GridFunction] = dict(fields)
+        self.sizes: dict[str, int] = {name: field.space.ndof for name, field in fields.items()}
+        self._slopes = dict[tuple[float, str], Slope]()
+
+    @property
+    def value(self) -> Array:
+        """Their unknowns."""
+        return np.concatenate([np.zeros(0), *(field.vec.FV().NumPy() for field in self.fields.values())])
+
+    def put(self, values: Array) -> None:
+        """Set them."""
+        for field, part in zip(self.fields.values(), self.parts(values), strict=True):
+            field.vec.FV().NumPy()[:] = part
+
+    def sensitivity(self, waves: Array) -> FieldSensitivity:
+        """At the values that fields have while it is used."""
+        return FieldSensitivity(self, waves)
+
+    def parts(self, values: Array) -> list[Array]:
+        """Values by field."""
+        return np.split(values, np.cumsum(list(self.sizes.values()))[:-1]) if self.sizes else []
+
+    @cached_property
+    def alike(self) -> dict[float, dict[str, tuple[str, complex]]]:
+        """For each angular frequency (rad/s) the fields that one integral serves, see `slopes.alike`."""
+        return {omega: alike(self.body, self.fields, omega) for omega in {wave.omega for wave in self.body.waves}}
+
+    def firsts(self, omega: float) -> list[str]:
+        """Fields that need integrals of their own."""
+        return [name for name, (first, _) in self.alike[omega].items() if name == first]
+
+    def slope(self, omega: float, name: str) -> Slope:
+        """How the matrices change with a field, between as many pairs of waves as there are of this frequency; kept."""
+        if (omega, name) not in self._slopes:
+            number = sum(wave.omega == omega for wave in self.body.waves)
+            self._slopes[omega, name] = Slope(self.body, omega, self.fields[name], number)
+        return self._slopes[omega, name]
+
+    @cached_property
+    def turn(self) -> Turned:
+        """How the matrices change along a direction of the fields, for second derivatives."""
+        return Turned(self.body, self.fields)
+
+
+class FieldSensitivity:
+    """See `Sensitivity`."""
+
+    def __init__(self, medium: AtRest, waves: Array) -> None:
+        self._medium, self._waves = medium, waves
+        self._omegas = [wave.omega for wave in medium.body.waves]
+
+    def along(self, direction: Array) -> Sequence[Array]:
+        """(∂A/∂θ δθ) u of each wave."""
+        return [matrix @ direction for matrix in self.matrices]
+
+    def back(self, adjoints: Sequence[Array]) -> Array:
+        """Σ Re λᵀ (∂A/∂θ) u."""
+        parts = [matrix.T @ adjoint for matrix, adjoint in zip(self.matrices, adjoints, strict=True)]
+        return np.asarray(np.sum(parts, axis=0).real)
+
+    def slope(self, adjoints: Sequence[Array]) -> Array:
+        """One linear form for each frequency and field."""
+        medium, pairs = self._medium, dict[float, list[Pair]]()
+        for omega, wave, adjoint in zip(self._omegas, self._waves, adjoints, strict=True):
+            pairs.setdefault(omega, []).append((wave, adjoint))
+        return self._summed(
+            {
+                omega: {name: medium.slope(omega, name)(both) for name in medium.firsts(omega)}
+                for omega, both in pairs.items()
+            }
+        )
+
+    def aim(self, direction: Array) -> None:
+        """Of all fields."""
+        self._medium.turn.aim(self._medium.parts(direction))
+
+    def turned(self, number: int) -> Array:
+        """A' u."""
+        return self._medium.turn.times(self._omegas[number], self._waves[number])
+
+    def turned_back(self, number: int, adjoint: Array) -> Array:
+        """A' λ: it is symmetric."""
+        return self._medium.turn.times(self._omegas[number], adjoint)
+
+    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
+        """λ'ᵀ (∂A/∂θ) u + λᵀ (∂A/∂θ) u' + λᵀ (∂A/∂θ)' u."""
+        medium = self._medium
+        pairs: dict[float, tuple[list[Pair], list[Pair], list[Pair]]] = {}
+        parts = zip(self._omegas, self._waves, adjoints, changes, others, strict=True)
+        for omega, wave, adjoint, change, other in parts:
+            for into, pair in zip(
+                pairs.setdefault(omega, ([], [], [])), ((wave, other), (change, adjoint), (wave, adjoint)), strict=True
+            ):
+                into.append(pair)
+        return self._summed(
+            {
+                omega: {
+                    name: medium.slope(omega, name)(moved)
+                    + medium.slope(omega, name)(back)
+                    + medium.turn.slope(omega, name, same)
+                    for name in medium.firsts(omega)
+                }
+                for omega, (moved, back, same) in pairs.items()
+            }
+        )
+
+    def _summed(self, slopes: Mapping[float, Mapping[str, Array]]) -> Array:
+        """Over frequencies, of all fields, from those that have integrals of their own."""
+        total = {name: np.zeros(size) for name, size in self._medium.sizes.items()}
+        for omega, found in slopes.items():
+            for name, (first, r) in self._medium.alike[omega].items():
+                total[name] += (r * found[first]).real
+        return np.concatenate([np.zeros(0), *total.values()])
+
+    @cached_property
+    def matrices(self) -> Sequence[sp.csr_array]:
+        """(∂A/∂θ) u of each wave (ndof, size), assembled when first asked for."""
+        return [self._matrix(omega, wave) for omega, wave in zip(self._omegas, self._waves, strict=True)]
+
+    def _matrix(self, omega: float, wave: Array) -> sp.csr_array:
+        medium, body = self._medium, self._medium.body
+        u, test = ngs.GridFunction(body.fes), body.fes.TestFunction()
+        u.vec.FV().NumPy()[:] = wave
+        columns = {}
+        for name in medium.firsts(omega):
+            field = medium.fields[name]
+            space = complexified(field.space)
+            form = ngs.BilinearForm(trialspace=space, testspace=body.fes)
+            work = body.terms(omega, u, test, along(field, space.TrialFunction()))
+            if work is not None:
+                form += work
+            form.Assemble()
+            columns[name] = sparse(form.mat)
+        return sp.csr_array(sp.hstack([r * columns[first] for first, r in medium.alike[omega].values()]))
