@@ -22,10 +22,10 @@ import scipy.sparse.linalg
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.stiffness import definite, elastic, element_means, law_of, shear_stiffness, unit
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY, Linearised, WaveModel
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 Apply = Callable[[Array], Array]
@@ -183,7 +183,7 @@ def _assembled(space: ngs.FESpace, body: Harmonic, integrand: ngs.CoefficientFun
     form = ngs.BilinearForm(space)
     form += integrand * ngs.dx(intrules=body.rules)
     form.Assemble()
-    return sparse(form.mat)
+    return to_scipy(form.mat)
 
 
 def factorised(matrix: sp.csc_array) -> scipy.sparse.linalg.SuperLU:

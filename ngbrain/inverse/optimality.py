@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import ngsolve as ngs
 import numpy as np
 import scipy.sparse as sp
 
@@ -23,6 +22,7 @@ from ngbrain.errors import SolverError
 from ngbrain.forward.sensitivity.harmonic.at_rest import FieldSensitivity
 from ngbrain.forward.sensitivity.harmonic.wave_model import Linearised
 from ngbrain.inverse.curvature import Metric
+from ngbrain.solvers.matrices import to_ngsolve
 
 Array = np.ndarray
 SHIFT = 1e-8
@@ -98,8 +98,7 @@ class Optimality:
         self._matrix = whole
         equations = constraint.shape[0]
         shift = np.concatenate([np.full(whole.shape[0] - equations, SHIFT), np.full(equations, -SHIFT)])
-        entries = sp.coo_array(whole + sp.diags_array(shift))
-        self._shifted = ngs.la.SparseMatrixd.CreateFromCOO(*entries.coords, entries.data, *whole.shape)
+        self._shifted = to_ngsolve(whole + sp.diags_array(shift))
         self._factor = body.device.factor(self._shifted, what="the optimality conditions")
         state.model.solves.factorisations += 1
 

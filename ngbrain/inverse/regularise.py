@@ -18,7 +18,7 @@ from ngsolve.comp import IntegrationRuleSpace
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.harmonic.factors import sparse
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 NEAR = 1e-8
@@ -200,4 +200,4 @@ class _Gradients:
         form = ngs.BilinearForm(self.space)
         form += integrand * self.dx
         form.Assemble()
-        return sparse(form.mat)
+        return to_scipy(form.mat)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import ngsolve as ngs
 import numpy as np
-import scipy.sparse as sp
 
 Array = np.ndarray
 Core = Callable[[Array], Array]
@@ -45,22 +44,6 @@ class Condensed:
         self._x.FV().NumPy()[:] = x
         self._y.data = matrix * self._x
         return self._y.FV().NumPy().copy()
-
-
-def sparse(matrix: ngs.BaseMatrix) -> sp.csr_array:
-    """A copy of NGSolve's matrix for scipy."""
-    values, columns, rows = (np.array(part) for part in matrix.CSR())
-    return sp.csr_array((values, columns, rows), shape=(matrix.height, matrix.width))
-
-
-def rows(matrix: ngs.BaseMatrix, where: Array) -> sp.csr_array:
-    """A copy of some of its rows (indices)."""
-    values, columns, begins = (np.asarray(part) for part in matrix.CSR())
-    begins = begins.astype(np.int64)
-    lengths = np.diff(begins)[where]
-    ends = np.cumsum(lengths)
-    places = np.repeat(begins[where] - ends + lengths, lengths) + np.arange(lengths.sum())
-    return sp.csr_array((values[places], columns[places], np.append(0, ends)), shape=(len(where), matrix.width))
 
 
 def free(form: ngs.BilinearForm) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError, MissingExtra, SolverError, nearest, require
-from ngbrain.solvers.condensed import sparse
+from ngbrain.solvers.matrices import to_ngsolve, to_scipy
 
 Array = np.ndarray
 
@@ -128,7 +128,7 @@ class OnGpu:
         options = make_directsolver_options()  # names cuDSS's library of threads, which orders the unknowns
         n = matrix.height
         self._free = np.ones(n, bool) if free is None else np.fromiter(free, bool, n)
-        inner = sparse(matrix)[self._free][:, self._free]
+        inner = to_scipy(matrix)[self._free][:, self._free]
         if symmetric:
             options.sparse_system_type = cudss.DirectSolverMatrixType.SYMMETRIC
             options.sparse_system_view = cudss.DirectSolverMatrixViewType.LOWER
@@ -164,14 +164,11 @@ class OnNgsolve:
 
         n = matrix.height
         self._free = np.ones(n, bool) if free is None else np.fromiter(free, bool, n)
-        inner = sparse(matrix)[self._free][:, self._free]
+        inner = to_scipy(matrix)[self._free][:, self._free]
         self._type = inner.dtype
         if np.iscomplexobj(inner):
             inner = sp.block_array([[inner.real, inner.imag], [inner.imag, -inner.real]])
-        entries = sp.coo_array(inner)
-        real = ngs.la.SparseMatrixd.CreateFromCOO(
-            entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), *entries.shape
-        )
+        real = to_ngsolve(inner)
         self._inverse = ngs.la.DeviceSparseCholeskyD(real.Inverse(inverse="sparsecholesky"))
         self._in, self._out = real.CreateColVector(), real.CreateRowVector()
 

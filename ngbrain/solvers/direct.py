@@ -10,8 +10,9 @@ import scipy.sparse as sp
 
 from ngbrain.errors import Breakdown, MissingExtra, require
 from ngbrain.result import Status
-from ngbrain.solvers.condensed import Array, Condensed, Core, sparse
+from ngbrain.solvers.condensed import Array, Condensed, Core
 from ngbrain.solvers.device import Device, OnGpu
+from ngbrain.solvers.matrices import to_scipy
 
 NAMES = ("sparsecholesky", "umfpack", "pardiso", "mumps", "cudss")
 
@@ -69,7 +70,7 @@ def _ngsolve(name: str, condensed: Condensed) -> Core:
 
 def _mumps(condensed: Condensed) -> Core:
     mumps, where = require("mumps", "mumps"), condensed.free
-    matrix, symmetric = sparse(condensed.matrix)[where][:, where], _symmetric(condensed)
+    matrix, symmetric = to_scipy(condensed.matrix)[where][:, where], _symmetric(condensed)
     context = mumps.Context()
     context.set_matrix(sp.triu(matrix, format="coo") if symmetric else matrix.tocoo(), symmetric=symmetric)
     context.factor()

@@ -14,8 +14,8 @@ from scipy.sparse.linalg import LinearOperator, eigs
 
 from ngbrain.errors import InputError, SolverError
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.solvers.condensed import rows, sparse
 from ngbrain.solvers.device import PIVOTED, Device, Factor, OnProcessor
+from ngbrain.solvers.matrices import rows, to_scipy
 
 if TYPE_CHECKING:
     from ngbrain.forward.harmonic.problem import Harmonic
@@ -62,7 +62,7 @@ class Factorised:
 
     def matrix(self, number: int) -> sp.csr_array:
         """A of the wave."""
-        return sparse(self._of(number))
+        return to_scipy(self._of(number))
 
     def solve(self, number: int, b: Array, purpose: str = "forward", transposed: bool = False) -> Array:
         """x with A x = b, or Aᵀ x = b, in the free unknowns and x = 0 in the held ones; `purpose` as `Solves` has them."""

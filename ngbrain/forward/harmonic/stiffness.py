@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.common.kinematics import AntiPlane, PlaneStrain
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.materials.linear import OfSmallStrain
+from ngbrain.solvers.matrices import to_ngsolve, to_scipy
 
 Array = np.ndarray
 NEARLY = 100.0
@@ -74,12 +74,12 @@ def elastic(body: Harmonic, load: int, order: int) -> sp.csr_array:
     form = ngs.BilinearForm(space)
     form += body.kinematics.weight() * energy.Diff(strain, body.strain(test, ngs.Grad(test))) * ngs.dx
     form.Assemble()
-    return sparse(form.mat) / inertia
+    return to_scipy(form.mat) / inertia
 
 
 def definite(matrix: sp.coo_array) -> Callable[[Array], Array]:
     """Solves with a symmetric, positive definite matrix."""
-    made = ngs.la.SparseMatrixd.CreateFromCOO(*matrix.coords, matrix.data, *matrix.shape)
+    made = to_ngsolve(matrix)
     inverse, given, found = made.Inverse(inverse="sparsecholesky"), made.CreateColVector(), made.CreateColVector()
 
     def solve(r: Array) -> Array:

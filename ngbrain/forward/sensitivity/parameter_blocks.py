@@ -12,10 +12,10 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError, InvertedElementError
 from ngbrain.forward.common.regions import boundaries
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.differences import change
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Terms, by, terms, vector
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 
@@ -246,7 +246,7 @@ def _columns(space: ngs.FESpace, along: ngs.FESpace, parts: Terms) -> Callable[[
         if not parts:
             return sp.csr_array((space.ndof, along.ndof))
         form.Assemble()
-        return sparse(form.mat)
+        return to_scipy(form.mat)
 
     return assembled
 

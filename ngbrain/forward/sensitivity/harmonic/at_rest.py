@@ -12,11 +12,11 @@ import scipy.sparse as sp
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.harmonic.integrands import complexified
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.sensitivity.harmonic.hessian import Turned
 from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, alike, along
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 
@@ -194,5 +194,5 @@ class FieldSensitivity:
             if work is not None:
                 form += work
             form.Assemble()
-            columns[name] = sparse(form.mat)
+            columns[name] = to_scipy(form.mat)
         return sp.csr_array(sp.hstack([r * columns[first] for first, r in medium.alike[omega].values()]))

@@ -11,9 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.forward.harmonic.about_state import AboutState, derivative_by_state
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes
 from ngbrain.forward.solid.virtual_work import Motion, Terms, slope, vector
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 Slopes: TypeAlias = tuple[Callable[[], Array], list[Callable[[], Array]]]
@@ -41,7 +41,7 @@ class StateWork:
         by_state, by_theta = [], []
         for part in (v, -1j * v):
             self._put(omega, part)
-            by_state.append(sparse(self._by_state()))
+            by_state.append(to_scipy(self._by_state()))
             by_theta.append(sp.csr_array(sp.hstack([columns() for columns in self._columns])))
         return by_state[0] + 1j * by_state[1], by_theta[0] + 1j * by_theta[1]
 

@@ -19,12 +19,12 @@ from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.harmonic.factors import sparse
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import Part, put, values, weighed
 from ngbrain.forward.sensitivity.transient.step import STILL, StepForms
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
 from ngbrain.materials.base import Deformation
+from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
 PLACE = (ngs.x, ngs.y, ngs.z)
@@ -52,7 +52,7 @@ class StepShapes:
     def columns(self) -> sp.csr_array:
         """How the tissue's forces change with the shifts (ndof, shifts)."""
         self._matrix.Assemble()
-        return sparse(self._matrix.mat)
+        return to_scipy(self._matrix.mat)
 
     def moved(self, shifts: Array) -> Array:
         """How the history at the end does (size, points)."""
