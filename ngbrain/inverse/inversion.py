@@ -118,7 +118,9 @@ class Inversion(Result):
     @property
     def reasons(self) -> list[str]:
         """What speaks against using the maps, see `verdict`."""
-        return reasons_against(self.data, self.maps, self.stated, self.noise_found, self.strain.volume)
+        return reasons_against(
+            self.data, self.maps, self.stated, self.noise_found, self.strain.volume, self.strain.torn
+        )
 
     @property
     def value(self) -> dict[str, Array]:

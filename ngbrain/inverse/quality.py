@@ -14,6 +14,7 @@ from ngbrain.errors import InputError, NgbrainError
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.image.align import largest
 from ngbrain.image.wavefield import gradient_noise, octahedral_amplitude, strain_snr
+from ngbrain.inverse.outliers import beside_jumps
 from ngbrain.inverse.smoothing import smoothed
 from ngbrain.io.waves import WaveData
 
@@ -78,12 +79,14 @@ class Strain:
     snr   (loads, n), over its noise
     note  why there is none, or none of some loads; empty if nothing is missing
     volume  |∇·u| over |∇×u| of the waves, medians over points and loads: shear waves have 0; None where it is not known
+    torn    share of the displacements beside a jump (`outliers.beside_jumps`)
     """
 
     oss: np.ndarray
     snr: np.ndarray
     note: str = ""
     volume: float | None = None
+    torn: float = 0.0
 
     @property
     def median(self) -> float | None:
@@ -138,11 +141,12 @@ def strain_of(data: WaveData, relative: Relative) -> Strain:
             still = slope.real
             mean, at = octahedral_amplitude(still)[0], np.pi / 2 * strain_snr(still, off)[0]
         oss[load, where], snr[load, where] = mean, at
+    torn = beside_jumps(data) if data.frequency.any() else 0.0
     if not turn:
-        return Strain(oss, snr, note)
+        return Strain(oss, snr, note, None, torn)
     # Medians: at a rim with points left out single derivatives of a smooth field are anything.
     turned = float(np.median(np.concatenate(turn)))
-    return Strain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300))
+    return Strain(oss, snr, note, float(np.median(np.concatenate(volume))) / max(turned, 1e-300), torn)
 
 
 def where_strained(data: WaveData, noise: float | None, least: float) -> np.ndarray:

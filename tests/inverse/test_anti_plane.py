@@ -1,5 +1,7 @@
 """One slice with motion through it: the modulus, an inclusion, the exponent of frequency, and what the answer says of itself."""
 
+from dataclasses import replace
+
 import ngsolve as ngs
 import numpy as np
 import pytest
@@ -76,6 +78,21 @@ def test_an_inclusion_is_found(ratio):
     found = invert(data, uniform=False, regulariser="smooth")
     storage = found.maps["storage"]
     assert np.median(storage[inside]) / 2000 == pytest.approx(ratio, rel=0.15)
+
+
+def test_the_seam_of_two_scans_is_no_tissue():
+    """A modulus that varies explains all of one load but the jump: that is told from the displacement itself."""
+    one, other = plane(shape=(30, 28)), plane(frequencies=(50.0,), shape=(30, 28))
+    x = one.points[:, 0]
+    left = (x < np.median(x))[None, :, None]
+    noise = 0.02 * one.rms.max() * np.random.default_rng(1).normal(size=one.displacement.shape)
+    one = replace(one, noise=None)
+    whole = replace(one, displacement=one.displacement + noise)
+    seam = replace(one, displacement=np.where(left, one.displacement, -1.5j * other.displacement) + noise)
+    good, torn = (invert(data, uniform=False, regulariser="smooth") for data in (whole, seam))
+    assert good.usable and good.strain.torn == 0
+    assert torn.strain.torn > 0.02 and any("beside a jump" in reason for reason in torn.reasons)
+    assert torn.noise_found < 4 * torn.stated  # the misfit alone would let it pass
 
 
 def test_one_exponent_for_all_frequencies():
