@@ -35,6 +35,7 @@ _FIELDS, _BY_PLACE = (
 )  # times that what is left of a field is taken out; so many of them first by the template's tissues
 _TISSUE = 0.75  # on the way from fluid (0) to grey matter (1)
 _SLOW = 20.0  # mm: standard deviation of the Gaussian that field is smoothed by
+_NEAR = 10.0  # mm: the same of the Gaussian over which tissues are compared with the template's
 _THIN = 2.0  # mm between the voxels that what is smooth is found on
 # Standard deviation of smoothing, in voxels of the scan; reached where noise is this much of the step from grey to white matter.
 _WIDEST, _NOISY = 0.6, 0.2
@@ -174,7 +175,8 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
 
     It is found on every other voxel of 1 mm, where it is as smooth, and tissues are told apart as well. Twice: from tissues by
     grey values alone, where white matter in a dark region counts as grey and justifies the field, and first from those that the
-    template has there, which an affine map misses by a fold. The one that leaves the larger contrast is taken.
+    template has there, which an affine map misses by a fold. The one is taken that leaves white matter where the template has it,
+    over `_NEAR`: a cerebellum that a field makes bright is white matter by its grey values, and its contrast is as large.
     """
     every = max(round(_THIN / size), 1)
     thin = (slice(None, None, every),) * 3
@@ -183,9 +185,11 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
         np.pad(inside[thin], 1),
         np.pad(prior[(slice(None), *thin)], ((0, 0), (1, 1), (1, 1), (1, 1))),
     )
-    likely, known = np.exp(chances[2:]), np.ptp(chances, axis=0) > 0
-    expected = (likely[0] + 1.5 * likely[1] + 2 * likely[2]) / likely.sum(axis=0)
-    best, largest = np.zeros(values.shape, np.float32), -np.inf
+    known = np.ptp(chances, axis=0) > 0
+    # The template's own shares: the cerebellum, a quarter white, would be half of it by the chances, which are flattened.
+    matter, white = np.exp(chances[[2, 4]] / _TRUST)
+    expected = (matter + 2 * white) / (matter + white)
+    best, least = np.zeros(values.shape, np.float32), np.inf
     for by_place in (0, _BY_PLACE):
         total = np.zeros(values.shape, np.float32)
         for turn in range(by_place + _FIELDS):
@@ -194,11 +198,21 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
             if turn < by_place:
                 scale = np.where((scale > _TISSUE) & known, expected, scale)
             total += _residual(even, scale, within, every * size)[(slice(1, -1),) * 3]
-        contrast = _fit(np.pad(values * np.exp(-total), 1), within, chances, rounds=1)[2]
-        if contrast > largest:
-            best, largest = total, contrast
+        scale = _fit(np.pad(values * np.exp(-total), 1), within, chances, rounds=1)[0]
+        off = _off_template(scale, expected, within & known & (scale > _TISSUE), every * size)
+        if off < least:
+            best, least = total, off
     step = np.full(3, 1 / every)
     return np.exp(ndimage.affine_transform(best, step, 0.0, grey.shape, order=1, mode="nearest")).astype(np.float32)
+
+
+def _off_template(scale: np.ndarray, expected: np.ndarray, tissue: np.ndarray, size: float) -> float:
+    """By how much the share of white matter in the tissue, smoothed, is off the template's (rms); voxels of `size` mm."""
+    if not tissue.any():  # where the template has none
+        return 0.0
+    off = np.where(tissue, (scale - 1).clip(0, 1) - (expected - 1), 0).astype(np.float32)
+    slow, share = (ndimage.gaussian_filter(each, _NEAR / size) for each in (off, tissue.astype(np.float32)))
+    return float(np.sqrt(np.mean((slow / np.maximum(share, 1e-3))[tissue] ** 2)))
 
 
 def _residual(grey: np.ndarray, scale: np.ndarray, inside: np.ndarray, size: float) -> np.ndarray:

@@ -75,3 +75,37 @@ def test_ours_starts_from_the_templates_tissues_too(brain, shaded):
     _, mask, seen, grey, white = brain
     labels = segment(shaded, mask, np.eye(4)).volume.data
     assert dice(labels == WHITE, white, seen) > 0.81 and dice(labels == GREY, grey, seen) > 0.83
+
+
+@pytest.fixture(scope="module")
+def cerebellum(brain):
+    volume, mask, *_ = brain
+    points = 1e3 * volume.to_world(np.argwhere(mask))
+    found = mask.copy()
+    found[mask] = (points[:, 2] < places.tentorium(points) - 2) & (points[:, 1] < -46)
+    return found
+
+
+@pytest.fixture(scope="module")
+def bright_neck(brain):
+    """The T1 by a coil at the neck: the cerebellum's grey matter is as bright as the cerebrum's white."""
+    volume, mask, *_ = brain
+    height = 1e3 * volume.to_world(np.argwhere(np.ones(mask.shape, bool)))[:, 2].reshape(mask.shape)
+    return Volume((volume.data * np.exp(0.45 / (1 + np.exp((height + 15) / 25)))).astype(np.float32), volume.affine)
+
+
+@pytest.mark.slow
+def test_naive_a_bright_cerebellum_is_white_matter(brain, bright_neck, cerebellum, monkeypatch):
+    """The contrast is as large as it would be with the field gone (3.3 and 3.2): that does not tell."""
+    monkeypatch.setattr("ngbrain.image.segment._BY_PLACE", 0)
+    _, mask, _, grey, white = brain
+    labels = segment(bright_neck, mask, np.eye(4)).volume.data
+    assert dice(labels == WHITE, white, cerebellum) < 0.5 and dice(labels == GREY, grey, cerebellum) < 0.8
+    assert (cerebellum & (labels == WHITE)).sum() > 3 * (cerebellum & white).sum()
+
+
+@pytest.mark.slow
+def test_ours_keeps_white_matter_where_the_template_has_it(brain, bright_neck, cerebellum):
+    _, mask, _, grey, white = brain
+    labels = segment(bright_neck, mask, np.eye(4)).volume.data
+    assert dice(labels == WHITE, white, cerebellum) > 0.9 and dice(labels == GREY, grey, cerebellum) > 0.97
