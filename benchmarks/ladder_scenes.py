@@ -60,7 +60,12 @@ def of_scene(name: str, case: Case) -> list[Record]:
         record: Record = {"method": "ngbrain:ladder", "scene": name, "tolerance": tolerance}
         record |= {"order": int(chosen.model["order"]), "ndof": chosen.ndof, "error": error, "true_error": error}
         record |= {"estimated_error": float(np.max(got.error)), "cpu_s": cost, "rich_s": rich.cost_s}
-        record |= {"cost_ratio": cost / rich.cost_s, "flagged": bool(got.flags), "flags": got.flags, "converged": True}
+        record |= {
+            "cost_ratio": cost / rich.cost_s,
+            "flagged": bool(got.warnings),
+            "flags": got.warnings,
+            "converged": True,
+        }
         record |= {
             "model": chosen.model,
             "richest": top,
@@ -90,14 +95,14 @@ def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:
             "taken": " and ".join(rung.taken),
             "model": rung.model,
         }
-        for rung in got.rungs
+        for rung in got.history
     ]
 
 
 def pairs(got: Climb, truth: Keeper) -> list[dict[str, Any]]:
     """Estimated and true change of every axis at every rung, for the question that changes most."""
     found = []
-    for k, rung in enumerate(got.rungs):
+    for k, rung in enumerate(got.history):
         for name, each in rung.estimates.items():
             richer = {**rung.model, name: each.to}
             try:

@@ -59,7 +59,7 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
     run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
-    found, at, opening = answer(run.outcome(), on.scene.patient), run.transient.progress, on.scene.retraction.opening
+    found, at, opening = answer(run.result(), on.scene.patient), run.transient.progress, on.scene.retraction.opening
     last = run.rows[-1]
     return {
         "method": "ngbrain:transient",

@@ -68,7 +68,7 @@ def held(on: Model, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
     body = replace(on.scene.body, **{name: 1e-3 * mm for name, mm in zip(("site", "near", "far"), sizes, strict=True)})
     model = Model.of(replace(on.scene, body=body), on.head)
     run = ProtocolRun(model, model.hold("hold"), None).go()
-    found = answer(run.outcome(), model.scene.patient)
+    found = answer(run.result(), model.scene.patient)
     return {
         "study": "mesh",
         "method": "ngbrain:transient",

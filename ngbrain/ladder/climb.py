@@ -16,6 +16,7 @@ from ngbrain.ladder.bodies import Bench, Model
 from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
+from ngbrain.result import Result, Status
 from ngbrain.scene.loading import Loading
 
 Array = np.ndarray
@@ -63,13 +64,21 @@ class Rung:
         return f"{self.ndof} unknowns, {100 * float(self.missing.max()):.3g} % missing"
 
 
-@dataclass(eq=False)
-class Climb:
-    """All rungs, the last one chosen; the scene's axes; what the ladder doubts of its answer."""
+@dataclass(repr=False, eq=False)
+class Climb(Result):
+    """All rungs (`history`), the last one chosen; the scene's axes; `warnings`: what the ladder doubts of its answer."""
 
-    rungs: list[Rung]
     axes: dict[str, Axis]
-    flags: list[str]
+
+    @property
+    def value(self) -> Array:
+        """The answers of the chosen model."""
+        return self.chosen.answers
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Models that were solved for what they leave out, and the chosen one's unknowns."""
+        return {"rungs": len(self.history), "unknowns": self.chosen.ndof}
 
     @property
     def error(self) -> Array:
@@ -79,7 +88,8 @@ class Climb:
     @property
     def chosen(self) -> Rung:
         """The last rung."""
-        return self.rungs[-1]
+        rung: Rung = self.history[-1]
+        return rung
 
 
 def climb(
@@ -126,7 +136,14 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
     if np.any(rungs[-1].missing > NARROW * tolerances):
         much = "more than" if np.any(rungs[-1].missing > tolerances) else "nearly"
         flags.append(f"what is missing is {much} the tolerance")
-    return Climb(rungs, dict(axes), flags)
+    within = bool(np.all(rungs[-1].missing <= tolerances))
+    reason = "" if within else f"{_percent(rungs[-1].missing)} may be missing, of {_percent(tolerances)} asked for"
+    status = Status.CONVERGED if within else Status.INACCURATE
+    return Climb(dict(axes), status=status, reason=reason, history=rungs, warnings=flags)
+
+
+def _percent(errors: Array) -> str:
+    return ", ".join(f"{100 * error:.3g} %" for error in errors)
 
 
 def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
@@ -154,7 +171,7 @@ def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
     begun = keeper.clock()
     rung = _rung(keeper, model, {name: axis for name, axis in axes.items() if axis.above(model[name])})
     rung.cost_s = keeper.clock() - begun
-    return Climb([rung], dict(axes), _doubts(keeper, rung))
+    return Climb(dict(axes), status=Status.CONVERGED, history=[rung], warnings=_doubts(keeper, rung))
 
 
 def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
@@ -343,7 +360,7 @@ def described(climb: Climb, questions: Sequence[str]) -> dict[str, Any]:
             }
             for name, each in climb.chosen.estimates.items()
         ],
-        "flags": climb.flags,
+        "flags": climb.warnings,
         "rungs": [
             {
                 "model": rung.model,
@@ -357,7 +374,7 @@ def described(climb: Climb, questions: Sequence[str]) -> dict[str, Any]:
                     for name, each in rung.estimates.items()
                 },
             }
-            for rung in climb.rungs
+            for rung in climb.history
         ],
     }
 

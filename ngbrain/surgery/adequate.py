@@ -123,7 +123,7 @@ class Operation:
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
             elastic = made.elastic(scene.retraction.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
-            found[program.name], ndof = answers.answer(run.outcome(), scene.patient), run.transient.problem.fes.ndof
+            found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
         values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 

@@ -14,11 +14,11 @@ from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
 from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.response import infarct
-from ngbrain.surgery.runs import Outcome
+from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.surgery.sampling import Spread
 from ngbrain.units import to_kPa, to_ml, to_mm, to_mmHg
 
-Runs = dict[str, Outcome]
+Runs = dict[str, ProtocolResult]
 Answer = dict[str, Any]
 """A protocol's numbers by name (`answer`)."""
 
@@ -39,7 +39,7 @@ LEFT_OUT = (
 )
 
 
-def answer(run: Outcome, patient: Patient) -> Answer:
+def answer(run: ProtocolResult, patient: Patient) -> Answer:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
     peak, stress, rate = run.peak, run.largest["von_mises"], run.largest["rate"]

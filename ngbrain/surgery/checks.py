@@ -95,7 +95,7 @@ def _held(
     model: Model, name: str, folder: Path | None, resume: bool, tell: Tell, control: Control | None = None
 ) -> Answer:
     run = ProtocolRun(model, model.hold(name), folder, resume, control=control).go(tell)
-    return answer(run.outcome(), model.scene.patient)
+    return answer(run.result(), model.scene.patient)
 
 
 def _muted(tell: Tell, name: str) -> Tell:
@@ -164,7 +164,7 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
             save_state(path, state)
 
     low.run(follow)
-    first, second = (answer(run.outcome(), model.scene.patient) for run in runs)
+    first, second = (answer(run.result(), model.scene.patient) for run in runs)
     return first, second
 
 

@@ -27,7 +27,7 @@ from ngbrain.surgery.corridor import check_corridor
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.plausibility import check_moduli
 from ngbrain.surgery.protocols import Force, Protocol
-from ngbrain.surgery.runs import Outcome, ProtocolRun, Snapshot
+from ngbrain.surgery.runs import ProtocolResult, ProtocolRun, Snapshot
 from ngbrain.surgery.worth import COMPUTED, FAILED, NOT_COMPUTED, UNDER_WAY
 
 _CHECKS: dict[str, Callable[[Model, Path | None, bool, Tell], Any]] = {
@@ -224,10 +224,10 @@ def _go(
     start: Snapshot | None = None,
     *,
     tell: Tell,
-) -> Outcome:
+) -> ProtocolResult:
     """A run, from where it stands after the piece that it shares with others."""
     with helped(tell) as told:
-        return ProtocolRun(model, program, folder, resume, start).go(told).outcome()
+        return ProtocolRun(model, program, folder, resume, start).go(told).result()
 
 
 def _check(model: Model, name: str, folder: Path | None, resume: bool, tell: Tell) -> Any:

@@ -18,8 +18,9 @@ from ngbrain.forward.statics.stability import CREASE
 from ngbrain.forward.transient.step_control import Control, Progress
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.io import Checkpoint, Frame, QuadraticGrid, load, save
+from ngbrain.look import curves
 from ngbrain.parallel import Tell
-from ngbrain.result import Status
+from ngbrain.result import Result, Status
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.injury import MPS_THRESHOLDS
 from ngbrain.surgery.model import TISSUE, Model
@@ -27,7 +28,7 @@ from ngbrain.surgery.observe import Observer, Row, swept_volume, volume_change
 from ngbrain.surgery.protocols import Force, Protocol
 from ngbrain.surgery.sampling import Sample, Sampler, Spread
 from ngbrain.tensors import deformation_gradient, right_cauchy_green
-from ngbrain.units import to_ml
+from ngbrain.units import to_ml, to_mmHg
 
 FRAME_SPACING = 1 / 12
 """A frame is kept at events, at least every such share of the run,"""
@@ -87,8 +88,8 @@ class Peak:
         return cls(**{**saved, "mps": Spread(**saved["mps"]), "oss": Spread(**saved["oss"])})
 
 
-@dataclass(frozen=True)
-class Outcome:
+@dataclass(repr=False, eq=False)
+class ProtocolResult(Result):
     """What a protocol's run leaves behind, small enough to pass between processes.
 
     rows   columns of `Row` by name, SI units; events: times (s) at which the blade's way changes, from first to last; peak:
@@ -109,6 +110,29 @@ class Outcome:
     def column(self, name: str) -> np.ndarray:
         """One column of the record."""
         return self.rows[name]
+
+    @property
+    def value(self) -> dict[str, float]:
+        """The peaks of pressure and force."""
+        return {
+            "peak_pressure_mmHg": float(to_mmHg(self.column("pressure").max())),
+            "peak_force_N": float(self.column("force").max()),
+        }
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """What its steps took."""
+        return {
+            "time_steps": self.steps,
+            "rejected": self.rejected,
+            "Newton_iterations": self.newton,
+            "factorisations": self.factorisations,
+        }
+
+    def plot(self) -> Any:
+        """Pressure over time."""
+        pressure = [float(to_mmHg(p)) for p in self.column("pressure")]
+        return curves({"pressure": (self.column("t").tolist(), pressure)}, "time, s", "pressure, mmHg")
 
 
 class ProtocolRun:
@@ -165,12 +189,13 @@ class ProtocolRun:
         """This run as it stands, for another protocol that is the same up to here to go on from."""
         return deepcopy(self._state()), list(self.frames)
 
-    def outcome(self) -> Outcome:
+    def result(self) -> ProtocolResult:
         """What is left of a run that has come to its end."""
         assert self.peak is not None
         at = self.transient.progress
         work = (at.steps, at.rejected, at.newton, at.work.factorisations)
-        return Outcome(table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s, *work)
+        parts = (table(self.rows), self.protocol.times, self.peak, self.largest, self.protocol.working_s)
+        return ProtocolResult(*parts, *work, status=Status.CONVERGED)
 
     def look(self, body: Problem, at: Progress, record: NewtonRecord) -> None:
         """Put the body as it stands on record."""

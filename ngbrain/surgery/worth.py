@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.scene import Patient, Scene
 from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
-from ngbrain.surgery.runs import Outcome
+from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.units import to_mm
 
 APART = 1e-9
@@ -143,19 +143,19 @@ def checks(scene: Scene, runs: Runs, errors: Errors) -> dict[str, float | None]:
     }
 
 
-def _imbalance(run: Outcome) -> float:
+def _imbalance(run: ProtocolResult) -> float:
     """Largest |blade + supports| over the largest blade force."""
     force = run.column("force")
     return float((run.column("balance") * force).max() / force.max())
 
 
-def _full_ramps(scene: Scene, runs: Runs) -> list[Outcome]:
+def _full_ramps(scene: Scene, runs: Runs) -> list[ProtocolResult]:
     """Runs that reach the full opening in one go."""
     kinds = {p.name: p.kind for p in scene.protocols}
     return [run for name, run in runs.items() if kinds[name] in ("continuous", "intermittent")]
 
 
-def _recovered(run: Outcome, away: np.ndarray) -> float:
+def _recovered(run: ProtocolResult, away: np.ndarray) -> float:
     """How much smaller (m) the opening is at touch again than when the blade began to let go; the smallest of all times."""
     opening, advance = run.column("opening"), run.column("advance")
     recovered = []

@@ -15,6 +15,7 @@ from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
+from ngbrain.result import Status
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 
 CUBE = Piece(size=(0.02, 0.02, 0.02), cell=0.02)
@@ -46,17 +47,23 @@ def test_the_chosen_model_is_as_accurate_as_asked(tolerance: float) -> None:
 
 def test_it_takes_what_gains_most_for_its_cost_and_knows_each_rung() -> None:
     found = climb(squeezed(2, Stuff(mu=(1e3,))), BOUNDS)
-    assert found.rungs[0].model == cheapest(found.axes)
-    for before, after in zip(found.rungs, found.rungs[1:], strict=False):
+    assert found.history[0].model == cheapest(found.axes)
+    for before, after in zip(found.history, found.history[1:], strict=False):
         changed = {name for name in before.model if before.model[name] != after.model[name]}
         assert changed == set(before.taken)
         assert after.cost_s > before.cost_s
     assert found.chosen.taken == ()
+    assert found.usable and repr(found).startswith("Climb: ") and f"{len(found.history)} rungs" in repr(found)
+
+
+def test_more_missing_than_asked_for_is_said() -> None:
+    found = climb(squeezed(2, Stuff(mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
+    assert found.status is Status.INACCURATE and not found.usable and "0.01 % asked for" in found.reason
 
 
 def test_a_course_without_end_is_said_where_nothing_is_richer() -> None:
     found = climb(squeezed(2, Stuff(mu=(1e3,)), 1e-4), {"order": "1", "mesh": "1"})
-    assert any(flag.startswith("mesh") for flag in found.flags)
+    assert any(flag.startswith("mesh") for flag in found.warnings)
 
 
 def test_a_model_that_is_given_is_not_left() -> None:
@@ -91,7 +98,7 @@ def test_contact_counts_where_tissue_would_slide() -> None:
     assert "contact" not in axes_of(scene)
     found = climb(touching, {**BOUNDS, "space": "plane"})
     assert found.chosen.model["contact"] == "all"
-    assert abs(next(rung for rung in found.rungs if "contact" in rung.taken).estimates["contact"].change[0]) > 0.03
+    assert abs(next(rung for rung in found.history if "contact" in rung.taken).estimates["contact"].change[0]) > 0.03
 
 
 def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
@@ -101,7 +108,7 @@ def test_inertia_counts_where_loads_are_as_fast_as_waves() -> None:
     assert "inertia" not in axes_of(slow)
     found = climb(fast, {"order": "1", "mesh": "0", "space": "plane"})
     assert found.chosen.model["inertia"] == "all"
-    before = next(rung for rung in found.rungs if "inertia" in rung.taken)
+    before = next(rung for rung in found.history if "inertia" in rung.taken)
     assert before.estimates["inertia"].change[0] > 0.3
 
 
@@ -334,7 +341,7 @@ def test_what_comes_near_the_tolerance_is_said() -> None:
         asked = replace(scene, ask=(replace(scene.ask[0], tolerance=float(missing / share)),))
         found = climb(asked, BOUNDS)
         assert found.error[0] == pytest.approx(missing)
-        assert any("missing" in flag and said in flag for flag in found.flags) == bool(said)
+        assert any("missing" in flag and said in flag for flag in found.warnings) == bool(said)
 
 
 def test_an_axis_that_is_bounded_by_its_cheapest_level_stays_there() -> None:

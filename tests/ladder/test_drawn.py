@@ -116,7 +116,7 @@ def outcome(seed):
             return None
         found = climb(scene, RICHEST)
     error = float(np.abs(relative(found.chosen.answers, truth)).max())
-    return Outcome(seed, error, float(found.error.max()), list(found.flags))
+    return Outcome(seed, error, float(found.error.max()), list(found.warnings))
 
 
 def check(outcomes):

@@ -43,4 +43,4 @@ def test_the_force_grows_without_end_and_the_ladder_says_so() -> None:
         forces.append(solve(bench, model).answers[0])
     steps = np.diff(forces)
     assert abs(steps[1]) > 0.8 * abs(steps[0]) > 0.05 * abs(forces[0])
-    assert any("bottom and left meet at an edge" in flag for flag in climb(of, {"order": "1", "mesh": "0"}).flags)
+    assert any("bottom and left meet at an edge" in flag for flag in climb(of, {"order": "1", "mesh": "0"}).warnings)

@@ -114,7 +114,7 @@ def test_a_judge_that_fails_is_an_unknown_error():
     axes = {"contact": AXES["contact"]}
     axes["contact"] = type(axes["contact"])("contact", ("none", "all"), ("that tissue slides",), ("solve",), (2.0,))
     found = ascend(axes, Keeper(Failing()), np.array([0.1]), lambda _: None)
-    assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.flags)
+    assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.warnings)
 
 
 def test_an_unknown_error_is_said_and_ends_with_3(tmp_path, capsys, monkeypatch):

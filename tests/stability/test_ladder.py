@@ -33,7 +33,7 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
     assert off < 0.01 if cheap_enough else off > 0.4
     assert np.abs(relative(found.chosen.answers, rich)).max() < TOLERANCE
     assert (found.chosen.model["strain"] == "linear") == cheap_enough
-    assert found.chosen.model != richest(axes) and found.rungs[0].model == cheapest(axes)
+    assert found.chosen.model != richest(axes) and found.history[0].model == cheapest(axes)
 
 
 def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_random():

@@ -10,12 +10,13 @@ import pytest
 
 from ngbrain.materials import CATALOGUE
 from ngbrain.mesh import Cleft
+from ngbrain.result import Status
 from ngbrain.scene import Patient, Protocol, Scene
 from ngbrain.surgery.answers import DENSITY, answer, comparison, left_out, stiffer
 from ngbrain.surgery.band import material_band, published_moduli
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import Row
-from ngbrain.surgery.runs import Outcome, Peak
+from ngbrain.surgery.runs import Peak, ProtocolResult
 from ngbrain.surgery.sampling import Part, Spread
 from ngbrain.units import mmHg
 
@@ -38,7 +39,15 @@ def run(pressure_mmHg, way=5e-3):  # noqa: N803
     rows = {name: np.zeros(len(T)) for name in Row.__annotations__}
     rows["advance"] = way * (T > 0)
     rows |= {"t": T, "pressure": mmHg(np.array(pressure_mmHg)), "centre_pressure": mmHg(np.array([0.0, 12.0, 5.0]))}
-    return Outcome(rows, tuple(T), PEAK, LARGEST, 990.0, 2, 0, 5, 3)
+    return ProtocolResult(rows, tuple(T), PEAK, LARGEST, 990.0, 2, 0, 5, 3, status=Status.CONVERGED)
+
+
+def test_a_run_says_its_peaks_and_what_it_took():
+    found = run([0.0, 34.0, 24.0])
+    assert found.value == pytest.approx({"peak_pressure_mmHg": 34.0, "peak_force_N": 0.0})
+    assert found.usable and repr(found).startswith("ProtocolResult: peak_pressure_mmHg 34, ")
+    assert "2 time steps; 0 rejected; 5 Newton iterations; 3 factorisations" in repr(found)
+    assert found.plot().axes[0].lines[0].get_ydata() == pytest.approx([0.0, 34.0, 24.0])
 
 
 def test_an_answer_in_the_units_of_its_keys():

@@ -189,7 +189,7 @@ def test_a_short_retraction(short, name):
     brain = Tissue(region="cortex|white", constants=name)
     scene = replace(short.scene, tissues=(brain, *short.scene.tissues[2:]))
     run = ProtocolRun(replace(short, scene=scene), short.program(scene, scene.protocols[0]), None).go()
-    found = answer(run.outcome(), scene.patient)
+    found = answer(run.result(), scene.patient)
     pressure = np.array(found["series"]["pressure_mmHg"])
     left = pressure[-1] / pressure.max()
     of_modulus = mmHg(pressure.max()) / brain.initial_modulus
