@@ -12,7 +12,7 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.labelschemes import RECOGNISED, SCHEMES, choices, meaning, recognised, strangers
-from ngbrain.image.volume import Volume, stored
+from ngbrain.image.volume import Volume, background_filled, stored
 
 _MOST = 255
 """Regions that a map may have."""
@@ -113,6 +113,8 @@ def _values(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise InputError("image", f"cut short ({error})", "a whole file", path) from error
     if raw.dtype.kind not in "iufb":
         raise InputError("labels", f"made of {raw.dtype} numbers", "an integer for every voxel", path)
+    if raw.dtype.kind == "f":
+        raw = background_filled(raw, 0.0)
     if bad := raw.size - int(np.isfinite(raw).sum()):
         raise InputError("labels", f"not a finite number in {bad} voxels", "a number for every voxel, 0 outside", path)
     return raw, file.affine

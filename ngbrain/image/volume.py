@@ -343,6 +343,24 @@ def _file_shape(stored: Any, path: Path) -> tuple[int, int, int]:
     return shape[0], shape[1], shape[2]
 
 
+def background_filled(data: np.ndarray, value: float) -> np.ndarray:
+    """Where NaN stands around what was measured, as software writes it that leaves the outside out, another value.
+
+    NaN that does not reach the border of the box stays.
+
+    >>> background_filled(np.array([[np.nan, 1.0, np.nan, 2.0, np.nan]] * 3).T, 0.0)[:, 0].tolist()
+    [0.0, 1.0, 0.0, 2.0, 0.0]
+    >>> inner = np.ones((3, 3)); inner[1, 1] = np.nan
+    >>> int(np.isnan(background_filled(inner, 0.0)).sum())
+    1
+    """
+    unknown = np.isnan(data)
+    if not unknown.any() or unknown.all():
+        return data
+    enclosed = ndimage.binary_fill_holes(~unknown)
+    return np.where(unknown & ~enclosed, data.dtype.type(value), data)
+
+
 def _values(stored: Any, path: Path) -> np.ndarray:
     """The numbers of the picture, scaled as the header says, float32."""
     dtype = stored.get_data_dtype()
@@ -354,6 +372,7 @@ def _values(stored: Any, path: Path) -> np.ndarray:
             data = stored.get_fdata(dtype=np.float32, caching="unchanged")
     except (OSError, EOFError, ValueError, MemoryError) as error:
         raise InputError("image", f"cut short ({error})", "a whole NIfTI file", path) from error
+    data = background_filled(data, float(np.nanmin(data, initial=np.inf)))
     bad = data.size - int(np.isfinite(data).sum())
     if bad:
         raise InputError("image", f"not a finite number in {bad} voxels", "finite values", path)

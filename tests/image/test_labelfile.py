@@ -175,6 +175,14 @@ def test_what_is_no_map_of_labels(data, words, tmp_path):
     assert "\n" not in str(error.value) and str(tmp_path / "a.nii") in str(error.value)
 
 
+def test_nan_around_the_labels_is_outside(labels, tmp_path):
+    data = labels.volume.data.astype(np.float32)
+    assert (data == 0).any()
+    one = read_labels(written(tmp_path / "a.nii", np.where(data == 0, np.nan, data), labels.volume.affine), "ngbrain")
+    other = read_labels(written(tmp_path / "b.nii", data, labels.volume.affine), "ngbrain")
+    np.testing.assert_array_equal(one.volume.data, other.volume.data)
+
+
 def test_a_lost_place_is_refused(labels, tmp_path):
     path = written(tmp_path / "a.nii", labels.volume.data.astype(np.uint8), labels.volume.affine, code=0)
     with pytest.raises(InputError, match="image affine is not given"):

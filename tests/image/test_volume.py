@@ -238,7 +238,7 @@ BAD = {
         lambda d, a: nibabel.Nifti1Image(np.zeros(d.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")]), a),
         "image is made of colours",
     ),
-    "nan": (lambda d, a: nibabel.Nifti1Image(_changed(d, (3, 4, slice(2)), np.nan), a), "number in 2 voxels"),
+    "nan": (lambda d, a: nibabel.Nifti1Image(_changed(d, (3, 4, slice(8, 10)), np.nan), a), "number in 2 voxels"),
     "inf": (lambda d, a: nibabel.Nifti1Image(_changed(d, (3, 4, 5), np.inf), a), "a finite number in 1 voxels"),
     "too large for float32": (lambda d, a: nibabel.Nifti1Image(1e40 * d.astype(float), a), "number in 39303 voxels"),
     "constant": (lambda d, a: nibabel.Nifti1Image(d * 0 + 7, a), "image is 7 everywhere"),
@@ -327,6 +327,18 @@ def test_mgh_is_read_as_nifti_is(wedge, tmp_path):
     ours, other = read_scan(tmp_path / "scan.mgz"), read_scan(write(tmp_path / "scan.nii", np.float32(data), affine))
     assert np.array_equal(ours.volume.data, other.volume.data)
     assert ours.file_affine == pytest.approx(other.file_affine, abs=1e-8) and ours.file_shape == other.file_shape
+
+
+def test_nan_around_a_head_is_background(wedge, tmp_path):
+    """As software writes it that leaves the outside out; inside of the head it is refused."""
+    data, affine = wedge
+    around = np.zeros(data.shape, bool)
+    around[:, :, -2:] = True
+    lowest = np.where(around, data[~around].min(), data).astype(np.float32)
+    for name, values in (("nan", np.where(around, np.nan, data)), ("low", lowest)):
+        nibabel.Nifti1Image(values.astype(np.float32), affine).to_filename(tmp_path / f"{name}.nii")
+    one, other = (read_scan(tmp_path / f"{name}.nii").volume for name in ("nan", "low"))
+    np.testing.assert_array_equal(one.data, other.data)
 
 
 def test_places_that_are_mirror_images_are_refused(wedge, tmp_path):
