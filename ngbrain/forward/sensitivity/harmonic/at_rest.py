@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -19,34 +19,6 @@ from ngbrain.forward.sensitivity.harmonic.slopes import Pair, Slope, alike, alon
 from ngbrain.solvers.matrices import to_scipy
 
 Array = np.ndarray
-
-
-class Sensitivity(Protocol):
-    """How a body's matrix A changes with θ, all but what drives its boundary, between its waves u_k and whatever.
-
-    A' is the change along the direction that `aim` was last given.
-    """
-
-    def along(self, direction: Array) -> Sequence[Array]:
-        """(∂A/∂θ δθ) u of each wave (ndof,)."""
-
-    def back(self, adjoints: Sequence[Array]) -> Array:
-        """Σ Re λᵀ (∂A/∂θ) u (size,), by the matrices that `along` uses."""
-
-    def slope(self, adjoints: Sequence[Array]) -> Array:
-        """The same by linear forms: cheaper for a single product."""
-
-    def aim(self, direction: Array) -> None:
-        """Set the direction of A'."""
-
-    def turned(self, number: int) -> Array:
-        """A' u of a wave."""
-
-    def turned_back(self, number: int, adjoint: Array) -> Array:
-        """A'ᵀ λ of a wave."""
-
-    def bent(self, adjoints: Sequence[Array], changes: Sequence[Array], others: Sequence[Array]) -> Array:
-        """The change of `slope` along the direction, with u' and λ'."""
 
 
 class AtRest:

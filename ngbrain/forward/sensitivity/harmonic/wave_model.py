@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Protocol
 
 import ngsolve as ngs
 import numpy as np
@@ -22,33 +21,16 @@ import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.problem import Harmonic
-from ngbrain.forward.sensitivity.harmonic.at_rest import AtRest, Sensitivity
+from ngbrain.forward.sensitivity.harmonic.at_rest import AtRest
+from ngbrain.forward.sensitivity.harmonic.medium import Medium
 from ngbrain.forward.sensitivity.parameter_blocks import Parameter, places
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
 BOUNDARY = "boundary"
 """Name of the block of held displacements (and translations): real parts, then imaginary parts, for each wave (m)."""
-
-
-class Medium(Protocol):
-    """What a body is made of, as blocks of θ."""
-
-    sizes: dict[str, int]
-    solves: Solves
-
-    @property
-    def value(self) -> Array:
-        """θ as the body has it now."""
-
-    def put(self, values: Array) -> None:
-        """Set it."""
-
-    def sensitivity(self, waves: Array) -> Sensitivity:
-        """How the matrix changes, at the values last set."""
 
 
 class WaveModel:
