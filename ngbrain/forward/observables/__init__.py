@@ -2,7 +2,7 @@
 
 `base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
 `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
-`StrainPercentile`; `ratio`: `Ratio`, `patch_pressure`.
+`StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`, `patch_pressure`.
 
     Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
@@ -13,7 +13,7 @@ One of a user's own is a class with `name`, `unit` and `on`; where it is an inte
 from ngbrain.forward.observables.base import Observable, Observed
 from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
-from ngbrain.forward.observables.percentiles import StrainPercentile
+from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
 from ngbrain.forward.observables.points import Displacements, Unknowns
 from ngbrain.forward.observables.ratio import Ratio, patch_pressure
 
@@ -27,6 +27,7 @@ __all__ = [
     "Ratio",
     "StrainEnergy",
     "StrainPercentile",
+    "StressPercentile",
     "Unknowns",
     "patch_pressure",
     "region_volume",

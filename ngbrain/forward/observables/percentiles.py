@@ -1,8 +1,9 @@
-"""Percentiles of strain over a region."""
+"""Percentiles of strain and stress over a region."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,21 +12,25 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
+from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables.base import Observable, Observed
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.materials.base import checked
+from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms, slope
+from ngbrain.materials.base import Deformation, checked
 
 Array = np.ndarray
 ORDER = 2
 """Of the quadrature whose points have a share in a percentile: strains of elements of order 2 have that of their square."""
 MEASURES = ("Green-Lagrange", "small")
+STILL = 1e-8
+"""Of the shear modulus: the least stress."""
 
 
 @dataclass(frozen=True)
-class StrainPercentile(Observable):
-    """A percentile of the largest principal strain over a region's volume at rest.
+class Quantile(Observable):
+    """A percentile over a region's volume at rest of a number that each of its points has.
 
-    Strain below which so much of the volume is has no gradient; the mean of the percentiles about it has, weighed by
+    What so much of the volume has less than has no gradient; the mean of the percentiles about it has, weighed by
     3/4 (1 - s²) with s from -1 to 1 over a band of percentiles. Its value is that mean; `Percentile.raw` is without.
 
     Parameters
@@ -40,10 +45,6 @@ class StrainPercentile(Observable):
         See `centre`.
     band : float
         Of the volume to both sides, .001 to .5; nearer to 0 or 100 % than this the band is the last one.
-    measure : str
-        "Green-Lagrange" (FᵀF - 1)/2, or "small", the symmetric part of ∇u.
-    factor : float
-        Displacements count so many times.
 
     Raises
     ------
@@ -60,27 +61,69 @@ class StrainPercentile(Observable):
     centre: Sequence[float] | None = None
     within: float | None = None
     band: float = 0.05
+
+    def __post_init__(self) -> None:
+        checked(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
+        checked(self.band, "band", lambda b: 0.001 <= b <= 0.5, "0.001 to 0.5 of the volume")
+        if (self.centre is None) != (self.within is None):
+            raise InputError("within", self.within, "a distance (m) and a centre, or neither")
+
+    def _named(self, what: str) -> str:
+        near = "" if self.within is None else f" within {1e3 * self.within:g} mm of a point"
+        return f"{self.percent:g} % percentile of the {what} in {self.region}{near}"
+
+
+@dataclass(frozen=True)
+class StrainPercentile(Quantile):
+    """A percentile of the largest principal strain, see `Quantile`.
+
+    Parameters
+    ----------
+    measure : str
+        "Green-Lagrange" (FᵀF - 1)/2, or "small", the symmetric part of ∇u.
+    factor : float
+        Displacements count so many times.
+    """
+
     measure: str = "Green-Lagrange"
     factor: float = 1.0
     unit = ""
 
     def __post_init__(self) -> None:
-        checked(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
-        checked(self.band, "band", lambda b: 0.001 <= b <= 0.5, "0.001 to 0.5 of the volume")
+        super().__post_init__()
         if self.measure not in MEASURES:
             raise InputError("measure", repr(self.measure), " or ".join(map(repr, MEASURES)))
-        if (self.centre is None) != (self.within is None):
-            raise InputError("within", self.within, "a distance (m) and a centre, or neither")
 
     @property
     def name(self) -> str:
         """In words."""
-        near = "" if self.within is None else f" within {1e3 * self.within:g} mm of a point"
-        return f"{self.percent:g} % percentile of the largest {self.measure} strain in {self.region}{near}"
+        return self._named(f"largest {self.measure} strain")
 
-    def on(self, problem: Problem) -> Percentile:
+    def on(self, problem: Problem) -> Strains:
         """At quadrature points of order 2."""
-        return Percentile(problem, self)
+        return Strains(problem, self)
+
+
+@dataclass(frozen=True)
+class StressPercentile(Quantile):
+    """A percentile of von Mises' stress √(3/2 dev σ : dev σ) (Pa), σ the Cauchy stress, see `Quantile`.
+
+    Raises
+    ------
+    InputError
+        When told of a problem with tissue that relaxes: its stress is not that of the state alone.
+    """
+
+    unit = "Pa"
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return self._named("von Mises stress")
+
+    def on(self, problem: Problem) -> Stresses:
+        """At quadrature points of order 2."""
+        return Stresses(problem, self)
 
 
 def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
@@ -96,13 +139,13 @@ def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
 
 
 class Percentile(Observed):
-    """A `StrainPercentile` of one problem."""
+    """A `Quantile` of one problem."""
 
     size, symbolic, twice = 1, False, False
 
-    def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
+    def __init__(self, problem: Problem, asked: Quantile) -> None:
         super().__init__(problem)
-        self.asked, mesh = asked, problem.mesh
+        self._of, mesh = asked, problem.mesh
         self._space, points = quadrature_points(mesh, ORDER)
         inside = ngs.GridFunction(self._space)
         inside.Interpolate(mesh.MaterialCF({asked.region: 1.0}, default=0.0))
@@ -113,8 +156,6 @@ class Percentile(Observed):
             raise InputError("region", repr(asked.region), "a region and a distance that hold some of the body")
         self._counted = np.flatnonzero(volumes)
         self._shares = volumes[self._counted] / volumes.sum()
-        gradient = problem.kinematics.gradient(problem.u, ngs.Grad(problem.u))
-        self._gradient, self._F = gradient.Compile(), ngs.GridFunction(ngs.MatrixValued(self._space, 3))
 
     def _volumes(self) -> Array:
         """What each point stands for (m³; in plane strain m²)."""
@@ -123,6 +164,44 @@ class Percentile(Observed):
         form += self.problem.kinematics.weight() * v * ngs.dx(intrules=self._space.GetIntegrationRules())
         form.Assemble()
         return np.array(form.vec.FV().NumPy())
+
+    @abstractmethod
+    def values(self) -> Array:
+        """The number of each point that counts."""
+
+    def value(self) -> Array:
+        """The mean over the band (1,)."""
+        values = self.values()
+        return np.array([self._weights(values) @ values])
+
+    @property
+    def raw(self) -> float:
+        """The percentile itself, between points by interpolation."""
+        return weighted_percentile(self.values(), self._shares, self._of.percent)
+
+    def _weights(self, values: Array) -> Array:
+        """Of each point: the part of the kernel that its ranks have."""
+        order, band = np.argsort(values, kind="stable"), self._of.band
+        ends = np.concatenate([[0.0], np.cumsum(self._shares[order])])
+        middle = np.clip(self._of.percent / 100, band, 1 - band)
+        s = np.clip((ends / ends[-1] - middle) / band, -1, 1)
+        found = np.empty(len(values))
+        found[order] = np.diff((3 * s - s**3) / 4)
+        return found
+
+    @cached_property
+    def _volumes_here(self) -> Array:
+        return self._volumes()[self._counted]
+
+
+class Strains(Percentile):
+    """A `StrainPercentile` of one problem."""
+
+    def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
+        super().__init__(problem, asked)
+        self.asked = asked
+        gradient = problem.kinematics.gradient(problem.u, ngs.Grad(problem.u))
+        self._gradient, self._F = gradient.Compile(), ngs.GridFunction(ngs.MatrixValued(self._space, 3))
 
     def strains(self) -> tuple[Array, Array, Array]:
         """The largest principal strain at each point that counts, its direction and F there."""
@@ -134,25 +213,9 @@ class Percentile(Observed):
         values, directions = np.linalg.eigh(E)
         return values[:, -1], directions[:, :, -1], F
 
-    def value(self) -> Array:
-        """The mean over the band (1,)."""
-        strain = self.strains()[0]
-        return np.array([self._weights(strain) @ strain])
-
-    @property
-    def raw(self) -> float:
-        """The percentile itself, between points by interpolation."""
-        return weighted_percentile(self.strains()[0], self._shares, self.asked.percent)
-
-    def _weights(self, strain: Array) -> Array:
-        """Of each point: the part of the kernel that its ranks have."""
-        order, band = np.argsort(strain, kind="stable"), self.asked.band
-        ends = np.concatenate([[0.0], np.cumsum(self._shares[order])])
-        middle = np.clip(self.asked.percent / 100, band, 1 - band)
-        s = np.clip((ends / ends[-1] - middle) / band, -1, 1)
-        found = np.empty(len(strain))
-        found[order] = np.diff((3 * s - s**3) / 4)
-        return found
+    def values(self) -> Array:
+        """The largest principal strains."""
+        return self.strains()[0]
 
     def gradient(self, weights: Array) -> Array:
         """Points keep their ranks where all move a little, so that only strains change: n · (Fᵀ ∂F) n, or n · ∂F n."""
@@ -168,10 +231,6 @@ class Percentile(Observed):
         form.Assemble()
         return np.array(form.vec.FV().NumPy())
 
-    @cached_property
-    def _volumes_here(self) -> Array:
-        return self._volumes()[self._counted]
-
     def _form(self, field: ngs.GridFunction) -> ngs.LinearForm:
         problem = self.problem
         v = problem.layout.fields(problem.fes.TestFunction()).u
@@ -183,3 +242,60 @@ class Percentile(Observed):
             * ngs.dx(intrules=self._space.GetIntegrationRules())
         )
         return form
+
+
+class Stresses(Percentile):
+    """A `StressPercentile` of one problem."""
+
+    symbolic = True
+
+    def __init__(self, problem: Problem, asked: StressPercentile) -> None:
+        super().__init__(problem, asked)
+        if any(material.viscous.branches for material in problem.materials.values()):
+            raise InputError("materials", "tissue that relaxes", "elastic tissue, for a percentile of stress")
+        self._share, self._stress = ngs.GridFunction(self._space), ngs.GridFunction(self._space)
+        self._view = StateView(problem)
+        (now,) = self._view.of(self._weighed, problem.gfu)
+        self._now = now.coef.Compile()
+
+    def _weighed(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+        """Stresses, each as much as its point's share has been set to."""
+        stress = self.problem.mesh.MaterialCF(
+            {pattern: self._von_mises(material, at) for pattern, material in self.problem.materials.items()}
+        )
+        rules = self._space.GetIntegrationRules()
+        return at.kinematics.weight() * self._share * stress * ngs.dx(intrules=rules)
+
+    def _von_mises(self, material: Material, at: Seen) -> ngs.CoefficientFunction:
+        F = at.F.MakeVariable()
+        nominal = material.energy(Deformation.of(F), at.p).Diff(F)
+        stress = nominal * F.trans / ngs.Det(F)
+        deviator = stress - ngs.Trace(stress) / 3 * ngs.Id(3)
+        least = (STILL * self.problem.modulus) ** 2  # a root of nothing has no slope
+        return ngs.sqrt(1.5 * ngs.InnerProduct(deviator, deviator) + least)
+
+    def values(self) -> Array:
+        """Von Mises' stresses (Pa)."""
+        self._share.vec[:] = 1.0
+        self._stress.Interpolate(self._now / self.problem.kinematics.weight())
+        return np.array(self._stress.vec.FV().NumPy()[self._counted])
+
+    def gradient(self, weights: Array) -> Array:
+        """By symbols."""
+        self.weigh(weights)
+        return self._slope()
+
+    @cached_property
+    def _slope(self) -> Callable[[], Array]:
+        return slope(self.problem, self.functional(self.problem.fes.TrialFunction()))
+
+    def weigh(self, weights: Array) -> None:
+        """Points keep the ranks that they have now where all move a little, so that only stresses change."""
+        share = weights[0] * self._weights(self.values())
+        entries = self._share.vec.FV().NumPy()
+        entries[:] = 0.0
+        entries[self._counted] = share / self._volumes_here
+
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """The first derivatives of the weighed percentile, also by what the law is made of."""
+        return self._view.of(self._weighed, state, *along)

@@ -23,6 +23,7 @@ from ngbrain.forward.observables import (
     Ratio,
     StrainEnergy,
     StrainPercentile,
+    StressPercentile,
     Unknowns,
     patch_pressure,
     region_volume,
@@ -35,7 +36,7 @@ from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
-from ngbrain.materials import NeoHooke, Ogden
+from ngbrain.materials import Branch, NeoHooke, Ogden, Viscous
 from ngbrain.mesh import block
 from ngbrain.surgery.protocols import Drive
 
@@ -83,6 +84,7 @@ FORCES = {"foot": Force("bottom"), "side": Force("right"), "all round": Force("b
 OTHERS = {
     "strain": StrainPercentile(70, band=0.2),
     "small": StrainPercentile(100, band=0.3, measure="small", factor=2.0),
+    "stress": StressPercentile(70, band=0.2),
     "energy": StrainEnergy(),
     "volume": region_volume(),
     "swelling": SWELLING,
@@ -106,7 +108,7 @@ def moved(body, rng, size):
 def ranks(observed, x):
     """Points by their strain."""
     observed.problem.x = x
-    return np.argsort(observed.strains()[0])
+    return np.argsort(observed.values())
 
 
 @pytest.mark.parametrize(
@@ -182,6 +184,33 @@ def test_percentiles_and_integrals_of_a_homogeneous_stretch():
     assert StrainEnergy().value(body) == pytest.approx([body.energy])
 
 
+@pytest.mark.parametrize("element", ["P2", "P2/P1"])
+def test_stress_of_a_pulled_block(element):
+    """Uniaxial, Neo-Hookean without change of volume: σ = μ (λ² - 1/λ), wherever it is looked for."""
+    supports = {
+        "left": (0, None, None),
+        "front": (None, 0, None),
+        "bottom": (None, None, 0),
+        "top": (None, None, 0.3 * SIDE),
+    }
+    law = Material(NeoHooke(1e3), 1e7)
+    body = Problem(block((SIDE,) * 3, SIDE / 2), {".*": law}, supports, element=element)
+    LoadPath(body).solve()
+    wanted = 1e3 * (1.3**2 - 1 / 1.3)
+    asked = StressPercentile(90, centre=(SIDE / 2,) * 3, within=SIDE / 3)
+    assert asked.value(body) == pytest.approx([wanted], rel=1e-3) and asked.unit == "Pa"
+    assert asked.on(body).raw == pytest.approx(wanted, rel=1e-3)
+
+
+def test_stress_at_rest_has_a_slope_and_relaxing_tissue_none():
+    body = Problem(block((SIDE,) * 3, SIDE / 2), {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": 0}, element="P2")
+    assert StressPercentile(50).value(body) == pytest.approx([0], abs=1e-3)
+    assert np.isfinite(StressPercentile(50).gradient(body)).all()
+    relaxing = Material(Viscous(NeoHooke(300.0), (Branch(NeoHooke(700.0), 3.0),)), 5e3)
+    with pytest.raises(InputError, match="relaxes"):
+        StressPercentile(50).on(Problem(body.mesh, {".*": relaxing}, {"bottom": 0}, element="P2"))
+
+
 def test_a_narrow_band_is_the_percentile_itself_and_a_wide_one_the_mean():
     body = cube(mesh=block((SIDE,) * 3, SIDE / 4))
     raw = [StrainPercentile(p).on(body).raw for p in (20, 50, 95)]
@@ -242,7 +271,7 @@ def test_one_of_a_users_own_is_asked_like_all_others():
 
 
 SMOOTH = [Force("bottom", (0.2, 0.3, 1)), SWELLING, TipDrop(), Moment("bottom", (0, 0, 0), (0.3, 1, 0))]
-STRAIN = StrainPercentile(70, band=0.3)
+STRAIN, STRESS = StrainPercentile(70, band=0.3), StressPercentile(60, band=0.4)
 
 
 def test_data_of_an_equilibrium(rng):
@@ -256,7 +285,7 @@ def test_data_of_an_equilibrium(rng):
         element="P2",
     )
     tight = newton_for(body, rtol=1e-12, xtol=1e-12)
-    model = StaticModel([Case(body, [*SMOOTH, STRAIN])], {"mu": mu, "push": push}, tight)
+    model = StaticModel([Case(body, [*SMOOTH, STRAIN, STRESS])], {"mu": mu, "push": push}, tight)
     start, there = model.theta.copy(), model.at(model.theta)
     w = weights(there.data[None], rng)[0]
     for name, direction in directions(model, rng):
