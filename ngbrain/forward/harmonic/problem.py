@@ -29,7 +29,7 @@ from ngbrain.forward.common.regions import boundaries
 from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.harmonic.factors import Factorised
 from ngbrain.forward.harmonic.integrands import Change, Terms, derivative, dot, gradient, same, vanishes
-from ngbrain.forward.harmonic.wave import Absorbing, Wave, vector
+from ngbrain.forward.harmonic.wave import Absorbing, Wave, held_axes, vector
 from ngbrain.materials.base import Value, positive
 from ngbrain.materials.linear import OfSmallStrain
 from ngbrain.solvers.device import CPU, Device
@@ -46,24 +46,45 @@ LawOfFrequency: TypeAlias = OfSmallStrain | Callable[[float], OfSmallStrain]
 class Harmonic:
     """A body in which waves are looked for: at rest, or with `Harmonic.about` about the equilibrium of a deformed one.
 
-    mesh       2-D (plane strain, or `kinematics` of `Axisymmetric()` or `AntiPlane()`) or 3-D
-    law        of the strain, complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`,
-               `TransverselyIsotropic`). A function of ω (rad/s) gives a law for each frequency.
-    waves      the loads; those of one frequency share a factorisation
-    bulk       K (Pa, complex allowed); None where the law has it all
-    density    ρ (kg/m³)
-    form       "P4" or, with the pressure as an unknown, "P4/P3", "P4/L2(2)"; on quadrilaterals "Q1", "Q1/L2(0)" too
-    held       boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for
-               single components, {"x": "side|top", "y": "top"}
-    quadrature rules of degree 2 × this on elements; unasked one more than the order
-    device     where matrices are factorised, `Device.named("cuda")` for a GPU
-    translation  with motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part
-               of u: the last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an
-               image of phase is known up to multiples of 2π; a pressure that changes evenly along z acts alike
+    Parameters
+    ----------
+    mesh : ngsolve.Mesh
+        2-D (plane strain, or `kinematics` of `Axisymmetric()` or `AntiPlane()`) or 3-D.
+    law : law of small strain, or function
+        Complex moduli allowed; with `bulk` it must leave change of volume alone (`Shearing`, `TransverselyIsotropic`). A function
+        of ω (rad/s) gives a law for each frequency.
+    waves : sequence of Wave
+        The loads; those of one frequency share a factorisation.
+    bulk : float, complex or CoefficientFunction, optional
+        K (Pa); None where the law has it all.
+    density : float or CoefficientFunction
+        ρ (kg/m³).
+    form : str
+        "P4" or, with the pressure as an unknown, "P4/P3", "P4/L2(2)"; on quadrilaterals "Q1", "Q1/L2(0)" too.
+    held : str or dict
+        Boundaries whose displacement each wave prescribes (0 where it says nothing): a pattern, or patterns for single components,
+        {"x": "side|top", "y": "top"}.
+    absorbing : sequence of Absorbing
+        Boundaries that let waves out.
+    kinematics : Solid, optional
+        Of a plane mesh: `PlaneStrain()` (default), `Axisymmetric()`, `AntiPlane()`.
+    quadrature : int, optional
+        Rules of degree 2 × this on elements; unasked one more than the order.
+    device : Device
+        Where matrices are factorised, `Device.named("cuda")` for a GPU.
+    translation : bool
+        With motion through the plane: whether the whole body also moves by a number (m) for each wave that is no part of u: the
+        last unknown, prescribed as 0. Measurements leave it out where the head's motion was subtracted or an image of phase is
+        known up to multiples of 2π; a pressure that changes evenly along z acts alike.
 
-    Raises `InputError` for patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex
-    constant of NGSolve's as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
+    Raises
+    ------
+    InputError
+        For patterns that match nothing, unstable pairs, a pressure without K, a negative density, a complex constant of NGSolve's
+        as a modulus, ngs.CF(2000 + 800j): a number does, or CF(2000) + 1j * CF(800).
 
+    Examples
+    --------
     >>> from ngbrain.materials import Shearing
     >>> from ngbrain.mesh.grid import rectangles
     >>> mesh = rectangles(np.linspace(0, 0.1, 9), np.linspace(0, 0.1, 9))
@@ -103,7 +124,7 @@ class Harmonic:
         self.law, self.bulk, self.absorbing, self.translation = law, bulk, tuple(absorbing), translation
         self._stand(mesh, waves, density, ElementPair.named(form), kinematics_of(mesh, kinematics))
         self._check_medium()
-        axes = self._check_waves(held)
+        axes = held_axes(mesh, self.axes, self.waves, held)
         if self.axes == "z":
             self.displacement = ngs.H1(mesh, order=self.form.order, complex=True, dirichlet=axes.get("z", ""))
         else:
@@ -175,7 +196,7 @@ class Harmonic:
         made = cls.__new__(cls)
         made.state = AboutState(body, loss, density)
         made._stand(body.mesh, waves, made.state.density, body.element, body.kinematics)
-        axes = made._check_waves(made.state.supports() if held is None else held)
+        axes = held_axes(body.mesh, made.axes, made.waves, made.state.supports() if held is None else held)
         made.displacement = ngs.VectorH1(body.mesh, order=body.element.order, complex=True, **_dirichlet(axes))
         made.fes = made.state.space(made.displacement)
         made._discretise(device if body.symmetric else made.state.pivoted(device), None)
@@ -328,27 +349,6 @@ class Harmonic:
             load += work * ngs.ds(boundary, intrules=self.boundary_rules)
         load.Assemble()
         return load.vec.FV().NumPy().copy()
-
-    def _check_waves(self, held: str | Mapping[str, str]) -> dict[str, str]:
-        """Patterns by axis, when what is held and what drives make sense."""
-        if not self.waves:
-            raise InputError("waves", "none", "one Wave or more")
-        names = self.axes
-        axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)
-        if not set(axes) <= set(names):
-            raise InputError("held", sorted(axes), f"patterns for axes among {', '.join(names)}")
-        axes = {axis: pattern for axis, pattern in axes.items() if pattern}
-        allowed = set[int]().union(*(boundaries(self.mesh, pattern) for pattern in axes.values()))
-        for wave in self.waves:
-            for pattern in wave.held:
-                if not boundaries(self.mesh, pattern) <= allowed:
-                    raise InputError("Wave.held", repr(pattern), f"boundaries among those held: {held!r}")
-            for pattern in wave.traction:
-                boundaries(self.mesh, pattern)
-            for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
-                if (size := vector(value).dim) != len(names):
-                    raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
-        return axes
 
     def _check_medium(self) -> None:
         if self.translation and self.axes != "z":

@@ -11,6 +11,7 @@ import ngsolve as ngs
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
+from ngbrain.forward.common.regions import boundaries
 from ngbrain.materials.base import Value
 
 Vector: TypeAlias = Sequence[Value] | CoefficientFunction
@@ -20,9 +21,21 @@ Vector: TypeAlias = Sequence[Value] | CoefficientFunction
 class Wave:
     """What drives the body at one frequency (Hz, 0 for quasi-static).
 
-    held      boundary pattern → displacement amplitude (m, complex), for boundaries among those that the body is held at
-    traction  boundary pattern → force per area (Pa, complex)
-    force     per volume (N/m³, complex)
+    Parameters
+    ----------
+    frequency : float
+        Hz.
+    held : dict
+        Boundary pattern → displacement amplitude (m, complex), for boundaries among those that the body is held at.
+    traction : dict
+        Boundary pattern → force per area (Pa, complex).
+    force : vector, optional
+        Per volume (N/m³, complex).
+
+    Raises
+    ------
+    InputError
+        For a frequency below 0.
     """
 
     frequency: float
@@ -44,7 +57,18 @@ class Wave:
 class Absorbing:
     """A boundary that lets plane waves out: z_p = √(ρ(K + 4G/3)) along its normal, z_s = √(ρG) across (Pa s/m).
 
-    Exact for waves that meet it squarely. Source: Lysmer and Kuhlemeyer 1969, 10.1061/JMCEA3.0001144.
+    Exact for waves that meet it squarely.
+
+    Parameters
+    ----------
+    boundary : str
+        A pattern.
+    shear, bulk : float, complex or CoefficientFunction
+        Moduli (Pa) behind the boundary.
+
+    References
+    ----------
+    Lysmer and Kuhlemeyer 1969, 10.1061/JMCEA3.0001144.
     """
 
     boundary: str
@@ -61,3 +85,24 @@ def vector(value: Vector) -> CoefficientFunction:
             "Wave", repr(tuple(value)), "numbers; components that slide are left out of `held`, {'y': 'top'}"
         )
     return ngs.CF(tuple(value))
+
+
+def held_axes(mesh: ngs.Mesh, names: str, waves: Sequence[Wave], held: str | Mapping[str, str]) -> dict[str, str]:
+    """What waves hold, a pattern for each axis of these names; `InputError` unless it and what drives them make sense."""
+    if not waves:
+        raise InputError("waves", "none", "one Wave or more")
+    axes = dict.fromkeys(names, held) if isinstance(held, str) else dict(held)
+    if not set(axes) <= set(names):
+        raise InputError("held", sorted(axes), f"patterns for axes among {', '.join(names)}")
+    axes = {axis: pattern for axis, pattern in axes.items() if pattern}
+    allowed = set[int]().union(*(boundaries(mesh, pattern) for pattern in axes.values()))
+    for wave in waves:
+        for pattern in wave.held:
+            if not boundaries(mesh, pattern) <= allowed:
+                raise InputError("Wave.held", repr(pattern), f"boundaries among those held: {held!r}")
+        for pattern in wave.traction:
+            boundaries(mesh, pattern)
+        for value in (*wave.held.values(), *wave.traction.values(), *([] if wave.force is None else [wave.force])):
+            if (size := vector(value).dim) != len(names):
+                raise InputError("Wave", f"a vector of {size} components", f"{len(names)} components")
+    return axes
