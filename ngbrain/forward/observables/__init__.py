@@ -7,6 +7,8 @@
     Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
 
+Dose, time above a threshold, amplitude and phase are made of what models show: `ngbrain.adjoint.derived`.
+
 One of a user's own is a class with `name`, `unit` and `on`; where it is an integral, `Functional` is all it takes.
 """
 

@@ -1,0 +1,103 @@
+"""Dose, time above a threshold, amplitude and phase: closed forms, Taylor rates, transposes."""
+
+import ngsolve as ngs
+import numpy as np
+import pytest
+from differentiable import waves
+
+from ngbrain.adjoint.check import dot, taylor
+from ngbrain.adjoint.derived import Amplitude, Derived, Dose, Phase, TimeAbove
+from ngbrain.adjoint.reduced import Reduced
+from ngbrain.errors import InputError
+from ngbrain.forward import Contact, Material, Problem, RunModel
+from ngbrain.forward.observables import Force, patch_pressure
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
+from ngbrain.inverse.misfit import LeastSquares
+from ngbrain.inverse.parameters import Fields, Log, Unknown
+from ngbrain.materials import NeoHooke, Prony
+from ngbrain.mesh import block
+from ngbrain.surgery.protocols import Drive, Protocol
+
+SIDE, GRID = 0.02, np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+
+
+def pressed():
+    """A relaxing block under a plate that presses and stops: pressure and force over time."""
+    drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
+    plate = Contact("top", lambda x: SIDE - drive.parameter - x[2], 1e8, 2e-5)
+    mu, g = ngs.Parameter(1000.0), ngs.Parameter(0.5)
+    tissue = Material(Prony(NeoHooke(mu), [g], [3.0]), 1e6)
+    body = Problem(block((SIDE,) * 3, SIDE), {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
+    seen = [patch_pressure(plate), Force("bottom", (0, 0, 1))]
+    return RunModel(body, drive, GRID, {"mu": mu, "g": g}, seen)
+
+
+def check(of, theta, direction, rng, first=0.01, second=True):
+    there = of.at(theta)
+    w = rng.normal(size=there.data.shape) / np.abs(there.data).max(axis=0)
+    if np.iscomplexobj(there.inner.data):  # by symmetry some hardly move, where neither has a slope
+        size = np.abs(there.inner.data)
+        w = np.where(size > 0.05 * size.max(), rng.normal(size=size.shape), 0.0)
+    assert dot(there.push, there.pull(w), direction, w) < 1e-9
+    assert there.gradient(w) == pytest.approx(there.pull(w), rel=1e-7, abs=1e-9 * np.abs(there.pull(w)).max())
+    rates = taylor(lambda t: float(np.sum(w * of.at(t).data)), there.gradient(w), theta, direction, 3, first)
+    assert np.all(np.abs(rates - 2) < 0.15), rates
+    if second:
+        size = np.concatenate([np.full(p.stop - p.start, np.abs(theta[p]).max()) for p in of.model.blocks.values()])
+        there = of.at(theta)
+        rates = taylor(
+            lambda t: of.at(t).gradient(w) * size, lambda d: there.second(w, d) * size, theta, direction, 3, first
+        )
+        assert np.all(np.abs(rates - 2) < 0.15), rates
+
+
+@pytest.mark.parametrize("quantity", [Amplitude(), Phase()], ids=lambda q: q.name)
+def test_amplitude_and_phase_of_waves(quantity, rng):
+    model = waves()
+    theta = model.theta
+    direction = theta * rng.uniform(-1, 1, len(theta))
+    check(Derived(model, quantity), theta, direction, rng, first=0.02)
+    data = model.at(theta).data
+    assert quantity.value(data) == pytest.approx({"amplitude": np.abs, "phase": np.angle}[quantity.name](data))
+
+
+def test_dose_and_time_above_of_a_run(rng):
+    model = pressed()
+    theta = model.theta
+    direction = theta * np.array([1.0, -0.4])
+    pressure = model.at(theta).data[:, 0]
+    check(Derived(model, Dose(model.times)), theta, direction, rng, second=False)
+    above = TimeAbove(model.times, 0.8 * pressure.max(), 0.1 * pressure.max())
+    check(Derived(model, above), theta, direction, rng, second=False)
+    with pytest.raises(InputError, match="second derivatives"):
+        Derived(model, above).at(theta).second(np.ones(2), direction)
+
+
+def test_a_ramp_in_closed_form():
+    times = np.linspace(0.0, 10.0, 41)[1:]
+    ramp = 2.0 * times[:, None]
+    assert Dose(times).value(ramp) == pytest.approx([100.0])
+    assert TimeAbove(times, 5.0, 1e-3).raw(ramp) == pytest.approx([7.5])
+    narrow, wide = (TimeAbove(times, 5.0, width).value(ramp)[0] for width in (0.01, 1.0))
+    assert narrow == pytest.approx(7.5, abs=1e-6) and wide == pytest.approx(
+        (np.logaddexp(0, 15) - np.logaddexp(0, -5)) / 2
+    )
+    held = np.full((40, 1), 6.0)
+    assert TimeAbove(times, 5.0, 0.01).value(held) == pytest.approx([10.0 - 0.25 * 5 / 6], rel=1e-6)
+    for bad in ([0.0, 1.0], [2.0, 1.0]):
+        with pytest.raises(InputError, match="times"):
+            Dose(bad)
+    with pytest.raises(InputError, match="width"):
+        TimeAbove(times, 5.0, 0.0)
+
+
+def test_a_modulus_from_a_dose():
+    """As data of an inversion: twice the dose is nearly twice the modulus."""
+    model = pressed()
+    theta = model.theta
+    dose = Derived(model, Dose(model.times))
+    wanted = dose.at(theta * [1.5, 1.0]).data
+    unknowns = Fields(theta, model.blocks, {"mu": Unknown(theta[model.blocks["mu"]], Log())})
+    reduced = Reduced(dose, LeastSquares(wanted, 0.01 * wanted), unknowns, {}, {})
+    found = levenberg_marquardt(reduced, unknowns.start)
+    assert unknowns.theta(found.x)[model.blocks["mu"]] == pytest.approx([1500.0], rel=1e-4)
