@@ -83,7 +83,7 @@ def placed(scan: Scan) -> Alignment:
         found = align(scan.volume, mni152().volume)
         if found.likeness < ALIKE:
             what = f"a picture that is not like a brain (correlation with the MNI152 template {found.likeness:.2f}"
-            raise InputError("image", f"{what}, at least {ALIKE:g} needed)", _WANTED)
+            raise InputError("image", f"{what}, at least {ALIKE:g} needed{_turned(scan.volume)})", _WANTED)
         seen = contrast(scan.volume, found.affine)
         if seen.order[2] != TISSUES[2]:  # fluid is darkest, but for the vessels in it after a contrast agent
             what = f"a picture in which {seen.order[2]} is brightest and {seen.order[0]} darkest"
@@ -92,6 +92,17 @@ def placed(scan: Scan) -> Alignment:
             what = f"a picture in which white matter is hardly brighter than grey (by {seen.step:.2f} of the spread of grey values"
             raise InputError("image", f"{what}, at least {_STEP:g} needed)", _T1)
     return found
+
+
+def _turned(head: Volume) -> str:
+    """What is wrong with an affine by which a head stands on its head, or looks back; nothing where it is no such head."""
+    for axis, how in ((2, "upside down"), (1, "back to front")):
+        turned = np.eye(4)
+        turned[axis, axis] = -1
+        likeness = align(Volume(head.data, turned @ head.affine), mni152().volume).likeness
+        if likeness >= ALIKE:
+            return f"; {how} it has {likeness:.2f}: is its affine wrong, and are left and right?"
+    return ""
 
 
 def _refined(grey: np.ndarray, prior: np.ndarray, spacing: np.ndarray) -> np.ndarray:
