@@ -60,10 +60,11 @@ class Alignment:
     likeness: float
 
 
-def align(head: Volume, template: Volume, start: np.ndarray | None = None) -> Alignment:
+def align(head: Volume, template: Volume, start: np.ndarray | None = None, far: bool = True) -> Alignment:
     """Find `template`, a brain on an exact background of 0, in `head`, with a skull or without.
 
     start   (4, 4), where it was found before in a picture of the same head: improved, and searched for only if it does not fit
+    far     whether it is looked for at more turns where none of the nearer ones fits
 
     Grey values are normalised by mean and spread over some 20 mm, which takes out coil fields and makes scanners alike. All
     shifts of the template are tried by Fourier transforms, at 17 turns (125 more where none fits) and four sizes, on
@@ -91,7 +92,7 @@ def align(head: Volume, template: Volume, start: np.ndarray | None = None) -> Al
         if best.likeness >= enough:
             return best
     best = _best(coarse, fine, finest, looks, _TURNS)
-    if best.likeness < enough:
+    if best.likeness < enough and far:
         best = max(best, _best(coarse, fine, finest, looks, _FAR_TURNS), key=lambda place: place.likeness)
     return best
 

@@ -99,7 +99,7 @@ def _turned(head: Volume) -> str:
     for axis, how in ((2, "upside down"), (1, "back to front")):
         turned = np.eye(4)
         turned[axis, axis] = -1
-        likeness = align(Volume(head.data, turned @ head.affine), mni152().volume).likeness
+        likeness = align(Volume(head.data, turned @ head.affine), mni152().volume, far=False).likeness
         if likeness >= ALIKE:
             return f"; {how} it has {likeness:.2f}: is its affine wrong, and are left and right?"
     return ""

@@ -36,7 +36,7 @@ def naive(measured, u):
     waves[0, n:] = -(matrix[n:, :n] @ waves[0, :n]) / matrix[n:, n:].diagonal()  # with the true K
     state = model.around(model.theta, waves)
     inner = np.flatnonzero(~model.body.held[:n])
-    by_modulus = state.sensitivities[0][inner]
+    by_modulus = state.sensitivity.matrices[0][inner]
     rest = (matrix @ waves[0])[inner] - by_modulus @ measured.truth["youngs"]
     normal, right = (by_modulus.conj().T @ by_modulus).real, -(by_modulus.conj().T @ rest).real
     uniform = np.full(len(right), measured.phantom.start["youngs"])
