@@ -21,7 +21,7 @@ CLOSE = 1e-4
 """Of two arguments of the logistic function: nearer ones have their means by a series."""
 
 
-class Quantity(ABC):
+class DerivedQuantity(ABC):
     """Real numbers made of a model's data.
 
     Attributes
@@ -49,7 +49,7 @@ class Quantity(ABC):
         raise InputError(type(self).__name__, "asked for second derivatives", "a quantity that has them")
 
 
-class OfWaves(Quantity):
+class OfWaves(DerivedQuantity):
     """A number for each complex displacement (m) of waves; `InputError` where one is 0, which has no phase, its size no slope."""
 
     @staticmethod
@@ -105,7 +105,7 @@ class Phase(OfWaves):
         return np.asarray(-1j * w * np.conj(change) / np.conj(data) ** 2)
 
 
-class OverTime(Quantity):
+class OverTime(DerivedQuantity):
     """A number for each column of a run's data (m, k): an integral over its times, linear between them.
 
     A run begins at rest at 0 s, where what is seen is taken to be 0.
@@ -229,6 +229,13 @@ class TimeAbove(OverTime):
 class Derived:
     """A model whose data are a quantity of another's.
 
+    Parameters
+    ----------
+    model : Model
+        Such as `WaveModel` or `RunModel`.
+    quantity : DerivedQuantity
+        Such as `Amplitude()` or `Dose(model.times)`.
+
     Examples
     --------
     >>> import ngsolve as ngs
@@ -244,7 +251,7 @@ class Derived:
     ((1, 1, 2), True)
     """
 
-    def __init__(self, model: Model, quantity: Quantity) -> None:
+    def __init__(self, model: Model, quantity: DerivedQuantity) -> None:
         self.model, self.quantity = model, quantity
 
     def at(self, theta: Array) -> DerivedState:
@@ -255,7 +262,7 @@ class Derived:
 class DerivedState:
     """`data`, and the products of their derivatives."""
 
-    def __init__(self, quantity: Quantity, inner: Any) -> None:
+    def __init__(self, quantity: DerivedQuantity, inner: Any) -> None:
         self.quantity, self.inner = quantity, inner
         self.data = quantity.value(inner.data)
 

@@ -186,7 +186,7 @@ def _left_over(grey: np.ndarray, inside: np.ndarray, prior: np.ndarray, size: fl
         np.pad(prior[(slice(None), *thin)], ((0, 0), (1, 1), (1, 1), (1, 1))),
     )
     known = np.ptp(chances, axis=0) > 0
-    # The template's own shares: the cerebellum, a quarter white, would be half of it by the chances, which are flattened.
+    # The template's own shares: the cerebellum, a fifth white, would be a third by the chances, which are flattened.
     matter, white = np.exp(chances[[2, 4]] / _TRUST)
     expected = (matter + 2 * white) / (matter + white)
     best, least = np.zeros(values.shape, np.float32), np.inf

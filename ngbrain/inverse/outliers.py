@@ -78,7 +78,7 @@ def without_outliers(data: WaveData, far: float = FAR) -> WaveData:
 def beside_jumps(data: WaveData) -> float:
     """Share of the displacements that lie beside a jump of the displacement: the seam of two scans, the border of a phase wrap.
 
-    There a smooth field is off by more than `far` σ and `JUMP` of the waves' rms, and at most points around too; a jump of the
+    There a smooth field is off by more than `FAR` σ and `JUMP` of the waves' rms, and at most points around too; a jump of the
     moduli bends waves and tears nothing. Raises `InputError` where too few points make a smooth field.
 
     >>> line = np.arange(20) * 2e-3

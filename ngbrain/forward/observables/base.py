@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from ngbrain.errors import InputError
 from ngbrain.forward.common.state import State
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Terms
+from ngbrain.forward.solid.virtual_work import Motion, Terms, slope
 
 Array = np.ndarray
 
@@ -59,6 +60,19 @@ class Observed(ABC):
         Empty where there is a matrix. Raises `InputError` where there are none, as of a percentile.
         """
         raise InputError(type(self).__name__, "asked for second derivatives", "an observable that is an integral")
+
+
+class Symbolic(Observed):
+    """An observable with a `functional`, whose gradient follows from that."""
+
+    def gradient(self, weights: Array) -> Array:
+        """By symbols."""
+        self.weigh(weights)
+        return self._slope()
+
+    @cached_property
+    def _slope(self) -> Callable[[], Array]:
+        return slope(self.problem, self.functional(self.problem.fes.TrialFunction()))
 
 
 class Observable(ABC):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.base import Observable, Symbolic
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Integrand, Motion, Seen, StateView, Terms, slope
+from ngbrain.forward.solid.virtual_work import Integrand, Motion, Seen, StateView, Terms
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
@@ -91,7 +90,7 @@ class StrainEnergy(Observable):
         return Integrals(problem, [stored])
 
 
-class Integrals(Observed):
+class Integrals(Symbolic):
     """Integrals over one problem's mesh."""
 
     def __init__(self, problem: Problem, integrands: Sequence[Integrand]) -> None:
@@ -104,15 +103,6 @@ class Integrals(Observed):
     def value(self) -> Array:
         """Each."""
         return np.array([sum(ngs.Integrate(part, self.problem.mesh) for part in parts) for parts in self._now])
-
-    def gradient(self, weights: Array) -> Array:
-        """By symbols."""
-        self.weigh(weights)
-        return self._slope()
-
-    @cached_property
-    def _slope(self) -> Callable[[], Array]:
-        return slope(self.problem, self.functional(self.problem.fes.TrialFunction()))
 
     def weigh(self, weights: Array) -> None:
         """Set the weights of `functional`."""

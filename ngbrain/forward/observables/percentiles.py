@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,9 +13,9 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.base import Observable, Observed, Symbolic
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms, slope
+from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms
 from ngbrain.materials.base import Deformation, checked
 
 Array = np.ndarray
@@ -244,7 +244,7 @@ class Strains(Percentile):
         return form
 
 
-class Stresses(Percentile):
+class Stresses(Symbolic, Percentile):
     """A `StressPercentile` of one problem."""
 
     symbolic = True
@@ -279,15 +279,6 @@ class Stresses(Percentile):
         self._share.vec[:] = 1.0
         self._stress.Interpolate(self._now / self.problem.kinematics.weight())
         return np.array(self._stress.vec.FV().NumPy()[self._counted])
-
-    def gradient(self, weights: Array) -> Array:
-        """By symbols."""
-        self.weigh(weights)
-        return self._slope()
-
-    @cached_property
-    def _slope(self) -> Callable[[], Array]:
-        return slope(self.problem, self.functional(self.problem.fes.TrialFunction()))
 
     def weigh(self, weights: Array) -> None:
         """Points keep the ranks that they have now where all move a little, so that only stresses change."""
