@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
-SKULL = (Given(boundary="skull"),)
-FOOT = Given(boundary="bottom")
+SKULL = (DisplacementBC(boundary="skull"),)
+FOOT = DisplacementBC(boundary="bottom")
 CORTEX, WHITE = "griffiths2024:cortex", "griffiths2024:white_matter"
 RICH, RICHER = {"order": "2", "mesh": "1"}, {"order": "2", "mesh": "2"}
 """With pressures, displacements of third order; elements a half or, in bars, a quarter of the coarsest."""
@@ -22,7 +22,7 @@ DRAWN = (0, 1, 2, 6)
 class Case:
     """A scene and the bounds of its axes."""
 
-    scene: Loading
+    scene: Scene
     richest: dict[str, str]
 
 
@@ -33,101 +33,135 @@ def cases() -> dict[str, Case]:
 
 def named() -> dict[str, Case]:
     """From trivial to hard."""
-    plate = Piece(plate=(0.02, 0.02), cell=CELL)
-    slot = Piece(slot=(0.004, 0.02), cell=CELL)
-    cortex, white = Stuff(constants=CORTEX), Stuff(constants=WHITE)
-    on_plate = Ask(boundary="plate")
+    plate = Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02))
+    slot = Geometry(kind="block", size=(0.06, 0.06, 0.04), slot=(0.004, 0.02))
+    cortex, white = Tissue(material=CORTEX), Tissue(material=WHITE)
+    on_plate = Quantity(name="force", boundary="plate")
 
-    def pressed(mm: float, ramp: float, elapsed: float, hold: str = "tied") -> Loading:
-        given = (FOOT, Given(boundary="plate", by=(0, 0, -mm / 1000), hold=hold))
-        return Loading(
-            piece=plate, stuff=(cortex,), given=given, course=Course(ramp=ramp, elapsed=elapsed), ask=(on_plate,)
+    def pressed(mm: float, ramp: float, elapsed: float, hold: str = "bonded") -> Scene:
+        given = (FOOT, DisplacementBC(boundary="plate", value=(0, 0, -mm / 1000), contact=hold))
+        return Scene(
+            mesh=MeshSize(largest=CELL),
+            geometry=plate,
+            tissues=(cortex,),
+            displacement_bcs=given,
+            time=Time(ramp=ramp, end=elapsed),
+            quantities=(on_plate,),
         )
 
-    def spread(mm: float, ramp: float, elapsed: float, piece: Piece = slot) -> Loading:
-        given = (FOOT, Given(boundary="wall_plus", by=(mm / 1000, 0, 0)))
+    def spread(mm: float, ramp: float, elapsed: float, geometry: Geometry = slot) -> Scene:
+        given = (FOOT, DisplacementBC(boundary="wall_plus", value=(mm / 1000, 0, 0)))
         asks = (
-            Ask(boundary="wall_plus", direction=(1, 0, 0)),
-            Ask(quantity="strain", point=(0, 0, 0.03), within=0.02, percentile=90),
+            Quantity(name="force", boundary="wall_plus", direction=(1, 0, 0)),
+            Quantity(name="strain", point=(0, 0, 0.03), radius=0.02, percentile=90),
         )
-        return Loading(piece=piece, stuff=(white,), given=given, course=Course(ramp=ramp, elapsed=elapsed), ask=asks)
+        return Scene(
+            mesh=MeshSize(largest=CELL),
+            geometry=geometry,
+            tissues=(white,),
+            displacement_bcs=given,
+            time=Time(ramp=ramp, end=elapsed),
+            quantities=asks,
+        )
 
-    ball = Piece(lesion=0.008, cell=0.018)
-    soft, stiff = Stuff(mu=(1000.0,)), Stuff(region="lesion", mu=(5000.0,))
-    pressed_top = (FOOT, Given(boundary="top", by=(0, 0, -0.002)))
-    bar = Piece(size=(0.02, 0.02, 0.06), cell=CELL)
-    shaken = Piece(size=(0.06, 0.03, 0.06), lesion=0.008, at=(0, 0, 0.03), cell=CELL)
-    lossy = (Stuff(mu=(3000.0,), loss=0.3), Stuff(region="lesion", mu=(9000.0,), loss=0.3))
-    centre = Ask(quantity="displacement", point=(0, 0, 0.03), direction=(1, 0, 0))
+    ball = Geometry(kind="block", size=(0.06, 0.06, 0.04), lesion_centre=(0.0, 0.0, 0.02), lesion_radius=0.008)
+    soft, stiff = Tissue(poissons_ratio=0.49, mu=(1000.0,)), Tissue(poissons_ratio=0.49, region="lesion", mu=(5000.0,))
+    pressed_top = (FOOT, DisplacementBC(boundary="top", value=(0, 0, -0.002)))
+    bar = Geometry(kind="block", size=(0.02, 0.02, 0.06))
+    shaken = Geometry(kind="block", size=(0.06, 0.03, 0.06), lesion_radius=0.008, lesion_centre=(0, 0, 0.03))
+    lossy = (
+        Tissue(poissons_ratio=0.49, mu=(3000.0,), loss_tangent=0.3),
+        Tissue(poissons_ratio=0.49, region="lesion", mu=(9000.0,), loss_tangent=0.3),
+    )
+    centre = Quantity(name="displacement", point=(0, 0, 0.03), direction=(1, 0, 0))
 
-    def stretched(mm: float, stuff: Stuff) -> Loading:
-        given = (FOOT, Given(boundary="top", by=(0, 0, mm / 1000)))
-        return Loading(piece=bar, stuff=(stuff,), given=given, ask=(Ask(boundary="top"),))
+    def stretched(mm: float, stuff: Tissue) -> Scene:
+        given = (FOOT, DisplacementBC(boundary="top", value=(0, 0, mm / 1000)))
+        return Scene(
+            mesh=MeshSize(largest=CELL),
+            geometry=bar,
+            tissues=(stuff,),
+            displacement_bcs=given,
+            quantities=(Quantity(name="force", boundary="top"),),
+        )
 
-    budday = Stuff(mu=(1442.0,), alpha=(-19.0,))
-    fibred = Stuff(mu=(1000.0,), k1=4000.0, k2=2.0, fibre=(0, 0, 1))
-    slanted = Stuff(mu=(1000.0,), k1=4000.0, k2=2.0, fibre=(1, 0, 1))
-    sheared = Loading(
-        piece=bar,
-        stuff=(slanted,),
-        given=(FOOT, Given(boundary="top", by=(0.006, 0, 0))),
-        ask=(Ask(boundary="top", direction=(1, 0, 0)),),
+    budday = Tissue(poissons_ratio=0.49, mu=(1442.0,), alpha=(-19.0,))
+    fibred = Tissue(poissons_ratio=0.49, mu=(1000.0,), fibre_stiffness=4000.0, fibre_exponent=2.0, fibre=(0, 0, 1))
+    slanted = Tissue(poissons_ratio=0.49, mu=(1000.0,), fibre_stiffness=4000.0, fibre_exponent=2.0, fibre=(1, 0, 1))
+    sheared = Scene(
+        mesh=MeshSize(largest=CELL),
+        geometry=bar,
+        tissues=(slanted,),
+        displacement_bcs=(FOOT, DisplacementBC(boundary="top", value=(0.006, 0, 0))),
+        quantities=(Quantity(name="force", boundary="top", direction=(1, 0, 0)),),
     )
-    wide = Loading(
-        piece=Piece(size=(0.12, 0.12, 0.04), plate=(0.02, 0.02), cell=0.02),
-        stuff=(soft,),
-        given=(FOOT, Given(boundary="plate", by=(0, 0, -0.001))),
-        ask=(on_plate,),
+    wide = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=Geometry(kind="block", size=(0.12, 0.12, 0.04), plate=(0.02, 0.02)),
+        tissues=(soft,),
+        displacement_bcs=(FOOT, DisplacementBC(boundary="plate", value=(0, 0, -0.001))),
+        quantities=(on_plate,),
     )
-    slid = Loading(
-        piece=Piece(plate=(0.03, 0.024), cell=0.02),
-        stuff=(Stuff(mu=(350.0,), alpha=(-10.0,)),),
-        given=(FOOT, Given(boundary="plate", by=(0, 0, -0.003), hold="touching")),
-        ask=(on_plate,),
+    slid = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.03, 0.024)),
+        tissues=(Tissue(poissons_ratio=0.49, mu=(350.0,), alpha=(-10.0,)),),
+        displacement_bcs=(FOOT, DisplacementBC(boundary="plate", value=(0, 0, -0.003), contact="frictionless")),
+        quantities=(on_plate,),
     )
-    dull = tuple(Stuff(region=region, mu=(mu,), loss=0.5) for region, mu in ((".*", 3000.0), ("lesion", 9000.0)))
-    aslant = Loading(
-        piece=Piece(size=(0.05, 0.03, 0.05), lesion=0.008, at=(0, 0, 0.025), cell=CELL),
-        stuff=dull,
-        given=(Given(boundary="left", by=(0, 0, 1e-4)),),
-        course=Course(frequency=20),
-        ask=(Ask(quantity="displacement", point=(0.01, 0, 0.025), direction=(0, 0, 1)),),
+    dull = tuple(
+        Tissue(poissons_ratio=0.49, region=region, mu=(mu,), loss_tangent=0.5)
+        for region, mu in ((".*", 3000.0), ("lesion", 9000.0))
     )
-    head = Piece(shape="head", cell=0.03)
+    aslant = Scene(
+        mesh=MeshSize(largest=CELL),
+        geometry=Geometry(kind="block", size=(0.05, 0.03, 0.05), lesion_radius=0.008, lesion_centre=(0, 0, 0.025)),
+        tissues=dull,
+        displacement_bcs=(DisplacementBC(boundary="left", value=(0, 0, 1e-4)),),
+        time=Time(frequency=20),
+        quantities=(Quantity(name="displacement", point=(0.01, 0, 0.025), direction=(0, 0, 1)),),
+    )
+    head = Geometry(kind="idealised")
     regions = (
-        Stuff(mu=(600.0,)),
-        Stuff(region="cortex", mu=(1400.0,)),
-        Stuff(region="ventricle.*", mu=(10.0,), poisson=0.1),
+        Tissue(poissons_ratio=0.49, mu=(600.0,)),
+        Tissue(poissons_ratio=0.49, region="cortex", mu=(1400.0,)),
+        Tissue(region="ventricle.*", mu=(10.0,), poissons_ratio=0.1),
     )
-    tilted = Loading(
-        piece=head,
-        stuff=regions,
-        given=SKULL,
-        course=Course(gravity=(0.0, 0.7, -0.7)),
-        ask=(Ask(quantity="displacement", point=(0.03, 0, 0.02), direction=(0, 1, -1)),),
+    tilted = Scene(
+        mesh=MeshSize(largest=0.03),
+        gravity=Gravity(acceleration=(0.0, 6.867, -6.867)),
+        geometry=head,
+        tissues=regions,
+        displacement_bcs=SKULL,
+        time=Time(),
+        quantities=(Quantity(name="displacement", point=(0.03, 0, 0.02), direction=(0, 1, -1)),),
     )
-    hanging = Loading(
-        piece=Piece(size=(0.04, 0.04, 0.06), cell=CELL),
-        stuff=(Stuff(mu=(2000.0,)),),
-        given=(FOOT,),
-        course=Course(gravity=(1.0, 0.0, 0.0)),
-        ask=(Ask(quantity="displacement", point=(0, 0, 0.06), direction=(1, 0, 0)),),
+    hanging = Scene(
+        mesh=MeshSize(largest=CELL),
+        gravity=Gravity(acceleration=(9.81, 0.0, 0.0)),
+        geometry=Geometry(kind="block", size=(0.04, 0.04, 0.06)),
+        tissues=(Tissue(poissons_ratio=0.49, mu=(2000.0,)),),
+        displacement_bcs=(FOOT,),
+        time=Time(),
+        quantities=(Quantity(name="displacement", point=(0, 0, 0.06), direction=(1, 0, 0)),),
     )
-    pulled = Loading(
-        piece=plate,
-        stuff=(cortex,),
-        given=(FOOT,),
-        pull=(Pull(boundary="plate", traction=(0, 0, -400.0)),),
-        course=Course(ramp=1, elapsed=600),
-        ask=(Ask(quantity="displacement", point=(0, 0, 0.04), direction=(0, 0, -1)),),
+    pulled = Scene(
+        mesh=MeshSize(largest=CELL),
+        geometry=plate,
+        tissues=(cortex,),
+        displacement_bcs=(FOOT,),
+        tractions=(Traction(boundary="plate", value=(0, 0, -400.0)),),
+        time=Time(ramp=1, end=600),
+        quantities=(Quantity(name="displacement", point=(0, 0, 0.04), direction=(0, 0, -1)),),
     )
-    aside = (FOOT, Given(boundary="top", by=(0.001, 0, 0)))
-    struck = Loading(
-        piece=bar,
-        stuff=(soft,),
-        given=aside,
-        course=Course(ramp=0.03, elapsed=0.03),
-        ask=(Ask(boundary="top", direction=(1, 0, 0)),),
+    aside = (FOOT, DisplacementBC(boundary="top", value=(0.001, 0, 0)))
+    struck = Scene(
+        mesh=MeshSize(largest=CELL),
+        geometry=bar,
+        tissues=(soft,),
+        displacement_bcs=aside,
+        time=Time(ramp=0.03, end=0.03),
+        quantities=(Quantity(name="force", boundary="top", direction=(1, 0, 0)),),
     )
     return {
         "bar struck aside, 30 ms": Case(struck, RICHER),
@@ -140,41 +174,49 @@ def named() -> dict[str, Case]:
         "palpation 0.2 mm, 1 s": Case(pressed(0.2, 1, 1), RICH),
         "plate 1 mm, wide block": Case(wide, RICH),
         "plate 2 mm, 1 s": Case(pressed(2, 1, 1), RICH),
-        "plate 2 mm, 1 s, sliding": Case(pressed(2, 1, 1, "touching"), RICH),
+        "plate 2 mm, 1 s, sliding": Case(pressed(2, 1, 1, "frictionless"), RICH),
         "plate 3 mm, sliding, alpha -10": Case(slid, RICH),
         "plate 6 mm, an hour": Case(pressed(6, 10, 3600), RICH),
         "plate of 400 Pa, 10 min": Case(pulled, RICH),
         "retraction 2 mm, 10 s": Case(spread(2, 10, 10), RICH),
         "retraction 10 mm, 10 s": Case(spread(10, 10, 10), RICH),
         "retraction 5 mm, an hour": Case(spread(5, 10, 3600), RICH),
-        "thin cleft, 0.5 mm": Case(spread(0.5, 1, 1, Piece(slot=(0.001, 0.02), cell=CELL)), RICH),
+        "thin cleft, 0.5 mm": Case(
+            spread(0.5, 1, 1, Geometry(kind="block", size=(0.06, 0.06, 0.04), slot=(0.001, 0.02))), RICH
+        ),
         "stiff lesion": Case(
-            Loading(
-                piece=ball,
-                stuff=(soft, stiff),
-                given=pressed_top,
-                ask=(Ask(boundary="top"), Ask(quantity="strain", region="lesion", percentile=50)),
+            Scene(
+                mesh=MeshSize(largest=0.018),
+                geometry=ball,
+                tissues=(soft, stiff),
+                displacement_bcs=pressed_top,
+                quantities=(
+                    Quantity(name="force", boundary="top"),
+                    Quantity(name="strain", region="lesion", percentile=50),
+                ),
             ),
             RICH,
         ),
         "wave of 50 Hz": Case(
-            Loading(
-                piece=shaken,
-                stuff=lossy,
-                given=(Given(boundary="bottom", by=(1e-4, 0, 0)),),
-                course=Course(frequency=50),
-                ask=(centre,),
+            Scene(
+                mesh=MeshSize(largest=CELL),
+                geometry=shaken,
+                tissues=lossy,
+                displacement_bcs=(DisplacementBC(boundary="bottom", value=(1e-4, 0, 0)),),
+                time=Time(frequency=50),
+                quantities=(centre,),
             ),
             RICH,
         ),
         "wave of 20 Hz": Case(aslant, RICH),
         "wave of 5 Hz": Case(
-            Loading(
-                piece=shaken,
-                stuff=lossy,
-                given=(Given(boundary="bottom|top", by=(1e-4, 0, 0)),),
-                course=Course(frequency=5),
-                ask=(centre,),
+            Scene(
+                mesh=MeshSize(largest=CELL),
+                geometry=shaken,
+                tissues=lossy,
+                displacement_bcs=(DisplacementBC(boundary="bottom|top", value=(1e-4, 0, 0)),),
+                time=Time(frequency=5),
+                quantities=(centre,),
             ),
             RICH,
         ),
@@ -186,21 +228,40 @@ def named() -> dict[str, Case]:
 def drawn(seed: int) -> Case:
     """Site, blade, rate and tissue at random."""
     random = np.random.default_rng(seed)
-    tissue = Stuff(constants=str(random.choice([CORTEX, WHITE, "griffiths2024:deep_grey"])))
+    tissue = Tissue(material=str(random.choice([CORTEX, WHITE, "griffiths2024:deep_grey"])))
     ramp, far = float(10 ** random.uniform(-1, 1.5)), float(random.uniform(0.5, 6) / 1000)
     elapsed = ramp + float(10 ** random.uniform(-1, 3.5))
-    course, tissues = Course(ramp=ramp, elapsed=elapsed), [tissue]
+    course, tissues = Time(ramp=ramp, end=elapsed), [tissue]
     if random.random() < 0.5:
         width = float(random.uniform(0.012, 0.028))
         lesion = float(random.uniform(0.004, 0.008)) if random.random() < 0.5 else None
-        piece = Piece(plate=(width, width), lesion=lesion, at=(0, 0, 0.017), cell=CELL)
+        piece = Geometry(
+            kind="block",
+            size=(0.06, 0.06, 0.04),
+            plate=(width, width),
+            lesion_radius=lesion,
+            lesion_centre=(0, 0, 0.017),
+        )
         if lesion:
             modulus = float(tissue.initial_modulus * random.choice([0.3, 4.0]))
-            tissues.append(Stuff(region="lesion", mu=(modulus,)))
-        given, ask = (FOOT, Given(boundary="plate", by=(0, 0, -far))), Ask(boundary="plate")
+            tissues.append(Tissue(poissons_ratio=0.49, region="lesion", mu=(modulus,)))
+        given, quantity = (
+            (FOOT, DisplacementBC(boundary="plate", value=(0, 0, -far))),
+            Quantity(name="force", boundary="plate"),
+        )
     else:
         depth = float(random.uniform(0.012, 0.028))
-        piece = Piece(slot=(float(random.uniform(0.002, 0.006)), depth), cell=CELL)
-        given = (FOOT, Given(boundary="wall_plus", by=(far, 0, 0)))
-        ask = Ask(boundary="wall_plus", direction=(1, 0, 0))
-    return Case(Loading(piece=piece, stuff=tuple(tissues), given=given, course=course, ask=(ask,)), RICH)
+        piece = Geometry(kind="block", size=(0.06, 0.06, 0.04), slot=(float(random.uniform(0.002, 0.006)), depth))
+        given = (FOOT, DisplacementBC(boundary="wall_plus", value=(far, 0, 0)))
+        quantity = Quantity(name="force", boundary="wall_plus", direction=(1, 0, 0))
+    return Case(
+        Scene(
+            mesh=MeshSize(largest=CELL),
+            geometry=piece,
+            tissues=tuple(tissues),
+            displacement_bcs=given,
+            time=course,
+            quantities=(quantity,),
+        ),
+        RICH,
+    )

@@ -86,8 +86,8 @@ def head(size: float) -> int:
 def retraction(size: float, scene_name: str = "idealised_fast") -> int:
     """The first steps of a retraction in the idealised head, elements `size` times as large as in its coarse mesh; tetrahedra."""
     scene = Scene.shipped(scene_name)
-    body = replace(scene.body, near=size * scene.body.near, far=size * scene.body.far, site=size * scene.body.site)
-    scene = replace(scene, body=body)
+    mesh = {name: size * getattr(scene.mesh, name) for name in ("wall", "craniotomy", "largest")}
+    scene = replace(scene, mesh=replace(scene.mesh, **mesh))
     model = Model.of(scene)
     ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go(until=1.0)
     return int(model.mesh.ne)

@@ -73,10 +73,9 @@ def scene(head: str, opening: float) -> Scene:
     return replace(
         base,
         title="Griffiths' spatulas",
-        blade=replace(base.blade, kind="two spatulas"),
-        retraction=replace(base.retraction, opening=opening, ramp=RAMP, elapsed=END),
         protocols=base.protocols[:1],
-        steps=replace(base.steps, contact=10.0, longest=600.0),
+        tools=(replace(base.tool, kind="two spatulas", travel=opening),),
+        time=replace(base.time, ramp=RAMP, end=END, max_step_contact=10.0, max_step_hold=600.0),
     )
 
 
@@ -142,7 +141,7 @@ def on_head(head: str, steps: str) -> Iterator[dict]:
     opening = 2 * A_SIDE
     model = Model.of(scene(head, opening))
     kind = {"kind": "head", "head": head}
-    kind |= {"order": model.scene.body.order, "tets": model.mesh.ne}
+    kind |= {"order": model.scene.mesh.order, "tets": model.mesh.ne}
     kind |= {"method": "ngbrain:transient", "steps": steps, "error": None, "depth_mm": 1e3 * model.cleft.depth}
     control: Control | None = Theirs() if steps == "theirs" else None
     found = held(model, continuous(opening, RAMP, END), control)

@@ -40,13 +40,13 @@ NOISE, FINER = (0.01, 0.02), 0.8
 def operation(name: str, finer: float = 1.0, tolerance: float = 0.01, elapsed: float = ELAPSED) -> Scene:
     """A shipped scene's continuous opening, shorter."""
     scene = Scene.shipped(name)
-    body = replace(scene.body, site=scene.body.site * finer, near=scene.body.near * finer, far=scene.body.far * finer)
+    sizes = {name: finer * getattr(scene.mesh, name) for name in ("wall", "craniotomy", "largest")}
     return replace(
         scene,
-        body=body,
-        retraction=replace(scene.retraction, opening=OPENING, ramp=RAMP, elapsed=elapsed),
+        mesh=replace(scene.mesh, **sizes),
+        tools=(replace(scene.tool, travel=OPENING),),
+        time=replace(scene.time, ramp=RAMP, end=elapsed, step_tolerance=tolerance),
         protocols=(Protocol(kind="continuous"),),
-        steps=replace(scene.steps, tolerance=tolerance),
     )
 
 
@@ -94,7 +94,7 @@ def record(
         "method": f"ngbrain:{method}",
         "head": name,
         "noise": noise,
-        "order": model.scene.body.order,
+        "order": model.scene.mesh.order,
         "ndof": retracted.run.body.fes.ndof,
         "tetrahedra": model.mesh.ne,
         "cpu_s": time.process_time() - begun,

@@ -29,7 +29,7 @@ from ngbrain.ladder.climb import Climb, climb
 from ngbrain.ladder.estimates import SOLVED, relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import axes_of, richest
-from ngbrain.scene.loading import Loading
+from ngbrain.scene import Scene
 
 Record = dict
 TOLERANCES = (0.2, 0.05, 0.01)
@@ -81,9 +81,9 @@ def of_scene(name: str, case: Case) -> list[Record]:
     return found
 
 
-def asked(scene: Loading, tolerance: float) -> Loading:
+def asked(scene: Scene, tolerance: float) -> Scene:
     """The same scene with other tolerances."""
-    return replace(scene, ask=tuple(replace(ask, tolerance=tolerance) for ask in scene.ask))
+    return replace(scene, quantities=tuple(replace(quantity, tolerance=tolerance) for quantity in scene.quantities))
 
 
 def staircase(got: Climb, answers: np.ndarray) -> list[dict[str, Any]]:

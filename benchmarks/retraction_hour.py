@@ -45,8 +45,8 @@ COLOURS = {"continuous": "#0072B2", "intermittent": "#D55E00"}
 def model(name: str, **sizes: float) -> Model:
     """A shipped scene's head, with steps for an hour."""
     scene = Scene.shipped(name)
-    steps, far = replace(scene.steps, longest=LONGEST), replace(scene.body, **sizes)
-    return Model.of(replace(scene, steps=steps, body=far))
+    time, mesh = replace(scene.time, max_step_hold=LONGEST), replace(scene.mesh, **sizes)
+    return Model.of(replace(scene, time=time, mesh=mesh))
 
 
 def protocols(opening: float) -> tuple[Protocol, Protocol]:
@@ -59,12 +59,12 @@ def went(on: Model, protocol: Protocol, control: Control | None, folder: Path | 
     clock, processors, minutes = time.perf_counter(), time.process_time(), [0.0]
     run = ProtocolRun(on, protocol, folder, control=control)
     run.go(lambda *_: minutes.append((time.perf_counter() - clock) / 60))
-    found, at, opening = answer(run.result(), on.scene.patient), run.transient.progress, on.scene.retraction.opening
+    found, at, opening = answer(run.result(), on.scene.patient), run.transient.progress, on.scene.tool.travel
     last = run.rows[-1]
     return {
         "method": "ngbrain:transient",
         "protocol": protocol.name,
-        "order": on.scene.body.order,
+        "order": on.scene.mesh.order,
         "ndof": run.transient.problem.fes.ndof,
         "converged": True,
         "wall_s": time.perf_counter() - clock,
@@ -94,7 +94,7 @@ def measure(quick: bool) -> list[dict]:
 def studied(quick: bool) -> list[dict]:
     """What the length of steps does to an hour: one hold with two kinds of shorter ones, six holds with half as long ones."""
     head = model("demo_fast")
-    one, six = protocols(head.scene.retraction.opening)
+    one, six = protocols(head.scene.tool.travel)
     asked, halved = head.control(), head.control().halved()
     first = {"asked": asked, "halved": halved, "finest": halved.halved()}
     records = compared(head, one, first)
@@ -117,8 +117,8 @@ def hours() -> list[dict]:
     """Both protocols."""
     records = []
     with threads(2):
-        head = model("demo", far=FAR)
-        for protocol in protocols(head.scene.retraction.opening):
+        head = model("demo", largest=FAR)
+        for protocol in protocols(head.scene.tool.travel):
             with tempfile.TemporaryDirectory() as folder:
                 found = went(head, protocol, None, Path(folder))
             records.append({"study": "run", "threads": 2, "error": None} | found)

@@ -50,7 +50,7 @@ def measure(quick: bool) -> list[dict]:
         found = [held(made, head, sizes) for sizes in meshes]
         exact = found[-1]["values"]
         for record, coarser, finer in zip(found[1:], found, [*found[2:], None], strict=False):
-            other = finer if record["site_mm"] >= 1e3 * COARSE["site"] else coarser
+            other = finer if record["site_mm"] >= 1e3 * COARSE["wall"] else coarser
             record["estimates"] = apart(record["values"], other["values"])
         for record in found[:-1]:
             record["errors"] = apart(record["values"], exact)
@@ -65,8 +65,8 @@ def measure(quick: bool) -> list[dict]:
 def held(on: Model, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
     """The hold on a mesh."""
     started = time.process_time()
-    body = replace(on.scene.body, **{name: 1e-3 * mm for name, mm in zip(("site", "near", "far"), sizes, strict=True)})
-    model = Model.of(replace(on.scene, body=body), on.head)
+    finer = {name: 1e-3 * mm for name, mm in zip(COARSE, sizes, strict=True)}
+    model = Model.of(replace(on.scene, mesh=replace(on.scene.mesh, **finer)), on.head)
     run = ProtocolRun(model, model.hold("hold"), None).go()
     found = answer(run.result(), model.scene.patient)
     return {
@@ -76,7 +76,7 @@ def held(on: Model, head: str, sizes: tuple[float, ...]) -> dict[str, Any]:
         "site_mm": sizes[0],
         "near_mm": sizes[1],
         "far_mm": sizes[2],
-        "order": body.order,
+        "order": model.scene.mesh.order,
         "ndof": run.transient.problem.fes.ndof,
         "converged": True,
         "cpu_s": time.process_time() - started,

@@ -2,7 +2,7 @@
 
 >>> import ngbrain
 >>> scene = ngbrain.Scene.shipped("idealised")
->>> scene.retraction.opening
+>>> scene.tool.travel
 0.005
 """
 
@@ -17,16 +17,14 @@ if TYPE_CHECKING:
     from ngbrain.forward.statics.load_path import LoadPath
     from ngbrain.forward.transient.time_stepper import TimeStepper
     from ngbrain.scene import Scene
-    from ngbrain.scene.loading import Loading
-    from ngbrain.scene.result import SceneResult
     from ngbrain.threads import set_threads
     from ngbrain.workflows.cohort import cohort
+    from ngbrain.workflows.simulate import simulate
 
 __version__ = version("ngbrain")
 
 __all__ = [
     "LoadPath",
-    "Loading",
     "Material",
     "Problem",
     "Scene",
@@ -35,18 +33,18 @@ __all__ = [
     "cohort",
     "datasets",
     "set_threads",
-    "solve",
+    "simulate",
 ]
 
 _HOME = {
     "LoadPath": "forward.statics.load_path",
-    "Loading": "scene.loading",
     "Material": "forward.common.material",
     "Problem": "forward.solid.problem",
     "Scene": "scene",
     "TimeStepper": "forward.transient.time_stepper",
     "cohort": "workflows.cohort",
     "set_threads": "threads",
+    "simulate": "workflows.simulate",
 }
 
 if not TYPE_CHECKING:  # who checks types sees the names above and the package's modules, and no others
@@ -64,21 +62,3 @@ if not TYPE_CHECKING:  # who checks types sees the names above and the package's
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__all__})
-
-
-def solve(scene: "Scene | Loading", *args: Any, **kwargs: Any) -> "SceneResult":
-    """What a scene asks for: see `ngbrain.ladder.solve` for bodies under loads, `ngbrain.surgery.adequate.solve` for operations
-    that ask questions, and `ngbrain.surgery.retraction.solve` for those that ask none.
-
-    Questions say how accurate their answers have to be, and get the cheapest model that is; `model=` fixes it by hand. An operation
-    without a question is computed as it is described.
-    """
-    from ngbrain import ladder
-    from ngbrain.scene.loading import Loading
-    from ngbrain.surgery import adequate, retraction
-
-    if isinstance(scene, Loading):
-        return ladder.solve(scene, *args, **kwargs)
-    if scene.ask:
-        return adequate.solve(scene, *args, **kwargs)
-    return retraction.solve(scene, *args, **kwargs)

@@ -89,7 +89,7 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             "waves",
         ),
         "plate": Dataset(
-            "a plate pressed into a block of grey matter, and a question, for `ngbrain solve`",
+            "a plate pressed into a block of grey matter, and a quantity asked, for `ngbrain simulate`",
             ("plate.toml",),
             "scene",
         ),
@@ -99,7 +99,7 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             "scene",
         ),
         "retraction": Dataset(
-            "a short retraction of an idealised head, and what was seen of it, for `ngbrain retract` and `calibrate`",
+            "a short retraction of an idealised head, and what was seen of it, for `ngbrain simulate` and `calibrate`",
             ("retraction.toml", "retraction_landmarks.csv", "retraction_force.csv"),
             "scene",
         ),

@@ -20,10 +20,10 @@ import json
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Collection
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.expressions import WANTED, is_pattern
@@ -31,6 +31,9 @@ from ngbrain.reading import read_text
 
 UNITS = {
     "mm": (1000, "length in mm"),
+    "m_s2": (1, "acceleration in m/s²"),
+    "Hz": (1, "frequency in Hz"),
+    "kg_m3": (1, "density in kg/m³"),
     "Pa_s": (1, "viscosity"),
     "Pa": (1, "modulus in Pa"),
     "s": (1, "time in s"),
@@ -50,7 +53,7 @@ class Entry:
     """How a field stands in TOML: what is accepted under which key, how many of its unit are one SI (0: not a number).
 
     `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too). `hint` says what
-    is wanted in place of a text that was not accepted.
+    is wanted in place of a text that was not accepted. `kind` is a single value's JSON schema.
     """
 
     key: str
@@ -60,6 +63,8 @@ class Entry:
     size: int = 1
     table: type[Section] | None = None
     hint: Callable[[str], str] | None = None
+    is_path: bool = False
+    kind: Mapping[str, Any] = field(default_factory=lambda: {"type": "string"})
 
     def read(self, raw: Any, path: str) -> Any:
         """From TOML to SI (lists to tuples), or an `InputError` that names the path."""
@@ -96,13 +101,15 @@ def number(key: str, default: Any = MISSING, least: float | None = None, signed:
     def accept(raw: Any) -> bool:
         return _is_number(raw) and (signed or (raw > 0 if least is None else raw >= least))
 
-    return _field(Entry(key, wanted, accept, per_si, size), default)
+    bound = {} if signed else {"exclusiveMinimum": 0} if least is None else {"minimum": least}
+    return _field(Entry(key, wanted, accept, per_si, size, kind={"type": "number", **bound}), default)
 
 
 def whole(key: str, default: Any, low: int, high: int) -> Any:
     """A whole number from `low` to `high`."""
     wanted = f"a whole number from {low} to {high}"
-    return _field(Entry(key, wanted, lambda raw: _is_number(raw, int) and low <= raw <= high), default)
+    kind = {"type": "integer", "minimum": low, "maximum": high}
+    return _field(Entry(key, wanted, lambda raw: _is_number(raw, int) and low <= raw <= high, kind=kind), default)
 
 
 def text(
@@ -119,7 +126,8 @@ def text(
 def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str], str] | None = None) -> Any:
     """One of several names; where they are many, `hint` says which ones another text may have meant."""
     wanted = hint("") if hint else "one of " + ", ".join(choices)
-    return text(key, default, wanted, choices.__contains__, hint)
+    entry = text(key, default, wanted, choices.__contains__, hint).metadata["entry"]
+    return _field(replace(entry, kind={"enum": list(choices)}), default)
 
 
 def pattern(key: str, default: Any = MISSING) -> Any:
@@ -127,9 +135,15 @@ def pattern(key: str, default: Any = MISSING) -> Any:
     return text(key, default, WANTED, is_pattern)
 
 
+def path(key: str, default: Any, wanted: str, ends: tuple[str, ...] = ("",)) -> Any:
+    """The path of a file, as it is or relative to the folder of the scene's file."""
+    entry = text(key, default, wanted, lambda raw: raw.strip() and raw.endswith(ends)).metadata["entry"]
+    return _field(replace(entry, is_path=True), default)
+
+
 def table(cls: type[Section], default: Any = MISSING, size: int = 1) -> Any:
     """Another part, or with `size` 0 a list of them, under its class's name."""
-    key = cls.__name__.lower()
+    key = cls.key()
     wanted = f"a table [{key}]" if size else f"one or more tables [[{key}]]"
     return _field(Entry(key, wanted, lambda raw: True, 0, size, cls), default)
 
@@ -147,13 +161,23 @@ def _is_number(raw: Any, kind: Any = (int, float)) -> bool:
 
 
 class Section:
-    """What all parts share: a part's fields are checked when it is made, what is between fields when a scene is."""
+    """What all parts share: a part's fields are checked when it is made, what is between fields when a scene is.
+
+    `KEY` is a part's name in TOML, where it is not that of its class.
+    """
+
+    KEY: ClassVar[str] = ""
+
+    @classmethod
+    def key(cls) -> str:
+        """The part's name in TOML."""
+        return cls.KEY or cls.__name__.lower()
 
     def __post_init__(self) -> None:
-        section = f"{type(self).__name__.lower()}.".removeprefix("scene.")
+        section = f"{self.key()}.".removeprefix("scene.")
         for f in fields(self):  # type: ignore[arg-type]
             entry, shown = f.metadata["entry"], self.shown(f.name)
-            if shown is not None or f.default is not None:
+            if (shown is not None or f.default is not None) and not (shown == [] and f.default == ()):
                 object.__setattr__(self, f.name, entry.read(shown, section + entry.key))
 
     @classmethod
@@ -175,7 +199,7 @@ class Section:
     def to_dict(self) -> dict[str, Any]:
         """In TOML's keys and units, fit for JSON, without tables in which nothing is given; `read` gives the same part back."""
         values = {entry.key: self.shown(name) for name, entry in entries(self).items()}
-        return {key: value for key, value in values.items() if value is not None and value != {}}
+        return {key: value for key, value in values.items() if value not in (None, {}, [])}
 
     def shown(self, name: str) -> Any:
         """A field's value as TOML has it, in the unit of its key; None where it is not given."""
@@ -202,12 +226,28 @@ class Document(Section):
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Self:
-        """From a file."""
-        return cls.from_dict(read_toml(path), path)
+        """From a file; paths in it are relative to its folder."""
+        return cls.from_dict(_from_folder(cls, read_toml(path), Path(path).parent), path)
 
     def to_toml(self) -> str:
         """As the text of a file; reading it gives the same scene back."""
         return to_toml(self.to_dict())
+
+
+def _from_folder(part: type[Section], data: Any, folder: Path) -> Any:
+    """A part's data with its relative paths as they are from here."""
+    if not isinstance(data, dict):
+        return data
+    found = dict(data)
+    for entry in entries(part).values():
+        value = data.get(entry.key)
+        if entry.is_path and isinstance(value, str) and value.strip():
+            found[entry.key] = str(folder / value)
+        elif entry.table and isinstance(value, list):
+            found[entry.key] = [_from_folder(entry.table, each, folder) for each in value]
+        elif entry.table:
+            found |= {entry.key: _from_folder(entry.table, value, folder)} if entry.key in data else {}
+    return found
 
 
 def entries(part: Any) -> dict[str, Entry]:

@@ -47,7 +47,7 @@ def no_run(monkeypatch):
             ["initial shear modulus of cortex", "0.936 Pa", "not kPa"],
         ),
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
-        ("width_mm = 10.0", "width_mm = 13.0", ["blade.width_mm", "cleft"]),
+        ("width_mm = 10.0", "width_mm = 13.0", ["tool#1.width_mm", "cleft"]),
         ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
         ('fixed = "skull"', 'fixed = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
@@ -60,7 +60,7 @@ def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):
     assert find in text
     scene = tmp_path / "case.toml"
     scene.write_text(text.replace(find, replace, 1))
-    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
     assert status == 2 and len(lines) == 1
     assert all(word in lines[0] for word in [f"{scene}: ", *words, "wanted"]), lines[0]
     assert not (tmp_path / "out" / "result.json").exists()
@@ -68,7 +68,7 @@ def test_bad_scenes(tmp_path, capsys, no_run, find, replace, words):
 
 def test_a_template_is_printed_and_is_the_demo(tmp_path, capsys):
     with pytest.raises(SystemExit) as stopped:
-        main(["retract", "--template"])
+        main(["simulate", "--template"])
     scene = tmp_path / "scene.toml"
     scene.write_text(capsys.readouterr().out)
     assert stopped.value.code == 0 and Scene.from_toml(scene) == Scene.shipped("demo")
@@ -82,9 +82,9 @@ def test_unreadable_and_truncated_files(tmp_path, capsys):
     ):
         path = tmp_path / name
         path.write_bytes(content)
-        status, lines = run(capsys, "retract", path, "-q")
+        status, lines = run(capsys, "simulate", path, "-q")
         assert status == 2 and len(lines) == 1 and name in lines[0]
-    status, lines = run(capsys, "retract", tmp_path / "absent.toml", "-q")
+    status, lines = run(capsys, "simulate", tmp_path / "absent.toml", "-q")
     assert status == 2 and len(lines) == 1 and "absent.toml" in lines[0]
 
 
@@ -92,7 +92,7 @@ def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
     monkeypatch.setattr("ngbrain.mesh.shapes.MOST_LOST", 1e-6)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)
-    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
     assert status == 2 and len(lines) == 1
     assert lines[0].startswith(f"ngbrain: {scene}: body.far_mm is 36, ") and "body.near_mm" in lines[0]
 
@@ -105,7 +105,7 @@ def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatc
     monkeypatch.setattr("ngbrain.cli.retract.solve", refuse)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)
-    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
     where = f"{scene}: " if named else ""
     assert status == 2 and lines == [f"ngbrain: {where}{field} is bad; wanted: good"]
 
@@ -149,7 +149,7 @@ def staged(tmp_path, monkeypatch):
             ),
             1.0,
         )
-        result = {"verb": "retract", "answers": {"continuous": answer}, "worth": {}}
+        result = {"verb": "simulate", "answers": {"continuous": answer}, "worth": {}}
         for status in (["under way"] * 2, ["computed", "failed"]) if checks else (["not computed"] * 2,):
             result["check_status"] = dict(zip(("half steps", "other elements"), status, strict=True))
             callback(result)
@@ -189,27 +189,28 @@ def test_output_must_be_a_folder(tmp_path, capsys):
 
 SMALL = """
 title = "A short push"
-[body]
-site_mm = 4.0
-near_mm = 14.0
-far_mm = 36.0
+[geometry]
+kind = "idealised"
+[mesh]
+wall_size_mm = 4.0
+craniotomy_size_mm = 14.0
+max_size_mm = 36.0
 [[tissue]]
 region = "cortex|white"
 mu_Pa = 1000.0
 [[tissue]]
 region = "ventricle.*"
 mu_Pa = 50.0
-bulk_ratio = 10.0
+bulk_to_shear_ratio = 10.0
 [cleft]
 target_mm = [17.0, 5.9, 26.2]
-[blade]
+[[tool]]
+travel_mm = 1.0
 edge_radius_mm = 2.0
-[retraction]
-opening_mm = 1.0
+[time]
 ramp_s = 2.0
-elapsed_s = 12.0
-[steps]
-contact_s = 1.0
+end_s = 12.0
+max_step_contact_s = 1.0
 [[protocol]]
 kind = "continuous"
 [[protocol]]
@@ -221,7 +222,8 @@ rest_s = 7.0
 
 REAL = SMALL
 for idealised, real in (
-    ("near_mm = 14.0\nfar_mm = 36.0", "near_mm = 10.0\nfar_mm = 22.0\nhead = 'mni152'"),
+    ('"idealised"', '"mni152"'),
+    ("craniotomy_size_mm = 14.0\nmax_size_mm = 36.0", "craniotomy_size_mm = 10.0\nmax_size_mm = 22.0"),
     ("cortex|white", "grey|white"),
     ("[17.0, 5.9, 26.2]", "[24.0, -8.0, 40.0]"),
 ):
@@ -230,7 +232,7 @@ for idealised, real in (
 
 
 def command(scene, out, *options):
-    return [sys.executable, "-m", "ngbrain", "retract", str(scene), "-o", str(out), "-q", *options]
+    return [sys.executable, "-m", "ngbrain", "simulate", str(scene), "-o", str(out), "-q", *options]
 
 
 def retract(*arguments):
@@ -396,15 +398,15 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
     monkeypatch.setattr("ngbrain.report.Report.write", lambda self: self.folder / "report.html")
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL + '[[ask]]\nquantity = "peak_force_N"\ntolerance = 0.2\n')
-    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
     assert status == 2 and "ask is given" in lines[0] and "`ngbrain solve` answers" in lines[0]
     scene.write_text(SMALL)
     (tmp_path / "out").mkdir()
     sure = "of a hold: peak 1 mmHg, moved by mesh 0.2, order 0.1 mmHg; with other published tissue 0.5 to 2 mmHg"
     assumed = [f"ngbrain: warning: {text}" for text in Scene.from_toml(scene).warnings]
-    status, lines = run(capsys, "retract", scene, "-o", tmp_path / "out", "-q")
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
     assert status == 0 and lines == [*assumed, f"ngbrain: {sure}"]
-    status = main(["retract", str(scene), "-o", str(tmp_path / "out"), "--force"])
+    status = main(["simulate", str(scene), "-o", str(tmp_path / "out"), "--force"])
     out, err = capsys.readouterr()
     assert status == 0 and err.splitlines() == assumed and out.splitlines()[-1] == sure
 

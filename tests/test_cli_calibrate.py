@@ -28,10 +28,10 @@ def operation():
     scene = Scene.shipped("idealised_fast")
     return replace(
         scene,
-        body=replace(scene.body, site=0.008, near=0.02, far=0.05),
-        retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=6.0),
         protocols=(Protocol(kind="continuous"),),
-        steps=replace(scene.steps, tolerance=0.1),
+        mesh=replace(scene.mesh, wall=0.008, craniotomy=0.02, largest=0.05),
+        tools=(replace(scene.tool, travel=2e-3),),
+        time=replace(scene.time, ramp=2.0, end=6.0, step_tolerance=0.1),
     )
 
 

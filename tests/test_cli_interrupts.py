@@ -41,7 +41,7 @@ def swallowed(_):
 
 interrupts.GRACE = float(sys.argv[2])
 cli.import_module = lambda _: SimpleNamespace(run=globals()[sys.argv[1]])
-sys.exit(cli.main(["retract", "scene.toml", "-o", "there"]))
+sys.exit(cli.main(["simulate", "scene.toml", "-o", "there"]))
 """
 
 

@@ -20,7 +20,7 @@ from ngbrain.solvers.device import DEVICES
 from ngbrain.surgery.calibrate import SPREAD
 from ngbrain.units import UNITS_OF_LENGTH
 
-VERBS = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate", "cohort")
+VERBS = ("demo", "simulate", "mesh", "invert", "predict", "calibrate", "cohort")
 
 
 def test_names_are_those_of_the_library():
@@ -81,5 +81,5 @@ def test_out_of_memory_is_one_line(capsys, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("ngbrain.cli.import_module", lambda _: SimpleNamespace(run=run))
-    assert main(["solve", "scene.toml"]) == 3
+    assert main(["simulate", "scene.toml"]) == 3
     assert capsys.readouterr().err == "ngbrain: out of memory; larger elements or fewer --threads take less\n"

@@ -22,18 +22,21 @@ from ngbrain.mesh.elements import Elements, Surface
 
 COMMAND = [sys.executable, "-m", "ngbrain"]
 BODY = """
-[piece]
+[geometry]
+kind = "block"
 size_mm = [20, 20, 20]
-cell_mm = 20
-[[stuff]]
+[mesh]
+max_size_mm = 20
+[[tissue]]
 mu_Pa = 1000
-poisson = 0.3
-[[given]]
+poissons_ratio = 0.3
+[[displacement_bc]]
 boundary = "bottom"
-[[given]]
+[[displacement_bc]]
 boundary = "top"
-by_mm = [0, 0, -0.1]
-[[ask]]
+value_mm = [0, 0, -0.1]
+[[quantity]]
+name = "force"
 boundary = "top"
 tolerance = 0.3
 """
@@ -59,7 +62,7 @@ def test_a_pipe_that_is_not_read_on_is_no_fault():
 
 
 def test_work_goes_on_when_nobody_reads(scene, tmp_path):
-    done = shell(f"set -o pipefail; {PYTHON} solve {scene} -o {tmp_path / 'out'} | true")
+    done = shell(f"set -o pipefail; {PYTHON} simulate {scene} -o {tmp_path / 'out'} | true")
     assert (done.returncode, done.stderr) == (0, "")
     assert "answers" in json.loads((tmp_path / "out" / "result.json").read_text())
 
@@ -72,13 +75,19 @@ def test_a_full_standard_output_is_one_line():
 @pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_hurt_nobody(scene, tmp_path, closed):
     out = tmp_path / "out"
-    assert shell(f"{PYTHON} solve {scene} -o {out} {closed}").returncode == 0
+    assert shell(f"{PYTHON} simulate {scene} -o {out} {closed}").returncode == 0
     json.loads((out / "result.json").read_text())
-    assert shell(f"{PYTHON} solve {scene}x -o {out} {closed}").returncode == 2
+    assert shell(f"{PYTHON} simulate {scene}x -o {out} {closed}").returncode == 2
 
 
 def test_bad_options_are_one_line(capsys):
-    for argv in (["mesh"], ["mesh", "x.nii", "--size", "much"], ["solve", "x", "--threads", "1e8"], ["opera"], ["-x"]):
+    for argv in (
+        ["mesh"],
+        ["mesh", "x.nii", "--size", "much"],
+        ["simulate", "x", "--threads", "1e8"],
+        ["opera"],
+        ["-x"],
+    ):
         with pytest.raises(SystemExit) as ended:
             main(argv)
         out, err = capsys.readouterr()
@@ -88,7 +97,7 @@ def test_bad_options_are_one_line(capsys):
 @pytest.mark.parametrize("text", ["nan", "inf", "1e8", "0", "-1", "100000000", ""])
 def test_threads_are_a_number_that_can_be(text, capsys):
     with pytest.raises(SystemExit):
-        main(["solve", "x.toml", f"--threads={text}"])
+        main(["simulate", "x.toml", f"--threads={text}"])
     assert "from 1 to 1024" in capsys.readouterr().err
 
 
@@ -106,15 +115,15 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "result.json").write_text("{}")
-    assert "results are already" in refused(capsys, "solve", scene, "-o", out)
+    assert "results are already" in refused(capsys, "simulate", scene, "-o", out)
     assert (out / "result.json").read_text() == "{}"
-    assert main(["solve", str(scene), "-o", str(out), "--force", "-q"]) == 0
+    assert main(["simulate", str(scene), "-o", str(out), "--force", "-q"]) == 0
     capsys.readouterr()  # it may doubt its answer
     assert (out / "result.json").read_text() != "{}"
     for verb, option in (("mesh", "--force"), ("invert", "--force"), ("predict", "--force")):
         place = out / "head.vtkhdf" if verb == "mesh" else out
         assert option in refused(capsys, verb, tmp_path / "none.npz", "-o", place)
-    for verb, option in (("retract", "--force"), ("calibrate", "--overwrite")):
+    for verb, option in (("simulate", "--force"), ("calibrate", "--overwrite")):
         said = refused(capsys, verb, tmp_path / "none.toml", "-o", out)
         assert option in said and "--resume" in said
 
@@ -122,7 +131,7 @@ def test_results_are_not_replaced_unasked(scene, tmp_path, capsys):
 def test_a_place_that_cannot_be_written_to_is_noticed_first(tmp_path, capsys):
     """Before the input is looked at."""
     (tmp_path / "file").write_text("")
-    for verb in ("retract", "invert", "predict", "solve", "calibrate"):
+    for verb in ("simulate", "invert", "predict", "calibrate"):
         for place in (tmp_path / "file" / "below", "/proc/self/fd/none", "/sys/none"):
             said = refused(capsys, verb, tmp_path / "none", "-o", place)
             assert "nothing can be written" in said, (verb, place)
@@ -130,7 +139,7 @@ def test_a_place_that_cannot_be_written_to_is_noticed_first(tmp_path, capsys):
 
 
 def test_a_folder_that_nothing_came_to_is_gone(tmp_path, capsys):
-    assert "missing" in refused(capsys, "solve", tmp_path / "none.toml", "-o", tmp_path / "a" / "b")
+    assert "missing" in refused(capsys, "simulate", tmp_path / "none.toml", "-o", tmp_path / "a" / "b")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -139,9 +148,9 @@ def test_one_command_at_a_time(scene, tmp_path, capsys):
     out.mkdir()
     number = os.open(out, os.O_RDONLY)
     fcntl.flock(number, fcntl.LOCK_EX)
-    assert "another ngbrain is at work" in refused(capsys, "solve", scene, "-o", out)
+    assert "another ngbrain is at work" in refused(capsys, "simulate", scene, "-o", out)
     os.close(number)
-    assert main(["solve", str(scene), "-o", str(out), "-q"]) == 0
+    assert main(["simulate", str(scene), "-o", str(out), "-q"]) == 0
 
 
 # --- a full disk ------------------------------------------------------------------------------------------------------
@@ -191,7 +200,7 @@ def test_a_full_disk_is_one_line_of_the_command(scene, tmp_path):
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
 
-    command = [*COMMAND, "solve", str(scene), "-o", str(tmp_path / "out")]
+    command = [*COMMAND, "simulate", str(scene), "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit)
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "File too large" in done.stderr
     assert not (tmp_path / "out").exists() or os.listdir(tmp_path / "out") == []

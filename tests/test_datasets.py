@@ -15,7 +15,6 @@ from ngbrain.datasets import DATASETS, SHIPPED
 from ngbrain.errors import InputError
 from ngbrain.image import mni152, read_scan
 from ngbrain.scene import Scene
-from ngbrain.scene.loading import Loading
 from ngbrain.surgery.seen import Seen
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -149,7 +148,7 @@ def test_the_verb_lists_and_writes(tmp_path, capsys):
 
 
 def test_scenes_are_read_by_their_verbs():
-    assert Loading.from_toml(SHIPPED / "plate.toml").ask
+    assert Scene.from_toml(SHIPPED / "plate.toml").quantities
     scene = Scene.from_toml(SHIPPED / "retraction.toml")
     assert [protocol.kind for protocol in scene.protocols] == ["continuous"]
     seen = Seen.read(SHIPPED / "retraction_landmarks.csv", SHIPPED / "retraction_force.csv")

@@ -109,7 +109,7 @@ plt.show()
 
 # %%
 scene = ngbrain.Scene.shipped("idealised_fast")
-print(scene.title, [protocol.name for protocol in scene.protocols], f"opening {1e3 * scene.retraction.opening:.0f} mm")
+print(scene.title, [protocol.name for protocol in scene.protocols], f"opening {1e3 * scene.tool.travel:.0f} mm")
 
 # %% The number.
 t, force = curves["Griffiths white matter"]

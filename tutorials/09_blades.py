@@ -34,8 +34,8 @@ FAST = bool(os.environ.get("NGBRAIN_FAST"))
 scene = Scene.shipped("idealised_fast")
 scene = replace(
     scene,
-    body=replace(scene.body, site=5e-3, near=16e-3, far=40e-3),
-    retraction=replace(scene.retraction, opening=2e-3),
+    mesh=replace(scene.mesh, wall=5e-3, craniotomy=16e-3, largest=40e-3),
+    tools=(replace(scene.tool, travel=2e-3),),
 )
 blades = {
     "one spatula": {},
@@ -56,8 +56,8 @@ if FAST:
 # %%
 def opened(blade):
     """What is read at full opening."""
-    model = Model.of(replace(scene, blade=replace(scene.blade, **blade)))
-    seconds, way = scene.retraction.ramp, scene.retraction.opening
+    model = Model.of(replace(scene, tools=(replace(scene.tool, **blade),)))
+    seconds, way = scene.time.ramp, scene.tool.travel
     run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic(seconds))
     run.run(lambda *_: None)
     return Observer(run.problem, model.blades, scene.support.fixed)(seconds, way, 1.0)

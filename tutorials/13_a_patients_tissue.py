@@ -34,10 +34,10 @@ FAST = bool(os.environ.get("NGBRAIN_FAST"))
 scene = Scene.shipped("idealised_fast")
 scene = replace(
     scene,
-    body=replace(scene.body, site=8e-3, near=20e-3, far=50e-3),
-    retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=6.0),
     protocols=(Protocol(kind="continuous"),),
-    steps=replace(scene.steps, tolerance=0.1),
+    mesh=replace(scene.mesh, wall=8e-3, craniotomy=20e-3, largest=50e-3),
+    tools=(replace(scene.tool, travel=2e-3),),
+    time=replace(scene.time, ramp=2.0, end=6.0, step_tolerance=0.1),
 )
 model = Model.of(scene)
 
@@ -89,7 +89,7 @@ print(f"misfit {found.level.ratio:.2g} times what the noise explains")
 # %%
 def pressure(scene: Scene, factors: dict[str, float]) -> float:
     """Peak (mmHg) of a plain opening by 3 mm, of the scene's tissues times some factors."""
-    further = replace(scene, retraction=replace(scene.retraction, opening=3e-3, elapsed=2.5))
+    further = replace(scene, tools=(replace(scene.tool, travel=3e-3),), time=replace(scene.time, end=2.5))
     on = Model.of(further)
     run = ProtocolRun(on, on.program(further, further.protocols[0]), None, materials=on.scaled(factors)).go()
     return float(to_mmHg(max(row.pressure for row in run.rows)))

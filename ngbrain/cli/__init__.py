@@ -24,9 +24,9 @@ LEFTWARD = re.compile(r"-[\d.][^,]*(,[^,]+){2}")
 EXIT_INPUT, EXIT_SOLVER = 2, 3
 ERRORS = (InputError, MissingExtra, SolverError, OSError, MemoryError)
 """What ends a command with one line."""
-WRITING = ("demo", "retract", "mesh", "invert", "predict", "solve", "calibrate")
+WRITING = ("demo", "simulate", "mesh", "invert", "predict", "calibrate")
 """Verbs that write results to a folder."""
-MODULES = {"demo": "retract", "solve": "ladder"}
+MODULES = {"demo": "simulate"}
 """Verbs that are at home in a module of another name; its `run` takes what was given and may return a status."""
 
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-VERBS = ("mesh", "invert", "predict", "solve", "retract")
+VERBS = ("mesh", "invert", "predict", "simulate")
 """What the rows of a list can ask for."""
 SAMPLE = Path(__file__).parents[1] / "samples" / "cohort.csv"
 OWN = ("help", "output", "overwrite", "quiet", "resume", "threads", "executor")

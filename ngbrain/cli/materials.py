@@ -10,8 +10,7 @@ from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import relaxation_time, shear_modulus
 from ngbrain.materials.viscous import viscous
-from ngbrain.scene import NEARLY_INCOMPRESSIBLE
-from ngbrain.scene.loading import POISSON
+from ngbrain.scene.tissues import NEARLY_INCOMPRESSIBLE
 from ngbrain.units import to_kPa
 
 NAMES = {"NeoHooke": "Neo-Hooke", "Polynomial": "polynomial"}
@@ -25,20 +24,12 @@ EVIDENCE = {
     "recalled": "recalled: look the numbers up before you quote them",
 }
 SNIPPET = """\
-In a scene of `ngbrain retract`:
+In a scene of `ngbrain simulate`:
 
 [[tissue]]
 region = {region:<18} # of a scan "grey", "white", "ventricle.*"; of the idealised head "cortex", "white", "ventricle.*"
-constants = "{name}"
-bulk_ratio = {ratio:<14.6g} # bulk modulus / initial shear modulus: {whence}
-
-In a loaded body of `ngbrain solve`:
-
-[[stuff]]
-region = ".*"
-constants = "{name}"
-{poisson}
-density_kg_m3 = 1040.0
+material = "{name}"
+{volume}
 """
 
 
@@ -111,15 +102,14 @@ def details(entry: Published) -> str:
         ("caution", "; ".join(entry.cautions)),
     ]
     lines = [f"  {name:<15}{text}" for name, text in rows if text]
-    ratio = entry.bulk / entry.initial_modulus if entry.bulk else NEARLY_INCOMPRESSIBLE
-    nu = f"poisson = {entry.poisson or POISSON:<17g} # {'the source has it' if entry.poisson else 'nearly incompressible'}"
-    snippet = SNIPPET.format(
-        name=entry.name,
-        region='"ventricle.*"' if entry.region == "ventricles" else '"white"',
-        ratio=ratio,
-        whence="the source's" if entry.bulk else "nearly incompressible",
-        poisson="# poisson left out: K is the source's" if entry.bulk else nu,
-    )
+    if entry.bulk or not entry.poisson:
+        ratio = entry.bulk / entry.initial_modulus if entry.bulk else NEARLY_INCOMPRESSIBLE
+        whence = "the source's" if entry.bulk else "nearly incompressible"
+        resists = f"bulk_to_shear_ratio = {ratio:<5.6g} # bulk modulus / initial shear modulus: {whence}"
+    else:
+        resists = f"poissons_ratio = {entry.poisson:<10g} # the source has it"
+    region = '"ventricle.*"' if entry.region == "ventricles" else '"white"'
+    snippet = SNIPPET.format(name=entry.name, region=region, volume=resists)
     return "\n".join([entry.name, *lines, "", snippet]).rstrip()
 
 

@@ -24,6 +24,7 @@ UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
 DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
+TEMPLATES = ("operation", "body")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -40,29 +41,29 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     command = _Parser(prog="ngbrain", description="In silico brain surgery.")
     command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
-    demo, retract, mesh = _demo(verbs), _retract(verbs), _mesh(verbs)
-    invert, predict, loaded, stiff = _invert(verbs), _predict(verbs), _solve(verbs), _calibrate(verbs)
+    demo, scene, mesh = _demo(verbs), _simulate(verbs), _mesh(verbs)
+    invert, predict, stiff = _invert(verbs), _predict(verbs), _calibrate(verbs)
     many = add_cohort(verbs)
     _materials(verbs)
     _data(verbs)
     folders = (
-        (demo, "demo"), (retract, "out"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
-        (loaded, "solved"), (stiff, "calibrated"), (many, "cohort"),
+        (demo, "demo"), (scene, "simulated"), (mesh, "head.vtkhdf"), (invert, "inverted"), (predict, "predicted"),
+        (stiff, "calibrated"), (many, "cohort"),
     )  # fmt: skip
-    assembling = invert, predict, loaded, stiff
+    assembling = invert, predict, stiff
     for verb, folder in folders:
         kind = "FILE" if verb is mesh else "DIR"
         verb.add_argument(
             "-o", dest="output", type=Path, default=Path(folder), metavar=kind, help=f"where results go ({folder})"
         )
-        if verb in (demo, retract):
+        if verb in (demo, scene):
             verb.add_argument(
                 "--no-checks",
                 dest="checks",
                 action="store_false",
                 help="protocols alone: without the error estimates of mesh, order and time steps",
             )
-        if verb in (demo, retract, stiff):
+        if verb in (demo, scene, stiff):
             verb.add_argument("--resume", action="store_true", help="go on with a run that was stopped")
         if verb is not mesh:
             verb.add_argument(
@@ -72,7 +73,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
                 metavar="N",
                 help="for assembly (1)" if verb in assembling else "processes side by side",
             )
-        if verb in (demo, retract, invert, loaded, many):
+        if verb in (demo, scene, invert, many):
             add_executor(verb)
         replace = "--overwrite" if verb is stiff else "--force"  # whose --force is a table of forces
         verb.add_argument(replace, dest="overwrite", action="store_true", help="replace results that are there already")
@@ -109,20 +110,49 @@ def _demo(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def _retract(verbs: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser("retract", help="one scene")
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what to do; `ngbrain demo` runs a shipped one")
-    parser.add_argument("--template", action=_Template, nargs=0, help="print a commented scene to start from, and stop")
+def _simulate(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "simulate",
+        help="a scene: an operation, or a body under loads",
+        epilog="A scene that asks quantities with tolerances is answered by the cheapest model that is within them.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what is computed; --template prints one")
+    parser.add_argument(
+        "--template",
+        action=_Template,
+        nargs="?",
+        const="operation",
+        choices=TEMPLATES,
+        help="print a commented scene to start from, of an operation or of a body under loads, and stop",
+    )
+    parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
+    parser.add_argument(
+        "--as-described",
+        action="store_true",
+        help="compute it as it is written, also where it asks quantities with tolerances",
+    )
     return parser
 
 
 class _Template(argparse.Action):
     """Print a scene that says what can be in one."""
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+    def __call__(self, parser: argparse.ArgumentParser, _: object, kind: Any, *__: object) -> None:
         from ngbrain.scene import Scene
 
-        print(Scene.template(), end="")
+        print(Scene.template(kind), end="")
+        parser.exit()
+
+
+class _Schema(argparse.Action):
+    """Print what a scene's file may hold, for editors."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        import json
+
+        from ngbrain.scene import Scene
+
+        print(json.dumps(Scene.schema(), indent=1, ensure_ascii=False))
         parser.exit()
 
 
@@ -319,24 +349,11 @@ def _predict(verbs: Any) -> argparse.ArgumentParser:
     return parser
 
 
-def _solve(verbs: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "solve",
-        help="a loaded body or an operation, by the cheapest model that will do",
-        epilog="What regions are made of: [[stuff]] of a loaded body or [[tissue]] of an operation, with constants = NAME; "
-        "`ngbrain materials` lists the names.",
-    )
-    parser.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="body, tissues, loads, and what is asked how accurately"
-    )
-    return parser
-
-
 def _calibrate(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "calibrate", help="how stiff a patient's tissues are, from what a retraction was seen to do"
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `retract`")
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the operation that was seen, see `simulate`")
     parser.add_argument(
         "--landmarks",
         type=Path,

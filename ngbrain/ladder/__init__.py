@@ -1,7 +1,6 @@
 """Model no more than a scene needs: from the cheapest model up, until what is missing is within the tolerances that are asked for.
 
-    from ngbrain.scene.loading import Loading
-    result = ngbrain.solve(Loading.from_toml("palpation.toml"))
+    result = ngbrain.simulate(ngbrain.Scene.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
 `rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change; `bodies`, `waves` and `maps`
@@ -13,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
 
 from ngsolve import ngsglobals
 
@@ -24,43 +22,17 @@ from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
 from ngbrain.ladder.rungs import Model, axes_of
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Status
-from ngbrain.scene.loading import DENSITY, Loading
+from ngbrain.scene import Scene
 from ngbrain.scene.result import SceneResult
+from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
-__all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
-
-
-class Question(Protocol):
-    """One of those that a scene asks."""
-
-    @property
-    def name(self) -> str:
-        """In words."""
-
-
-class Asking(Protocol):
-    """A scene, as far as its answer is described."""
-
-    @property
-    def title(self) -> str:
-        """A line."""
-
-    @property
-    def ask(self) -> Sequence[Question] | None:
-        """Questions."""
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is assumed, and what to know of constants."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+__all__ = ["Bench", "Climb", "Rung", "answered", "climb", "solve"]
 
 
 @reporting()
 def solve(
-    scene: Loading,
+    scene: Scene,
     folder: str | Path | None = None,
     model: Model | None = None,
     richest: Model | None = None,
@@ -83,12 +55,17 @@ def solve(
     `warnings`: what is assumed of the tissues, and what to know of published constants.
     Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
 
-    >>> from ngbrain.scene.loading import Ask, Given, Stuff
-    >>> given = [Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -1e-4))]
-    >>> scene = Loading(stuff=[Stuff(mu=1000.0, poisson=0.3)], given=given, ask=[Ask(boundary="top", tolerance=0.5)])
+    >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
+    >>> scene = Scene(
+    ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
+    ...     tissues=[Tissue(mu=1000.0, poissons_ratio=0.3)],
+    ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -1e-4))],
+    ...     quantities=[Quantity(name="force", boundary="top", tolerance=0.5)],
+    ... )
     >>> result = solve(scene, richest={"mesh": "0"})
-    >>> result["model"]["strain"], result["error"]["force on top, end"] < 0.5
-    ('linear', True)
+    >>> (force,) = result["answers"]
+    >>> force["quantity"], result["model"]["strain"], force["error_estimate"] < 0.5
+    ('force on top, end', 'linear', True)
     """
     return answered(
         scene,
@@ -99,17 +76,16 @@ def solve(
     )
 
 
-def _assumed_density(scene: Loading) -> list[str]:
+def _assumed_density(scene: Scene) -> list[str]:
     """A line for each tissue whose density counts and is not given."""
-    course = scene.course
-    if course.frequency is None and course.gravity is None and "inertia" not in axes_of(scene):
+    if scene.time.frequency is None and scene.gravity is None and "inertia" not in axes_of(scene):
         return []
     said = f"density_kg_m3 is not given: {DENSITY:g} is assumed"
-    return [f"stuff#{i} ({s.region}): {said}" for i, s in enumerate(scene.stuff, 1) if s.density is None]
+    return [f"tissue#{i} ({s.region}): {said}" for i, s in enumerate(scene.tissues, 1) if s.density is None]
 
 
 def answered(
-    scene: Asking,
+    scene: Scene,
     folder: str | Path | None,
     threads: int,
     find: Callable[[], Climb],
@@ -121,14 +97,14 @@ def answered(
     with using(threads):
         found = find()
     result = {
-        "verb": "solve",
+        "verb": "simulate",
         "title": scene.title,
         "versions": versions(),
         "seed": 0,
         "threads": threads,
         "scene": scene.to_dict(),
         "warnings": [*scene.warnings, *warnings],
-        **described(found, [ask.name for ask in scene.ask or ()]),
+        **described(found, scene.quantities),
         "time_s": time.perf_counter() - started,
     }
     if folder is not None:

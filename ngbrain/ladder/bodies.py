@@ -34,7 +34,7 @@ from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
 from ngbrain.materials.base import Law, Value
 from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
-from ngbrain.scene.loading import GRAVITY, Given, Loading, Stuff
+from ngbrain.scene import DisplacementBC, Scene, Tissue
 
 Array = np.ndarray
 SMALL = 1e-4
@@ -56,9 +56,11 @@ FIRM = 3e3
 class Bench:
     """A scene's meshes, kept, and its bodies for any model."""
 
-    def __init__(self, scene: Loading) -> None:
-        self.scene, part = scene, near(scene.piece)
-        self._meshes = {"whole": Meshes(scene.piece)} | ({"near": Meshes(part)} if part else {})
+    def __init__(self, scene: Scene) -> None:
+        self.scene, part = scene, near(scene.geometry)
+        self._meshes = {"whole": Meshes(scene.geometry, scene.mesh.largest)} | (
+            {"near": Meshes(part, scene.mesh.largest)} if part else {}
+        )
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
 
@@ -77,11 +79,11 @@ class Bench:
 
     def left_out(self, extent: str, plane: bool, level: int) -> Array:
         """By each element of a level's mesh (ne,), in the linear elastic body; see `local`."""
-        time = "relaxed" if any(stuff.law().branches for stuff in self.scene.stuff) else "instantaneous"
+        time = "relaxed" if any(tissue.law().branches for tissue in self.scene.tissues) else "instantaneous"
         place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
-        return shares(self.state(model, body, linear_state(body)), rich, self.scene.ask)
+        return shares(self.state(model, body, linear_state(body)), rich, self.scene.quantities)
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """See `solve`."""
@@ -90,12 +92,12 @@ class Bench:
     def has_states(self, model: Model) -> bool:
         """Whether its solution has states: it is of a body at rest without memory."""
         through_time = model.get("time") in REMEMBERS or model.get("inertia") == "all"
-        return self.scene.course.frequency is None and not through_time
+        return self.scene.time.frequency is None and not through_time
 
     @property
     def nested(self) -> bool:
         """Whether elements are unions of those of the next finer mesh."""
-        return self.scene.piece.shape != "head"
+        return self.scene.geometry.kind != "idealised"
 
     @cached_property
     def torn(self) -> list[str]:
@@ -120,45 +122,47 @@ class Bench:
         volumes = {name: ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh) for name in sorted(set(mesh.GetMaterials()))}
         return max(volumes, key=lambda name: volumes[name])
 
-    def stuff(self, region: str, model: Model) -> Stuff:
+    def tissue(self, region: str, model: Model) -> Tissue:
         """What a region is made of: with one tissue for all, that with the largest volume. Raises `InputError` for none."""
-        found = [stuff for stuff in self.scene.stuff if re.fullmatch(stuff.region, region)]
+        found = [tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, region)]
         if not found:
-            raise InputError("stuff", f"none for region {region!r}", "one whose region matches it")
+            raise InputError("tissue", f"none for region {region!r}", "one whose region matches it")
         if model.get("tissue") == "one":
-            return self.stuff(self.largest, {})
+            return self.tissue(self.largest, {})
         return found[-1]
 
     def factor(self, region: str, model: Model) -> Value:
-        """What the moduli of a region's stuff are multiplied by: its map over them, or the map's median over the region."""
+        """What the moduli of a region's tissue are multiplied by: its map over them, or the map's median over the region."""
         if model.get("tissue") == "one":
             return self.factor(self.largest, {**model, "tissue": "each"})
-        stuff = self.stuff(region, {})
-        if stuff.map is None:
+        tissue = self.tissue(region, {})
+        if tissue.shear_modulus_map is None:
             return 1.0
-        if stuff.map not in self._maps:
-            self._maps[stuff.map] = read(stuff.map)
+        if tissue.shear_modulus_map not in self._maps:
+            self._maps[tissue.shear_modulus_map] = read(tissue.shear_modulus_map)
         if model.get("tissue") == "map":
-            return over(self._maps[stuff.map], self.mesh(model)) / stuff.initial_modulus
+            return over(self._maps[tissue.shear_modulus_map], self.mesh(model)) / tissue.initial_modulus
         mesh = self._meshes["whole"].at(0, plane=False)
-        return median(over(self._maps[stuff.map], mesh), region) / stuff.initial_modulus
+        return median(over(self._maps[tissue.shear_modulus_map], mesh), region) / tissue.initial_modulus
 
-    def _face(self, mesh: ngs.Mesh, given: Given) -> RigidFace:
+    def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
         """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
-        by = along(given.by, mesh.dim == 2)
+        by = along(bc.value, mesh.dim == 2)
         area, outward = (
-            ngs.Integrate(value * ngs.ds(given.boundary), mesh)
+            ngs.Integrate(value * ngs.ds(bc.boundary), mesh)
             for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
         )
         if outward > -0.1 * area * math.hypot(*by):
-            raise InputError("given.by_mm", [1e3 * each for each in given.by], "into the body, of what touches it")
-        modulus = self.factor(self.largest, {}) * self.stuff(self.largest, {}).initial_modulus
-        return RigidFace(given.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
+            raise InputError(
+                "displacement_bc.value_mm", [1e3 * each for each in bc.value], "into the body, of a frictionless face"
+            )
+        modulus = self.factor(self.largest, {}) * self.tissue(self.largest, {}).initial_modulus
+        return RigidFace(bc.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
 
     @cached_property
     def crossing(self) -> float:
         """Time (s) of a shear wave through the most of the body along its longest side."""
-        most = self.stuff(self.largest, {})
+        most = self.tissue(self.largest, {})
         modulus = self.factor(self.largest, {}) * most.initial_modulus
         return float(self.longest * math.sqrt(most.rho / modulus))
 
@@ -172,7 +176,7 @@ class Bench:
 
     def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
         """From a tissue's law and what its moduli are multiplied by to that of the model."""
-        level, ramp = model.get("time", "instantaneous"), self.scene.course.ramp
+        level, ramp = model.get("time", "instantaneous"), self.scene.time.ramp
         laws: dict[str, Callable[[Viscous, Value], Law | Viscous]] = {
             "instantaneous": lambda law, factor: scale(instantaneous_law(law), factor),
             "relaxed": lambda law, factor: scale(relaxed_law(law, ramp, t), factor),
@@ -188,30 +192,30 @@ class Bench:
 
     def thickness_of(self, model: Model) -> float:
         """Of a section (m), as thick as what bears its load; 1 of a body in space."""
-        piece = self.scene.piece
+        geometry = self.scene.geometry
         if model.get("space") != "plane":
             return 1.0
-        return piece.plate[1] if piece.plate else piece.size[1]
+        return geometry.plate[1] if geometry.plate else geometry.sides[1]
 
     def time(self, when: str) -> float:
         """Of a question (s)."""
-        course = self.scene.course
-        return course.ramp if when == "ramp" else course.elapsed
+        time = self.scene.time
+        return time.ramp if when == "ramp" else time.end
 
-    def _check_given(self, names: set[str]) -> None:
+    def _check_conditions(self, names: set[str]) -> None:
         """Refuse displacements beyond the body, and two of them for one component of one boundary."""
-        for i, given in enumerate(self.scene.given, 1):
-            for value, side in zip(given.by, self.sides, strict=True):
+        for i, bc in enumerate(self.scene.displacement_bcs, 1):
+            for value, side in zip(bc.value, self.sides, strict=True):
                 if not abs(value) < side:
                     wanted = f"less than the body, {' x '.join(f'{1e3 * s:.4g}' for s in self.sides)} mm"
-                    raise InputError(f"given#{i}.by_mm", [1e3 * each for each in given.by], wanted)
-            mine = {name for name in names if re.fullmatch(given.boundary, name)}
-            for j, other in enumerate(self.scene.given[: i - 1], 1):
+                    raise InputError(f"displacement_bc#{i}.value_mm", [1e3 * each for each in bc.value], wanted)
+            mine = {name for name in names if re.fullmatch(bc.boundary, name)}
+            for j, other in enumerate(self.scene.displacement_bcs[: i - 1], 1):
                 shared = mine & {name for name in names if re.fullmatch(other.boundary, name)}
-                axes = [axis for axis in given.along if axis in other.along]
+                axes = [axis for axis in bc.components if axis in other.components]
                 if shared and axes:
-                    found = f"{given.boundary!r}, which given#{j} ({other.boundary!r}) holds along {axes[0]} too"
-                    raise InputError(f"given#{i}.boundary", found, f"one condition for {min(shared)!r}")
+                    found = f"{bc.boundary!r}, which displacement_bc#{j} ({other.boundary!r}) prescribes along {axes[0]} too"
+                    raise InputError(f"displacement_bc#{i}.boundary", found, f"one condition for {min(shared)!r}")
 
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous]
@@ -220,34 +224,36 @@ class Bench:
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
         for region in sorted(set(mesh.GetMaterials())):
-            stuff, factor = self.stuff(region, model), self.factor(region, model)
-            made: Any = law(stuff.law(), factor)
-            if stuff.k1 is not None and stuff.fibre is not None and model.get("fibres") == "all":
-                soft = FIBRES_ALONE * stuff.initial_modulus
-                made = made + HolzapfelGasserOgden(soft, stuff.k1, stuff.k2, 0.0, in_axes(stuff.fibre, plane))
-            materials[region], weights[region] = Material(made, factor * stuff.bulk), stuff.rho
-        self._check_given(names)
+            tissue, factor = self.tissue(region, model), self.factor(region, model)
+            made: Any = law(tissue.law(), factor)
+            if tissue.fibre_stiffness is not None and tissue.fibre is not None and model.get("fibres") == "all":
+                soft = FIBRES_ALONE * tissue.initial_modulus
+                made = made + HolzapfelGasserOgden(
+                    soft, tissue.fibre_stiffness, tissue.fibre_exponent, 0.0, in_axes(tissue.fibre, plane)
+                )
+            materials[region], weights[region] = Material(made, factor * tissue.bulk), tissue.rho
+        self._check_conditions(names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [
-            Traction(pull.boundary, along(pull.traction, plane)) for pull in scene.pull or ()
+            Traction(traction.boundary, along(traction.value, plane)) for traction in scene.tractions
         ]
-        for given in scene.given:
-            if not any(re.fullmatch(given.boundary, name) for name in names):
+        for bc in scene.displacement_bcs:
+            if not any(re.fullmatch(bc.boundary, name) for name in names):
                 if plane:  # the faces in front and behind
                     continue
-                raise InputError("given.boundary", repr(given.boundary), f"one of {', '.join(sorted(names))}")
-            if given.hold == "touching" and model.get("contact") == "all":
-                loads.append(self._face(mesh, given))
+                raise InputError("displacement_bc.boundary", repr(bc.boundary), f"one of {', '.join(sorted(names))}")
+            if bc.contact == "frictionless" and model.get("contact") == "all":
+                loads.append(self._face(mesh, bc))
                 continue
-            parts = [value if axis in given.along else None for axis, value in zip("xyz", given.by, strict=True)]
-            supports[given.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
+            parts = [value if axis in bc.components else None for axis, value in zip("xyz", bc.value, strict=True)]
+            supports[bc.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
         if model.get("extent") == "near":
             supports |= {name: 0 for name in CUT if name in names}
         density = mesh.MaterialCF(weights)
         if model.get("inertia") == "all":
             loads.append(Inertia(density))
-        if scene.course.gravity:
-            loads.append(Weight(density * GRAVITY * ngs.CF(along(scene.course.gravity, plane))))
+        if scene.gravity:
+            loads.append(Weight(density * ngs.CF(along(scene.gravity.acceleration, plane))))
         return mesh, materials, supports, loads
 
 
@@ -287,15 +293,15 @@ class Solution:
 
 def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
     """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.scene.ask))
+    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.scene.quantities))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        if bench.scene.course.frequency is not None:
+        if bench.scene.time.frequency is not None:
             answers, ndof = shaken(
                 bench.scene,
                 model,
                 bench.mesh(model),
-                lambda region: (bench.stuff(region, model), bench.factor(region, model)),
+                lambda region: (bench.tissue(region, model), bench.factor(region, model)),
                 form_of(model),
                 bench.thickness_of(model),
             )
@@ -304,21 +310,21 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
         else:
             states = _at_rest(bench, model, near or {})
             answers = answers_of(bench.scene, states)
-            scales = np.array([scale_of(ask, states[ask.when]) for ask in bench.scene.ask])
+            scales = np.array([scale_of(quantity, states[quantity.when]) for quantity in bench.scene.quantities])
             ndof = next(iter(states.values())).body.fes.ndof
     doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
     return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
 
 
-def answers_of(scene: Loading, states: Mapping[str, State]) -> Array:
+def answers_of(scene: Scene, states: Mapping[str, State]) -> Array:
     """Of all questions."""
-    return np.array([answer(ask, states[ask.when]) for ask in scene.ask])
+    return np.array([answer(quantity, states[quantity.when]) for quantity in scene.quantities])
 
 
 def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
     found: dict[str, State] = {}
     alike = model.get("time", "instantaneous") == "instantaneous"
-    for when in dict.fromkeys(ask.when for ask in bench.scene.ask):
+    for when in dict.fromkeys(quantity.when for quantity in bench.scene.quantities):
         if found and alike:
             found[when] = next(iter(found.values()))
             continue
@@ -346,26 +352,26 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
     """Answers and their scales are found on the way, as the body does not keep its past."""
     scene = bench.scene
     size = SMALL if model["strain"] == "linear" else 1.0
-    answers, scales, ndof = np.zeros(len(scene.ask)), np.zeros(len(scene.ask)), 0
-    moments = dict.fromkeys(bench.time(ask.when) for ask in scene.ask)
+    answers, scales, ndof = np.zeros(len(scene.quantities)), np.zeros(len(scene.quantities)), 0
+    moments = dict.fromkeys(bench.time(quantity.when) for quantity in scene.quantities)
     for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
         body = bench.relaxing(model, last)
 
         def seen(t: float, body: Problem = body) -> None:
-            for i, ask in enumerate(scene.ask):
-                if abs(t - bench.time(ask.when)) < 1e-9 * t:
+            for i, quantity in enumerate(scene.quantities):
+                if abs(t - bench.time(quantity.when)) < 1e-9 * t:
                     state = bench.state(model, body, body.x)
-                    answers[i], scales[i] = answer(ask, state), scale_of(ask, state)
+                    answers[i], scales[i] = answer(quantity, state), scale_of(quantity, state)
 
         times = _times(bench, model, last)
-        run_load_history(body, times, size * np.minimum(times / scene.course.ramp, 1.0), seen)
+        run_load_history(body, times, size * np.minimum(times / scene.time.ramp, 1.0), seen)
         ndof = body.fes.ndof
     return answers, scales, ndof
 
 
 def _times(bench: Bench, model: Model, last: float) -> Array:
     """Steps up to a time (s), even ones while loads grow."""
-    ramp = bench.scene.course.ramp
+    ramp = bench.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"
     count = max(RAMP, math.ceil(CROSSING * ramp / bench.crossing)) if moving else RAMP
     grow = np.linspace(0, ramp, count + 1)

@@ -17,7 +17,7 @@ from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solve
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.result import Result, Status
-from ngbrain.scene.loading import Loading
+from ngbrain.scene import Quantity, Scene
 
 Array = np.ndarray
 NARROW = 0.8
@@ -93,14 +93,14 @@ class Climb(Result):
 
 
 def climb(
-    scene: Loading,
+    scene: Scene,
     richest: Model | None = None,
     tell: Callable[[Rung], None] = lambda _: None,
     keeper: Keeper | None = None,
     executor: parallel.AnyExecutor = None,
 ) -> Climb:
     """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer."""
-    tolerances = np.array([ask.tolerance for ask in scene.ask])
+    tolerances = np.array([quantity.tolerance for quantity in scene.quantities])
     return ascend(axes_of(scene, richest), keeper or Keeper(Bench(scene), executor), tolerances, tell)
 
 
@@ -159,7 +159,7 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     return _judge(rung, above)
 
 
-def stand(scene: Loading, model: Model, executor: parallel.AnyExecutor = None) -> Climb:
+def stand(scene: Scene, model: Model, executor: parallel.AnyExecutor = None) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
     return stay(axes_of(scene), Keeper(Bench(scene), executor), model)
 
@@ -344,11 +344,26 @@ def _nothing(rung: Rung) -> list[str]:
     ]
 
 
-def described(climb: Climb, questions: Sequence[str]) -> dict[str, Any]:
+def described(climb: Climb, quantities: Sequence[Quantity]) -> dict[str, Any]:
     """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
     return {
-        "answers": dict(zip(questions, climb.chosen.answers.tolist(), strict=True)),
-        "error": dict(zip(questions, _plain(climb.error), strict=True)),
+        "answers": [
+            {
+                "quantity": quantity.label,
+                "name": quantity.name,
+                "where": quantity.where,
+                "when": quantity.moment,
+                "value": value,
+                "unit": quantity.unit,
+                "tolerance": quantity.tolerance,
+                "error_estimate": error,
+                "model": climb.chosen.model,
+                "warnings": list(climb.warnings),
+            }
+            for quantity, value, error in zip(
+                quantities, climb.chosen.answers.tolist(), _plain(climb.error), strict=True
+            )
+        ],
         "model": climb.chosen.model,
         "left_out": [
             {

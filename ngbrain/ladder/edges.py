@@ -7,21 +7,26 @@ from itertools import combinations
 
 import ngsolve as ngs
 
-from ngbrain.scene.loading import Given, Loading
+from ngbrain.scene import DisplacementBC, Scene
 
 
-def torn(scene: Loading, mesh: ngs.Mesh) -> list[str]:
+def torn(scene: Scene, mesh: ngs.Mesh) -> list[str]:
     """What to doubt of forces that are asked for: finer elements make them larger, without end.
 
     >>> from ngbrain.mesh import block
-    >>> from ngbrain.scene.loading import Ask, Given, Loading, Stuff
-    >>> held = (Given(boundary="bottom"), Given(boundary="left", by=(-1e-3, 0, 0)))
-    >>> len(torn(Loading(stuff=(Stuff(mu=(1e3,)),), given=held, ask=(Ask(boundary="left"),)), block()))
+    >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Scene, Tissue
+    >>> scene = Scene(
+    ...     geometry=Geometry(kind="block", size=(1, 1, 1)),
+    ...     tissues=[Tissue(mu=1e3)],
+    ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="left", value=(-1e-3, 0, 0))],
+    ...     quantities=[Quantity(name="force", boundary="left")],
+    ... )
+    >>> len(torn(scene, block()))
     1
     """
-    asked = [ask.boundary for ask in scene.ask if ask.quantity == "force"]
+    asked = [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     found = []
-    for one, other in combinations([given for given in scene.given if given.hold == "tied"], 2):
+    for one, other in combinations([bc for bc in scene.displacement_bcs if bc.contact == "bonded"], 2):
         felt = any(re.fullmatch(pattern, name) for pattern in asked for name in _names(mesh, one) | _names(mesh, other))
         if felt and _apart(one, other) and _vertices(mesh, one) & _vertices(mesh, other):
             where = f"{one.boundary} and {other.boundary} meet at an edge and are held apart there"
@@ -29,14 +34,14 @@ def torn(scene: Loading, mesh: ngs.Mesh) -> list[str]:
     return found
 
 
-def _apart(one: Given, other: Given) -> bool:
-    shared = [axis for axis in one.along if axis in other.along]
-    return any(one.by["xyz".index(axis)] != other.by["xyz".index(axis)] for axis in shared)
+def _apart(one: DisplacementBC, other: DisplacementBC) -> bool:
+    shared = [axis for axis in one.components if axis in other.components]
+    return any(one.value["xyz".index(axis)] != other.value["xyz".index(axis)] for axis in shared)
 
 
-def _names(mesh: ngs.Mesh, given: Given) -> set[str]:
-    return {name for name in mesh.GetBoundaries() if re.fullmatch(given.boundary, name)}
+def _names(mesh: ngs.Mesh, bc: DisplacementBC) -> set[str]:
+    return {name for name in mesh.GetBoundaries() if re.fullmatch(bc.boundary, name)}
 
 
-def _vertices(mesh: ngs.Mesh, given: Given) -> set[int]:
-    return {vertex.nr for element in mesh.Boundaries(given.boundary).Elements() for vertex in element.vertices}
+def _vertices(mesh: ngs.Mesh, bc: DisplacementBC) -> set[int]:
+    return {vertex.nr for element in mesh.Boundaries(bc.boundary).Elements() for vertex in element.vertices}

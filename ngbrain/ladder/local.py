@@ -17,7 +17,7 @@ import numpy as np
 from ngbrain.forward.common.material import stiffness
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.quantities import State, answer, embedded, slope
-from ngbrain.scene.loading import Ask
+from ngbrain.scene import Quantity
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
@@ -25,7 +25,7 @@ SHARE = {2: 0.8, 3: 0.5}
 TINY = 1e-300
 
 
-def shares(cheap: State, rich: Problem, asks: Sequence[Ask]) -> Array:
+def shares(cheap: State, rich: Problem, asks: Sequence[Quantity]) -> Array:
     """What each element leaves out, relative to the answers, the largest over the questions (ne,).
 
     cheap   a linear body at rest
@@ -36,9 +36,9 @@ def shares(cheap: State, rich: Problem, asks: Sequence[Ask]) -> Array:
     inverse = rich.factorise(x, r)
     error = _strain(rich, inverse(r))
     found = np.zeros(rich.mesh.ne)
-    for ask in asks:
-        size = max(abs(answer(ask, cheap)), TINY)
-        rich.x = inverse(slope(ask, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
+    for quantity in asks:
+        size = max(abs(answer(quantity, cheap)), TINY)
+        rich.x = inverse(slope(quantity, State(rich, x, cheap.factor, cheap.linear, cheap.thickness)))
         cheap.body.u.Set(rich.u)
         missing = ngs.Sym(ngs.Grad(rich.u)) - ngs.Sym(ngs.Grad(cheap.body.u))
         found = np.maximum(found, error * _norm(rich, missing) / size)

@@ -11,7 +11,7 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.scene.loading import Ask
+from ngbrain.scene import Quantity
 
 Array = np.ndarray
 BAND = 0.1
@@ -66,37 +66,41 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
     return body.load(body.x, factor)
 
 
-def observable(ask: Ask, state: State) -> Observable:
-    """What a question asks of a body: without the load factor, and for a metre of a section."""
-    if ask.quantity == "force":
-        return Force(ask.boundary, along(ask.unit, state.plane))
-    if ask.quantity == "displacement":
-        point_in(state.body.mesh, ask, state.plane)
-        return Displacements([along(ask.point or (0.0, 0.0, 0.0), state.plane)], along(ask.unit, state.plane))
-    near = None if ask.within is None else along(ask.point or (), state.plane)
+def observable(quantity: Quantity, state: State) -> Observable:
+    """What a quantity is of a body: without the load factor, and for a metre of a section."""
+    if quantity.name == "force":
+        return Force(str(quantity.boundary), along(quantity.unit_vector, state.plane))
+    if quantity.name == "displacement":
+        point_in(state.body.mesh, quantity, state.plane)
+        return Displacements(
+            [along(quantity.point or (0.0, 0.0, 0.0), state.plane)], along(quantity.unit_vector, state.plane)
+        )
+    near = None if quantity.radius is None else along(quantity.point or (), state.plane)
     measure = "small" if state.linear else "Green-Lagrange"
-    return StrainPercentile(ask.percentile, ask.region, near, ask.within, BAND, measure, 1 / state.factor)
+    return StrainPercentile(
+        quantity.percentile, quantity.region, near, quantity.radius, BAND, measure, 1 / state.factor
+    )
 
 
-def answer(ask: Ask, state: State) -> float:
+def answer(quantity: Quantity, state: State) -> float:
     """The number that is asked for, in SI units."""
     state.stand()
-    observed = observable(ask, state).on(state.body)
-    return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(ask, state)
+    observed = observable(quantity, state).on(state.body)
+    return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(quantity, state)
 
 
-def slope(ask: Ask, state: State) -> Array:
+def slope(quantity: Quantity, state: State) -> Array:
     """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
     state.stand()
-    gradient = observable(ask, state).gradient(state.body) * _times(ask, state)
+    gradient = observable(quantity, state).gradient(state.body) * _times(quantity, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
 
-def _times(ask: Ask, state: State) -> float:
+def _times(quantity: Quantity, state: State) -> float:
     """What an observable is multiplied by: a percentile has the load factor in it."""
-    if ask.quantity == "strain":
+    if quantity.name == "strain":
         return 1.0
-    return (state.thickness if ask.quantity == "force" else 1.0) / state.factor
+    return (state.thickness if quantity.name == "force" else 1.0) / state.factor
 
 
 def along(vector: tuple[float, ...], plane: bool) -> tuple[float, ...]:
@@ -114,15 +118,15 @@ def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, 
     return (x, z, y) if plane else direction
 
 
-def scale_of(ask: Ask, state: State) -> float:
+def scale_of(quantity: Quantity, state: State) -> float:
     """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
     load the body (N), the largest displacement (m). A strain is measured by itself.
     """
-    if ask.quantity == "strain":
+    if quantity.name == "strain":
         return 0.0
     state.stand()
     body = state.body
-    if ask.quantity == "displacement":
+    if quantity.name == "displacement":
         nodes = ngs.GridFunction(ngs.VectorH1(body.mesh, order=1))
         nodes.Set(state.displacement())
         return float(np.abs(nodes.vec.FV().NumPy()).max())
@@ -132,31 +136,31 @@ def scale_of(ask: Ask, state: State) -> float:
     return largest * state.thickness / state.factor
 
 
-def point_in(mesh: ngs.Mesh, ask: Ask, plane: bool) -> ngs.MeshPoint:
-    """The question's point; `InputError` for one outside."""
-    found = mesh(*along(ask.point or (0.0, 0.0, 0.0), plane))
+def point_in(mesh: ngs.Mesh, quantity: Quantity, plane: bool) -> ngs.MeshPoint:
+    """The quantity's point; `InputError` for one outside."""
+    found = mesh(*along(quantity.point or (0.0, 0.0, 0.0), plane))
     if found.nr < 0:
-        raise InputError("ask.point_mm", [1e3 * c for c in ask.point or ()], "a point in the body")
+        raise InputError("quantity.point_mm", [1e3 * c for c in quantity.point or ()], "a point in the body")
     return found
 
 
-def within(mesh: ngs.Mesh, ask: Ask) -> tuple[Array, Array]:
-    """Quadrature points in the question's regions, within its distance, and the volumes that they stand for."""
+def within(mesh: ngs.Mesh, quantity: Quantity) -> tuple[Array, Array]:
+    """Quadrature points in the quantity's regions, within its radius, and the volumes that they stand for."""
     (shape,) = {element.type for element in mesh.Elements()}
     rule = ngs.IntegrationRule(shape, 2)
     points = mesh.MapToAllElements({shape: rule}, ngs.VOL)
-    volume = _within(mesh, ask) * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
+    volume = _within(mesh, quantity) * ngs.Det(ngs.specialcf.JacobianMatrix(mesh.dim))
     weights = np.tile(np.array(rule.weights), mesh.ne) * np.abs(np.array(volume(points)).ravel())
     if not (weights > 0).any():
-        raise InputError("ask.region", repr(ask.region), "a region and a distance that hold some of the body")
+        raise InputError("quantity.region", repr(quantity.region), "a region and a distance that hold some of the body")
     return points[weights > 0], weights[weights > 0]
 
 
-def _within(mesh: ngs.Mesh, ask: Ask) -> ngs.CoefficientFunction:
-    """1 in the question's regions and within its distance, else 0."""
-    inside = mesh.MaterialCF({ask.region: 1.0}, default=0.0)
-    if ask.within is None:
+def _within(mesh: ngs.Mesh, quantity: Quantity) -> ngs.CoefficientFunction:
+    """1 in the quantity's regions and within its radius, else 0."""
+    inside = mesh.MaterialCF({quantity.region: 1.0}, default=0.0)
+    if quantity.radius is None:
         return inside
-    centre = along(ask.point or (), mesh.dim == 2)
+    centre = along(quantity.point or (), mesh.dim == 2)
     away = sum((x - c) ** 2 for x, c in zip((ngs.x, ngs.y, ngs.z), centre, strict=False))
-    return inside * ngs.IfPos(ask.within**2 - away, 1.0, 0.0)
+    return inside * ngs.IfPos(quantity.radius**2 - away, 1.0, 0.0)

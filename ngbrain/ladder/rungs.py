@@ -14,7 +14,7 @@ from typing import Any
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
-from ngbrain.scene.loading import Loading
+from ngbrain.scene import Scene
 
 Model = Mapping[str, str]
 """Axis → level."""
@@ -84,7 +84,7 @@ AXES = {
             ("step",),
             (2.0,),
         ),
-        Axis("contact", ("none", "all"), ("that tissue slides and parts",), ("touching",), (2.0,)),
+        Axis("contact", ("none", "all"), ("that tissue slides and parts",), ("frictionless",), (2.0,)),
         Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("roughly",), (2.0,)),
         Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("roughly",), (20.0,)),
         Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
@@ -129,20 +129,20 @@ OF_WAVES = {
 """Of bodies that are shaken."""
 
 
-def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
+def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none."""
-    waves = scene.course.frequency is not None
+    waves = scene.time.frequency is not None
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
     check("richest", bounds, known)
-    laws, beyond = [stuff.law() for stuff in scene.stuff], not_in_section(scene)
+    laws, beyond = [tissue.law() for tissue in scene.tissues], not_in_section(scene)
     idle = {
-        "fibres": all(stuff.k1 is None for stuff in scene.stuff),
+        "fibres": all(tissue.fibre_stiffness is None for tissue in scene.tissues),
         "time": not any(law.branches for law in laws),
-        "loss": not any(law.branches or stuff.loss for law, stuff in zip(laws, scene.stuff, strict=True)),
-        "contact": all(given.hold == "tied" for given in scene.given),
-        "inertia": not waves and scene.course.ramp > SLOW * _crossing(scene),
-        "space": scene.piece.shape != "block" or beyond is not None,
+        "loss": not any(law.branches or tissue.loss_tangent for law, tissue in zip(laws, scene.tissues, strict=True)),
+        "contact": all(bc.contact == "bonded" for bc in scene.displacement_bcs),
+        "inertia": not waves and scene.time.ramp > SLOW * _crossing(scene),
+        "space": scene.geometry.kind != "block" or beyond is not None,
         "extent": _uncuttable(scene),
     }
     if bounds.get("space") == "plane" and idle["space"]:
@@ -158,7 +158,7 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
             last = min(last, axis.levels.index("prony") + 1)
         if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
-    if scene.piece.shape == "head":  # its curved elements cannot be cut one by one
+    if scene.geometry.kind == "idealised":  # its curved elements cannot be cut one by one
         found["mesh"] = _whole_steps(found["mesh"])
     return found
 
@@ -187,54 +187,62 @@ def _whole_steps(axis: Axis) -> Axis:
     return replace(axis, levels=tuple(axis.levels[i] for i in kept), **parts)
 
 
-def _crossing(scene: Loading) -> float:
+def _crossing(scene: Scene) -> float:
     """Time (s) of a shear wave along the longest side, through the first tissue, to which others are exceptions."""
-    longest, tissue = max(scene.piece.size) if scene.piece.shape == "block" else LONG, scene.stuff[0]
-    return longest * math.sqrt(tissue.rho / (SOFT if tissue.map else tissue.initial_modulus))
+    longest, tissue = max(scene.geometry.sides) if scene.geometry.kind == "block" else LONG, scene.tissues[0]
+    return longest * math.sqrt(tissue.rho / (SOFT if tissue.shear_modulus_map else tissue.initial_modulus))
 
 
-def _tissues(scene: Loading) -> tuple[int, int]:
+def _tissues(scene: Scene) -> tuple[int, int]:
     """Levels of tissue that differ, as first and last + 1: one and each where there are several, map where there is one."""
-    return int(len(scene.stuff) < 2), 3 if any(stuff.map for stuff in scene.stuff) else 2
+    return int(len(scene.tissues) < 2), 3 if any(tissue.shear_modulus_map for tissue in scene.tissues) else 2
 
 
-def not_in_section(scene: Loading) -> str | None:
+def not_in_section(scene: Scene) -> str | None:
     """What the section y = 0 does not have: a loaded face, or a vector with a part along y; None where it has everything.
 
     A fibre may lie in the section or along y: an oblique one shears the body out of the plane.
 
-    >>> from ngbrain.scene.loading import Ask, Given, Stuff
-    >>> given = Given(boundary="bottom"), Given(boundary="top", by=(0, 1e-3, 1e-3))
-    >>> not_in_section(Loading(given=given, stuff=(Stuff(mu=(1e3,)),), ask=(Ask(boundary="top"),)))
+    >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
+    >>> scene = Scene(
+    ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
+    ...     tissues=[Tissue(mu=1e3)],
+    ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 1e-3, 1e-3))],
+    ...     quantities=[Quantity(name="force", boundary="top")],
+    ... )
+    >>> not_in_section(scene)
     "the displacement of 'top' has a part along y"
     """
-    patterns = [each.boundary for each in scene.pull or ()] + [a.boundary for a in scene.ask if a.quantity == "force"]
+    patterns = [each.boundary for each in scene.tractions]
+    patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     for pattern in patterns:
         if not any(re.fullmatch(pattern, name) for name in OF_SECTION):
             return f"a section has no {pattern!r}"
-    vectors = [(f"the displacement of {given.boundary!r}", given.by) for given in scene.given]
-    vectors += [(f"the traction on {pull.boundary!r}", pull.traction) for pull in scene.pull or ()]
-    vectors += [("gravity", scene.course.gravity or (0.0, 0.0, 0.0))]
-    vectors += [(f"what is asked, {ask.name!r},", ask.direction) for ask in scene.ask if ask.quantity != "strain"]
+    vectors = [(f"the displacement of {bc.boundary!r}", bc.value) for bc in scene.displacement_bcs]
+    vectors += [(f"the traction on {traction.boundary!r}", traction.value) for traction in scene.tractions]
+    vectors += [("gravity", scene.gravity.acceleration)] if scene.gravity else []
+    asked = [quantity for quantity in scene.quantities if quantity.name != "strain"]
+    vectors += [(f"what is asked, {quantity.label!r},", quantity.unit_vector) for quantity in asked]
     for name, vector in vectors:
         if abs(vector[1]) > IN_PLANE * math.hypot(*vector):
             return f"{name} has a part along y"
-    for stuff in scene.stuff:
-        if stuff.k1 is not None and stuff.fibre is not None:
-            x, y, z = stuff.fibre
+    for tissue in scene.tissues:
+        if tissue.fibre_stiffness is not None and tissue.fibre is not None:
+            x, y, z = tissue.fibre
             if min(abs(y), math.hypot(x, z)) > IN_PLANE * math.hypot(x, y, z):
-                return f"the fibre of {stuff.region!r} is oblique to it"
+                return f"the fibre of {tissue.region!r} is oblique to it"
     return None
 
 
-def _uncuttable(scene: Loading) -> bool:
-    """Whether there is no region of interest, or what is given or asked lies beyond it."""
-    part = near(scene.piece)
-    if part is None or scene.course.gravity is not None:
+def _uncuttable(scene: Scene) -> bool:
+    """Whether there is no region of interest, or a condition or a quantity lies beyond it."""
+    part = near(scene.geometry)
+    if part is None or scene.gravity is not None:
         return True
-    patterns = [each.boundary for each in scene.given] + [each.boundary for each in scene.pull or ()]
-    patterns += [ask.boundary for ask in scene.ask if ask.quantity == "force"]
-    beyond = [ask.point for ask in scene.ask if ask.point and any(abs(ask.point[i]) > part.size[i] / 2 for i in (0, 1))]
+    patterns = [each.boundary for each in scene.displacement_bcs] + [each.boundary for each in scene.tractions]
+    patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
+    points = [quantity.point for quantity in scene.quantities if quantity.point]
+    beyond = [point for point in points if any(abs(point[i]) > part.sides[i] / 2 for i in (0, 1))]
     return bool(beyond) or any(re.fullmatch(pattern, side) for pattern in patterns for side in CUT)
 
 

@@ -16,21 +16,21 @@ from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import relaxation_time, shear_modulus
-from ngbrain.scene.loading import Ask, Loading, Stuff
+from ngbrain.scene import Quantity, Scene, Tissue
 
 Array = np.ndarray
 PHASES = 16
 """Moments of a period over which a strain is the largest."""
 
 
-def modulus(stuff: Stuff, omega: float, loss: bool) -> complex:
+def modulus(tissue: Tissue, omega: float, loss: bool) -> complex:
     """G*(ω) (Pa) = μ (1 + i loss) + Σ μ_k iωτ_k/(1 + iωτ_k) of what stays and of the branches; its real part without loss.
 
-    >>> modulus(Stuff(mu=1000.0, loss=0.2), 300.0, True)
+    >>> modulus(Tissue(mu=1000.0, loss_tangent=0.2), 300.0, True)
     (1000+200j)
     """
-    law = stuff.law()
-    total = float(shear_modulus(law.equilibrium)) * complex(1, stuff.loss)
+    law = tissue.law()
+    total = float(shear_modulus(law.equilibrium)) * complex(1, tissue.loss_tangent)
     for branch in law.branches:
         turned = 1j * omega * float(relaxation_time(branch))
         total += float(shear_modulus(branch.law)) * turned / (1 + turned)
@@ -38,16 +38,16 @@ def modulus(stuff: Stuff, omega: float, loss: bool) -> complex:
 
 
 def shaken(
-    scene: Loading,
+    scene: Scene,
     model: Model,
     mesh: ngs.Mesh,
-    stuff: Callable[[str], tuple[Stuff, Value]],
+    tissue: Callable[[str], tuple[Tissue, Value]],
     form: str,
     thickness: float,
 ) -> tuple[Array, int]:
-    """Answers of a scene's questions, and unknowns; `stuff` says what a region is of, and what its moduli are multiplied by."""
-    frequency, plane = scene.course.frequency or 0.0, mesh.dim == 2
-    regions = {region: stuff(region) for region in sorted(set(mesh.GetMaterials()))}
+    """Answers of a scene's questions, and unknowns; `tissue` says what a region is of, and what its moduli are multiplied by."""
+    frequency, plane = scene.time.frequency or 0.0, mesh.dim == 2
+    regions = {region: tissue(region) for region in sorted(set(mesh.GetMaterials()))}
     omega = 2 * np.pi * frequency
     moduli = {name: modulus(each, omega, model.get("loss") == "all") for name, (each, _) in regions.items()}
     factor = mesh.MaterialCF({name: times for name, (_, times) in regions.items()})
@@ -56,8 +56,8 @@ def shaken(
     if any(G.imag for G in moduli.values()):
         G = G + 1j * mesh.MaterialCF({name: each.imag for name, each in moduli.items()})
     G = factor * G
-    given = [g for g in scene.given if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
-    held = {axis: "|".join(g.boundary for g in given if axis in g.along) for axis in "xyz"}
+    given = [g for g in scene.displacement_bcs if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
+    held = {axis: "|".join(g.boundary for g in given if axis in g.components) for axis in "xyz"}
     names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
     body = Harmonic(
         mesh,
@@ -65,8 +65,8 @@ def shaken(
         [
             Wave(
                 frequency if model["inertia"] == "all" else 0.0,
-                {g.boundary: along(g.by, plane) for g in given if any(g.by)},
-                {pull.boundary: along(pull.traction, plane) for pull in scene.pull or ()},
+                {g.boundary: along(g.value, plane) for g in given if any(g.value)},
+                {traction.boundary: along(traction.value, plane) for traction in scene.tractions},
             )
         ],
         bulk=factor * mesh.MaterialCF({name: each.bulk for name, (each, _) in regions.items()}),
@@ -75,20 +75,20 @@ def shaken(
         held={mine: held[own] for mine, own in names.items() if held[own]},
     )
     (gfu,) = body.solve()
-    return np.array([_amplitude(ask, body, gfu, thickness) for ask in scene.ask]), body.fes.ndof
+    return np.array([_amplitude(quantity, body, gfu, thickness) for quantity in scene.quantities]), body.fes.ndof
 
 
-def _amplitude(ask: Ask, body: Harmonic, gfu: ngs.GridFunction, thickness: float) -> float:
+def _amplitude(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction, thickness: float) -> float:
     plane = body.mesh.dim == 2
     u = body.split(gfu)[0]
-    if ask.quantity == "displacement":
-        return abs(complex(np.dot(u(point_in(body.mesh, ask, plane)), along(ask.unit, plane))))
-    if ask.quantity == "force":
-        return abs(_force(ask, body, gfu)) * thickness
-    return weighted_percentile(*_strains(ask, body, u), ask.percentile)
+    if quantity.name == "displacement":
+        return abs(complex(np.dot(u(point_in(body.mesh, quantity, plane)), along(quantity.unit_vector, plane))))
+    if quantity.name == "force":
+        return abs(_force(quantity, body, gfu)) * thickness
+    return weighted_percentile(*_strains(quantity, body, u), quantity.percentile)
 
 
-def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
+def _force(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction) -> complex:
     """The body's forces on a boundary, along the question's direction: its work for a motion of the boundary."""
     (wave,) = body.waves
     form = ngs.BilinearForm(body.fes)
@@ -96,18 +96,18 @@ def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
     form += body.terms(wave.omega, trial, test, lambda work: work)
     motion = ngs.GridFunction(body.fes)
     part = motion.components[0] if body.mixed else motion
-    boundary = body.mesh.Boundaries(ask.boundary)
-    part.Set(ngs.CF(along(ask.unit, body.mesh.dim == 2)), definedon=boundary, dual=True)
+    boundary = body.mesh.Boundaries(str(quantity.boundary))
+    part.Set(ngs.CF(along(quantity.unit_vector, body.mesh.dim == 2)), definedon=boundary, dual=True)
     form.Assemble()
     product = gfu.vec.CreateVector()
     product.data = form.mat * gfu.vec
     return complex(np.dot(motion.vec.FV().NumPy(), product.FV().NumPy()))
 
 
-def _strains(ask: Ask, body: Harmonic, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
+def _strains(quantity: Quantity, body: Harmonic, u: ngs.CoefficientFunction) -> tuple[Array, Array]:
     """Largest principal strains over a period at points, and the volumes that these stand for."""
     mesh = body.mesh
-    points, weights = within(mesh, ask)
+    points, weights = within(mesh, quantity)
     grad = ngs.Grad(u)
     values = np.array(ngs.CF(tuple(grad[i, j] for i in range(mesh.dim) for j in range(mesh.dim)))(points))
     gradient = np.zeros((len(values), 3, 3), complex)

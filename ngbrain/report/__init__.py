@@ -53,7 +53,7 @@ class Report:
         Raises
         ------
         InputError
-            result.json is missing, damaged or not from `demo` or `retract`; or a run's file is.
+            result.json is missing, damaged or not from `demo` or of an operation; or a run's file is.
         """
         folder, result = self.folder, _read(self.folder / "result.json")
         self._drawn = self._drawn or _pictures(folder, result)
@@ -94,7 +94,7 @@ def _read(path: Path) -> dict[str, Any]:
     result = read_json(path, "result")
     missing = [key for key in NEEDED if not isinstance(result, dict) or not isinstance(result.get(key), dict)]
     if missing or not result["answers"]:
-        raise InputError(missing[0] if missing else "answers", "missing", "the result of demo or retract", file=path)
+        raise InputError(missing[0] if missing else "answers", "missing", "the result of an operation", file=path)
     for protocol, answer in result["answers"].items():
         series = answer.get("series") if isinstance(answer, dict) else None
         if not isinstance(series, dict) or not all(series.get(key) for key in SERIES):
@@ -114,7 +114,7 @@ def _pictures(folder: Path, result: dict[str, Any]) -> tuple[dict[str, bytes], A
         peak = runs[shown].peak()
     except (KeyError, TypeError) as error:
         raise InputError(
-            "geometry", "incomplete", f"the result of demo or retract ({error})", folder / "result.json"
+            "geometry", "incomplete", f"the result of an operation ({error})", folder / "result.json"
         ) from error
     image = slices.ScanImage.read(folder)
     scale = StrainScale.up_to(max(answer["mps_p99"] for answer in answers.values()))

@@ -38,7 +38,7 @@ def drawn(blade: Mapping[str, Any], cleft: Cleft, advance: float) -> tuple[Drawn
     """The blades that `geometry.blade` of a result tells of, when they have gone `advance` (m) together."""
     kind = blade.get("kind", "spatula")
     if kind == "tube":
-        return (Tube(cleft, cleft.opening / 2 + advance / 2, blade["tip_m"]),)
+        return (Tube(cleft, cleft.opening / 2 + advance / 2, blade["tip_clearance_m"]),)
     sides = (1, -1) if kind == "two spatulas" else (1,)
     return tuple(Spatula(cleft, blade, advance / len(sides), side) for side in sides)
 
@@ -59,7 +59,7 @@ class Spatula:
 
     def profile(self) -> Floats:
         """Cut through its middle: (across, height) in m, (k, 2)."""
-        r, face, tip = self._edge, self._face, self.blade["tip_m"]
+        r, face, tip = self._edge, self._face, self.blade["tip_clearance_m"]
         height = np.linspace(tip + r, self._top, ARC)
         angle = np.linspace(-np.pi / 2, 0, ARC)
         rounded = np.column_stack([face - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
@@ -78,23 +78,27 @@ class Spatula:
 
     def _outline(self, inset: float, across: float) -> Floats:
         """A section of the blade at `across`: its outline, drawn in by `inset`, rounded at the tip."""
-        tip, top = self.blade["tip_m"] + inset, self._top
+        tip, top = self.blade["tip_clearance_m"] + inset, self._top
         wide = self.blade["width_m"] / 2 - inset
         narrow = (self.blade.get("tip_width_m") or self.blade["width_m"]) / 2 - inset
         r = max(2 * self._edge - inset, 0.0)
         angle = np.linspace(-np.pi / 2, 0, ARC)
         right = np.column_stack([narrow - r + r * np.cos(angle), tip + r + r * np.sin(angle)])
         height = np.linspace(tip + r, top, 3 * ARC)[1:]
-        above = np.column_stack([np.interp(height, [self.blade["tip_m"], self.cleft.depth], [narrow, wide]), height])
+        above = np.column_stack(
+            [np.interp(height, [self.blade["tip_clearance_m"], self.cleft.depth], [narrow, wide]), height]
+        )
         ring = np.vstack([right[::-1] * [-1, 1], right, above, above[::-1] * [-1, 1]])
         return np.column_stack([np.full(len(ring), across), ring])
 
     def _bent(self, points: Floats, height: int) -> Floats:
         """Points bent back as the face is; `height` is the column that holds it."""
-        bend = self.blade.get("bend_m")
+        bend = self.blade.get("face_radius_m")
         if not bend:
             return points
-        off = np.clip(points[:, height] - (self.blade["tip_m"] + self.cleft.depth) / 2, -0.99 * bend, 0.99 * bend)
+        off = np.clip(
+            points[:, height] - (self.blade["tip_clearance_m"] + self.cleft.depth) / 2, -0.99 * bend, 0.99 * bend
+        )
         back = np.column_stack([bend - np.sqrt(bend**2 - off**2), *[np.zeros(len(points))] * (points.shape[1] - 1)])
         return points - back
 

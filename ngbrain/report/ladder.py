@@ -13,13 +13,13 @@ from ngbrain.report.page import write_page
 from ngbrain.report.style import figure, png, style
 
 UNITS = {"force": ("N", 1.0), "displacement": ("mm", 1e3), "strain": ("%", 100.0)}
-"""First word of a question's name → unit, and how many of it are one SI unit; others have their unit in their name."""
+"""Name of a quantity → unit in which it is shown, and how many of it are one SI unit; others are shown in their own."""
 LEAST, MOST = 1e-3, 10.0
 """Per cent below which, and times above which changes are drawn there."""
 
 
 def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
-    """Write the page of a result of `ngbrain.ladder.solve`. Raises `MissingExtra` where matplotlib or jinja2 is not installed."""
+    """Write the page of a result that says how accurate its quantities are. Raises `MissingExtra` without matplotlib or jinja2."""
     return write_page(
         Path(path),
         "ladder.html",
@@ -31,13 +31,12 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
 
 
 def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """Question, answer with its unit, what is missing from it and what may be."""
+    """Quantity, value with its unit, estimated error, tolerance."""
     rows = []
-    for ask, (name, value) in zip(result["scene"]["ask"], result["answers"].items(), strict=True):
-        unit, per_si = UNITS.get(name.split()[0], ("", 1.0))
-        rows.append(
-            (name, f"{value * per_si:.4g} {unit}".strip(), percent(result["error"][name]), percent(ask["tolerance"]))
-        )
+    for each in result["answers"]:
+        unit, per_si = UNITS.get(each["name"], (each["unit"], 1.0))
+        value = f"{each['value'] * per_si:.4g} {unit}".strip()
+        rows.append((each["quantity"], value, percent(each["error_estimate"]), percent(each["tolerance"])))
     return rows
 
 
@@ -78,7 +77,7 @@ def _way(result: Mapping[str, Any]) -> bytes:
         axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)
         for x, y, rung in zip(cost, missing, rungs, strict=True):
             axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
-        tolerance = 100 * min(ask["tolerance"] for ask in result["scene"]["ask"])
+        tolerance = 100 * min(each["tolerance"] for each in result["answers"])
         axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
         axis.set(xlabel="computing time, estimates included (s)", ylabel="estimated to be missing (%)")
         axis.set(yscale="log", ylim=(0.5 * min(*missing, tolerance), 2 * max(*missing, tolerance)))

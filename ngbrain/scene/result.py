@@ -33,9 +33,16 @@ class SceneResult(Result, Mapping[str, Any]):
 
     @property
     def value(self) -> dict[str, Any]:
-        """Question, or protocol and quantity → number."""
-        answers: dict[str, Any] = self.data.get("answers", {})
-        return answers
+        """Quantity → number, or protocol → its numbers."""
+        answers: Any = self.data.get("answers", {})
+        return answers if isinstance(answers, dict) else {each["quantity"]: each["value"] for each in answers}
+
+    @property
+    def errors(self) -> dict[str, float | None]:
+        """Quantity → estimated relative error, None where it is not known; of an operation as described nothing."""
+        answers: Any = self.data.get("answers", {})
+        asked = answers if isinstance(answers, list) else []
+        return {each["quantity"]: each["error_estimate"] for each in asked}
 
     @property
     def headline(self) -> str:

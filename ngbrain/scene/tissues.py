@@ -1,57 +1,125 @@
 # ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
-"""What a tissue is made of, as scenes of both kinds say it: a name in the catalogue, or moduli of one's own."""
+"""What the regions of a body are made of."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, number, pattern
+from ngbrain.fields import Section, choice, number, path, pattern
 from ngbrain.materials import CATALOGUE, RelaxingOgden, Viscous
 from ngbrain.materials.catalogue import Published, suggest
-from ngbrain.materials.families import stiffen
+from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
 from ngbrain.materials.viscous import viscous
 
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
 LEAST_SCALE, MOST_SCALE = 1e-6, 1e6
+NEARLY_INCOMPRESSIBLE, DENSITY = 1000.0, 1040.0
+"""Of tissue of which nothing else is known: bulk over initial shear modulus, and density (kg/m³)."""
+OWN = ("mu", "alpha", "eta", "tau")
+"""Fields of moduli of one's own, as `RelaxingOgden` takes them."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Constitutive(Section):
-    """A law of shape for the regions that match a pattern.
+class Tissue(Section):
+    """The material of the regions that match a pattern: a name in the catalogue of published constants, or moduli of one's own.
 
-    constants    name in the catalogue, which `ngbrain materials` lists
-    mu, alpha    in its place: shear moduli (Pa) and Ogden exponents, of what stays first, then of relaxing branches
-    eta          viscosities (Pa s) of the branches, of finite viscoelasticity
-    tau          in place of eta: relaxation times (s) of the branches, hereditary
-    scale        what all moduli and viscosities are multiplied by
+    Parameters
+    ----------
+    region
+        A name or a regular expression.
+    material
+        Name in the catalogue, which `ngbrain materials` lists.
+    mu, alpha
+        In its place: shear moduli (Pa) and Ogden exponents of the equilibrium part, then of the relaxing branches. Without
+        exponents they are Neo-Hooke.
+    eta
+        Viscosities (Pa s) of the branches, of finite viscoelasticity;
+    tau
+        or their relaxation times (s), hereditary (a Prony series).
+    scale
+        What all moduli and viscosities are multiplied by.
+    bulk_to_shear_ratio
+        Bulk modulus over initial shear modulus, or
+    poissons_ratio
+        of an instantaneous small strain, K = 2μ₀(1 + ν)/3(1 - 2ν). Without either: the source's where it has one, else
+        `NEARLY_INCOMPRESSIBLE`, with a warning that says so.
+    density
+        (kg/m³); without it `DENSITY`, with a warning where it matters.
+    loss_tangent
+        G″/G′ of waves, for tissue without branches.
+    fibre_stiffness, fibre_exponent, fibre
+        Of the fibres of Holzapfel, Gasser and Ogden: k₁ (Pa), k₂, direction.
+    shear_modulus_map
+        Path of a NIfTI volume of shear moduli (Pa) of instantaneous small strain, in the body's own axes (mm): all moduli and
+        viscosities are in proportion to it, and only their ratios are taken from the above.
     """
 
-    region: str = pattern("region")
-    constants: str | None = choice("constants", None, CATALOGUE, suggest)
+    region: str = pattern("region", ".*")
+    material: str | None = choice("material", None, CATALOGUE, suggest)
     mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
     alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
     eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
     tau: tuple[float, ...] | None = number("tau_s", None, size=0)
     scale: float | None = number("scale", None)
+    bulk_to_shear_ratio: float | None = number("bulk_to_shear_ratio", None)
+    poissons_ratio: float | None = number("poissons_ratio", None, least=0.0)
+    density: float | None = number("density_kg_m3", None)
+    loss_tangent: float = number("loss_tangent", 0.0, least=0.0)
+    fibre_stiffness: float | None = number("fibre_stiffness_Pa", None)
+    fibre_exponent: float = number("fibre_exponent", 1.0)
+    fibre: tuple[float, float, float] | None = number("fibre", None, signed=True, size=3)
+    shear_modulus_map: str | None = path(
+        "shear_modulus_map", None, "the path of a volume (.nii, .nii.gz)", (".nii", ".nii.gz")
+    )
 
-    def _check_law(self, path: str) -> None:
-        for name in ("mu", "alpha", "eta", "tau"):
-            self._need(not (self.constants and getattr(self, name)), path, name, "this key or constants, not both")
-        self._need(not (self.eta and self.tau), path, "tau", "this key or eta_Pa_s, not both")
+    def _check(self, path: str, scene: Scene) -> None:
+        own = [name for name in OWN if getattr(self, name)]
+        for name in own:
+            self._need(not self.material, path, name, "this key or material, not both")
+        self._need(self.material or own, path, "material", "material, a name in the catalogue, or mu_Pa")
+        if not self.material:
+            self._check_moduli(path)
         fits = self.scale is None or LEAST_SCALE <= self.scale <= MOST_SCALE
         self._need(fits, path, "scale", f"a factor of {LEAST_SCALE:g} to {MOST_SCALE:g}")
+        given = self.bulk_to_shear_ratio is not None and self.poissons_ratio is not None
+        self._need(not given, path, "poissons_ratio", "this key or bulk_to_shear_ratio, not both")
+        self._need(self.poissons_ratio is None or self.poissons_ratio < 0.5, path, "poissons_ratio", "less than 0.5")
+        self._need(1e-3 <= self.volume_ratio <= 1e9, path, "bulk_to_shear_ratio", "a ratio of 0.001 to 1e9")
+        wanted = "a direction to go with fibre_stiffness_Pa, and only with it"
+        self._need((self.fibre_stiffness is None) == (self.fibre is None), path, "fibre", wanted)
+        self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
+        if scene.cleft is not None:
+            for name in ("fibre_stiffness", "shear_modulus_map"):
+                self._need(
+                    getattr(self, name) is None, path, name, "this key left out: an operation does not have it yet"
+                )
 
-    def _check_sizes(self, path: str) -> None:
-        exponents = all(1e-3 <= abs(a) <= 1e3 for a in self.alpha or ())
-        self._need(exponents, path, "alpha", "exponents of size 0.001 to 1000")
-        self._need(all(1e-3 <= m <= 1e9 for m in self.mu or ()), path, "mu", "moduli of 0.001 to 1e9 Pa")
+    def _check_moduli(self, path: str) -> None:
+        mu, alpha, eta, tau = (getattr(self, name) or () for name in OWN)
+        self._need(mu, path, "mu", "moduli to go with alpha, eta_Pa_s and tau_s")
+        self._need(
+            len(alpha) in (0, len(mu)) and all(alpha),
+            path,
+            "alpha",
+            f"as many values as mu_Pa, {len(mu)}, none of them 0",
+        )
+        self._need(not (eta and tau), path, "tau", "this key or eta_Pa_s, not both")
+        times, branches = "tau" if tau else "eta", len(eta or tau)
+        wanted = f"one value fewer than mu_Pa: {len(mu) - 1}" if not alpha else f"fewer values than mu_Pa, {len(mu)}"
+        self._need(branches == len(mu) - 1 or (alpha and branches < len(mu)), path, times, wanted)
+        self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
+        self._need(all(1e-3 <= m <= 1e9 for m in mu), path, "mu", "moduli of 0.001 to 1e9 Pa")
 
     @property
     def published(self) -> Published | None:
         """The catalogue's entry, None for moduli of one's own."""
-        return CATALOGUE[self.constants] if self.constants else None
+        return CATALOGUE[self.material] if self.material else None
 
     def law(self) -> Viscous:
-        """The law of shape."""
+        """The isochoric law."""
         entry = self.published
         found = viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
         return found if self.scale is None else stiffen(found, self.scale)
@@ -63,14 +131,52 @@ class Constitutive(Section):
         return modulus if self.scale is None else self.scale * modulus
 
     @property
-    def cautions(self) -> list[str]:
-        """What to know of the constants, in words."""
+    def volume_ratio(self) -> float:
+        """Bulk over initial shear modulus: the scene's, the source's or the one that is assumed."""
         entry = self.published
-        if not entry or not entry.cautions:
-            return []
-        of = "" if entry.species == "none" else f"{entry.species} "
-        return [f"{entry.name} ({of}{entry.region}): {'; '.join(entry.cautions)}"]
+        if self.bulk_to_shear_ratio is not None:
+            return self.bulk_to_shear_ratio
+        if self.poissons_ratio is None and entry and entry.bulk:
+            return entry.bulk / entry.initial_modulus
+        nu = self.poissons_ratio if self.poissons_ratio is not None else entry.poisson if entry else None
+        return NEARLY_INCOMPRESSIBLE if nu is None else 2 * (1 + nu) / (3 * (1 - 2 * nu))
 
+    @property
+    def bulk(self) -> float:
+        """Bulk modulus K (Pa)."""
+        return self.volume_ratio * self.initial_modulus
 
-OWN = ("mu", "alpha", "eta", "tau")
-"""Fields of moduli of one's own, as `RelaxingOgden` takes them."""
+    @property
+    def rho(self) -> float:
+        """Density (kg/m³), the scene's or the one that is assumed."""
+        return DENSITY if self.density is None else self.density
+
+    @property
+    def cautions(self) -> list[str]:
+        """What to know of the constants, and what is assumed of the change of volume, in words."""
+        entry, found = self.published, list[str]()
+        if entry and entry.cautions:
+            of = "" if entry.species == "none" else f"{entry.species} "
+            found.append(f"{entry.name} ({of}{entry.region}): {'; '.join(entry.cautions)}")
+        if self.bulk_to_shear_ratio is None and self.poissons_ratio is None:
+            ratio = f"bulk_to_shear_ratio is not given: {self.volume_ratio:.4g} is"
+            source = "bulk modulus" if entry and entry.bulk else "Poisson's ratio" if entry and entry.poisson else ""
+            found.append(
+                f"{ratio} used, of the source's {source}" if source else f"{ratio} assumed, nearly incompressible"
+            )
+        return found
+
+    def with_alpha(self, alpha: float) -> Tissue:
+        """The same moduli and times with Ogden's law and one exponent; Neo-Hooke, which has none, stays."""
+        law = self.law()
+        if is_neo_hooke(law):
+            return self
+        mu = tuple(float(shear_modulus(part)) for part in (law.equilibrium, *(branch.law for branch in law.branches)))
+        times: dict[str, Any] = {"eta": tuple(b.eta for b in law.flowing), "tau": tuple(b.tau for b in law.hereditary)}
+        own: dict[str, Any] = {name: values or None for name, values in times.items()}
+        own |= {"mu": mu, "alpha": (alpha,) * len(mu), "bulk_to_shear_ratio": self.volume_ratio, "poissons_ratio": None}
+        return replace(self, material=None, scale=None, **own)
+
+    def scaled(self, factor: float) -> Tissue:
+        """Moduli and viscosities times `factor`, so that times stay."""
+        return replace(self, scale=factor * (self.scale or 1.0))

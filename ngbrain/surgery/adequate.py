@@ -39,7 +39,7 @@ from ngbrain.surgery.runs import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
 """How many times as large as the scene's elements are, from level to level,"""
-LARGEST = {"site": 6e-3, "near": 14e-3, "far": 36e-3}
+LARGEST = {"wall": 6e-3, "craniotomy": 14e-3, "largest": 36e-3}
 """but no larger (m) than this, unless the scene's are: larger ones would cut off some of the brain."""
 ALIKE = 0.85
 """Elements that are no smaller than this share of others are as large."""
@@ -63,7 +63,7 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
         "tissue": len(scene.tissues) < 2,
         "stiffening": all(is_neo_hooke(tissue.law()) for tissue in scene.tissues),
         "time": not any(tissue.law().branches for tissue in scene.tissues),
-        "friction": not scene.blade.friction,
+        "friction": not scene.tool.friction,
     }
     found = {}
     for name, axis in AXES.items():
@@ -83,7 +83,7 @@ def solve(
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
 ) -> SceneResult:
-    """What an operation is asked (`Scene.ask`), by the cheapest model that is good enough; it reads as `result.json` does.
+    """What an operation is asked (`Scene.quantities`), by the cheapest model that is good enough; it reads as `result.json` does.
 
     Arguments and result are those of `ngbrain.ladder.solve`; answers are in the units of their names. Raises `InputError` for a
     scene that asks nothing or cannot be built, `SolverError` if the cheapest model has no answer.
@@ -91,15 +91,15 @@ def solve(
     Example, some minutes::
 
         from dataclasses import replace
-        from ngbrain.scene.programs import Ask
-        scene = replace(ngbrain.Scene.shipped("idealised_fast"), ask=(Ask(quantity="peak_force_N", tolerance=0.2),))
-        result = ngbrain.solve(scene)
+        from ngbrain.scene import Quantity
+        scene = replace(ngbrain.Scene.shipped("idealised_fast"), quantities=(Quantity(name="peak_force_N", tolerance=0.2),))
+        result = ngbrain.simulate(scene)
         result["answers"], result["model"], result["left_out"]
     """
     operation = Operation(scene)
     axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
     check_moduli(operation.made({"mesh": "0"}))
-    tolerances = np.array([ask.tolerance for ask in operation.asks])
+    tolerances = np.array([quantity.tolerance for quantity in operation.quantities])
     if model is None:
         return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))
     return answered(scene, folder, threads, lambda: stay(axes, keeper, model))
@@ -109,22 +109,22 @@ class Operation:
     """A scene's head, read once, and its runs by any model."""
 
     def __init__(self, scene: Scene) -> None:
-        if not scene.ask:
-            raise InputError("ask", "missing", "one or more questions [[ask]], each with a tolerance")
-        self.scene, self.asks, self._made = scene, scene.ask, dict[str, Made]()
+        if not scene.quantities:
+            raise InputError("quantity", "missing", "one or more tables [[quantity]], each with a tolerance")
+        self.scene, self.quantities, self._made = scene, scene.quantities, dict[str, Made]()
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """The numbers that are asked for. Raises `SolverError` where a run gives up."""
         begun = time.process_time()
         made = self.made(model)
         scene = made.scene
-        names = {ask.protocol or scene.protocols[0].name for ask in self.asks}
+        names = {quantity.protocol or scene.protocols[0].name for quantity in self.quantities}
         found, ndof = dict[str, dict[str, Any]](), 0
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
-            elastic = made.elastic(scene.retraction.ramp) if model.get("time") == "relaxed" else None
+            elastic = made.elastic(scene.time.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
             found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
-        values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
+        values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.quantities]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 
     def has_states(self, model: Model) -> bool:
@@ -135,21 +135,21 @@ class Operation:
         """Mesh and laws of a model."""
         level = model["mesh"]
         if level not in self._made:
-            body = replace(self.scene.body, **_sizes(self.scene, _factors(self.scene)[int(level)]))
-            self._made[level] = Made.of(replace(self.scene, body=body), self._head)
+            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[int(level)]))
+            self._made[level] = Made.of(replace(self.scene, mesh=sizes), self._head)
         made = self._made[level]
-        tissues, blade = made.scene.tissues, made.scene.blade
+        tissues, tool = made.scene.tissues, made.scene.tool
         if model.get("tissue") == "one":
             tissues = tuple(replace(self._commonest, region=tissue.region) for tissue in tissues)
         if model.get("stiffening") == "none":
             tissues = tuple(tissue.with_alpha(NEO_HOOKE) for tissue in tissues)
         if model.get("friction") == "none":
-            blade = replace(blade, friction=0.0)
-        return replace(made, scene=replace(made.scene, tissues=tissues, blade=blade))
+            tool = replace(tool, friction=0.0)
+        return replace(made, scene=replace(made.scene, tissues=tissues, tools=(tool,)))
 
     @cached_property
     def _head(self) -> Head:
-        return head_of(self.scene.body)
+        return head_of(self.scene.geometry)
 
     @cached_property
     def _commonest(self) -> Tissue:
@@ -162,7 +162,7 @@ class Operation:
 
 def _sizes(scene: Scene, factor: float) -> dict[str, Any]:
     """Element sizes (m), so many times as large as the scene's."""
-    own = {name: getattr(scene.body, name) for name in LARGEST}
+    own = {name: getattr(scene.mesh, name) for name in LARGEST}
     return {name: max(size, min(factor * size, LARGEST[name])) for name, size in own.items()}
 
 

@@ -133,7 +133,7 @@ def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, floa
 
 def left_out(made: Model, runs: Runs) -> list[str]:
     """What the model leaves out, in words; blades of given force go as they went in their runs."""
-    rubs = made.scene.blade.friction > 0
+    rubs = made.scene.tool.friction > 0
     said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
     return [_inertia(made, runs), *said, made.head.left_out]
 

@@ -103,7 +103,7 @@ class Retracted:
     ) -> None:
         scene = model.scene
         program = model.program(scene, scene.protocols[protocol])
-        if not isinstance(program, Protocol) or scene.blade.friction:
+        if not isinstance(program, Protocol) or scene.tool.friction:
             raise InputError("scene", "with a blade of given force or with friction", "a given way, without friction")
         if not (np.min(times) > 0 and np.max(times) <= program.times[-1]):
             between = f"{np.min(times):g} to {np.max(times):g} s"
@@ -178,7 +178,7 @@ def calibrate(
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
     """With its bulk modulus, as in the search."""
-    return replace(tissue.scaled(factor), bulk_ratio=tissue.volume_ratio / factor)
+    return replace(tissue.scaled(factor), bulk_to_shear_ratio=tissue.volume_ratio / factor, poissons_ratio=None)
 
 
 def _single(band: Band) -> Band:

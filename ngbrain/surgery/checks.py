@@ -21,7 +21,7 @@ from ngbrain.io.state import load_state, save_state
 from ngbrain.mesh.elements import centres
 from ngbrain.parallel import Tell
 from ngbrain.reading import read_json
-from ngbrain.scene import Body as SceneBody
+from ngbrain.scene import MeshSize
 from ngbrain.solvers.newton import Newton
 from ngbrain.solvers.record import NewtonRecord
 from ngbrain.surgery.answers import Answer, answer
@@ -38,7 +38,7 @@ WHOLE, OWN = "whole steps", "hold"
 """and those of what half steps and other elements are compared with."""
 MILLER_ALPHA = -4.7
 """Ogden exponent of Miller & Chinzei 2002, 10.1016/S0021-9290(01)00201-X, fitted over a wider range of strain."""
-COARSE = {"site": 4e-3, "near": 10e-3, "far": 26e-3}
+COARSE = {"wall": 4e-3, "craniotomy": 10e-3, "largest": 26e-3}
 """Element sizes (m) of the mesh on which half steps and one order more are affordable."""
 OTHER = math.sqrt(2)
 """How many times as large other elements are, everywhere; as small where a mesh is as coarse as `COARSE` at the site.
@@ -62,9 +62,9 @@ def half_steps(model: Model, folder: Path | None, resume: bool, tell: Tell) -> P
 
 def other_elements(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Pair:
     """On the scene's mesh, unless one of its protocols is that hold, and on one of other elements, see `OTHER`."""
-    body = model.scene.body
-    factor = OTHER if body.site < COARSE["site"] else 1 / OTHER
-    other = replace(body, **{name: factor * getattr(body, name) for name in COARSE})
+    mesh = model.scene.mesh
+    factor = OTHER if mesh.wall < COARSE["wall"] else 1 / OTHER
+    other = replace(mesh, **{name: factor * getattr(mesh, name) for name in COARSE})
     holds = any(asked.kind == "continuous" for asked in model.scene.protocols)
     own = None if holds else _held(model, OWN, folder, resume, _muted(tell, MESH))
     return own, _held(_meshed(model, other), MESH, folder, resume, tell)
@@ -79,14 +79,14 @@ def miller(model: Model, folder: Path | None, resume: bool, tell: Tell) -> Answe
 def _coarse(model: Model) -> Model:
     """The same scene on a mesh that errors are affordable on."""
     scene = model.scene
-    body = replace(scene.body, **{k: max(v, getattr(scene.body, k)) for k, v in COARSE.items()})
-    return model if body == scene.body else _meshed(model, body)
+    mesh = replace(scene.mesh, **{k: max(v, getattr(scene.mesh, k)) for k, v in COARSE.items()})
+    return model if mesh == scene.mesh else _meshed(model, mesh)
 
 
-def _meshed(model: Model, body: SceneBody) -> Model:
+def _meshed(model: Model, mesh: MeshSize) -> Model:
     """The same scene on another mesh. Where there is none a check is missing, not the whole result: raises `SolverError`."""
     try:
-        return Model.of(replace(model.scene, body=body), model.head)
+        return Model.of(replace(model.scene, mesh=mesh), model.head)
     except InputError as error:
         raise SolverError(f"no mesh for a check: {error}") from error
 
@@ -127,7 +127,7 @@ def orders(model: Model, path: Path | None = None, resume: bool = False) -> tupl
     stand is kept in `path` (.npz) after each step, and taken from there on resume.
     """
     coarse = _coarse(model)
-    ramp, order = model.scene.retraction.ramp, model.scene.body.order
+    ramp, order = model.scene.time.ramp, model.scene.mesh.order
     protocol, control = coarse.ramp("elastic"), StepControl(ramp / 10, first=0.05)
     runs = [
         ProtocolRun(coarse, protocol, None, False, None, control, coarse.elastic(ramp, k), k)

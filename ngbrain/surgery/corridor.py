@@ -61,6 +61,6 @@ def _sides(length: float) -> tuple[float, float]:
 
 def _middle(model: Model) -> float:
     extent = getattr(model.head, "extent", None)
-    if extent is None or model.scene.body.head != "scan":
+    if extent is None or model.scene.geometry.kind != "scan":
         return 0.0
     return float(extent()[0][0])

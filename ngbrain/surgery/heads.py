@@ -36,7 +36,8 @@ from ngbrain.mesh import (
 )
 from ngbrain.mesh.opening import cleft_in
 from ngbrain.mesh.outline import Outlines, outlines
-from ngbrain.scene import Body, Openable, Scene
+from ngbrain.scene import Geometry, Scene
+from ngbrain.scene.operation import Openable
 
 PART = "."
 """Between a region's name and the number of a part of it."""
@@ -200,19 +201,19 @@ def _indices(mesh: ngs.Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Elements3D().NumPy()["index"])
 
 
-def head_of(body: Body) -> Head:
+def head_of(geometry: Geometry) -> Head:
     """The head that a scene asks for; raises `InputError` for a scan that cannot be used."""
-    if body.head == "idealised":
+    if geometry.kind == "idealised":
         return Idealised()
-    scan = mni152() if body.head == "mni152" else read_scan(str(body.image))
+    scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
     head = Scanned.of(scan)
-    return replace(head, stiffness=_stiffness(body, scan)) if body.shear_modulus_map else head
+    return replace(head, stiffness=_stiffness(geometry, scan)) if geometry.stiffness_map else head
 
 
-def _stiffness(body: Body, scan: Scan) -> Volume:
+def _stiffness(geometry: Geometry, scan: Scan) -> Volume:
     """The scene's map in the head's space."""
-    found = read_map(str(body.shear_modulus_map), "shear moduli or shear stiffness")
-    if body.head == "mni152" or body.shear_modulus_space == "head":
+    found = read_map(str(geometry.stiffness_map), "shear moduli or shear stiffness")
+    if geometry.kind == "mni152" or geometry.stiffness_map_space == "head":
         return found
     return Volume(found.data, template_place(scan) @ found.affine)
 
@@ -224,8 +225,9 @@ def _corners(mesh: ngs.Mesh) -> np.ndarray:
 
 def likewise(scene: Scene, image: str) -> Scene:
     """A scene on the MNI152 head, moved to the like place of another scan: where the template lies in it."""
-    space = "mni152" if scene.body.shear_modulus_map else None
-    body = replace(scene.body, head="scan", image=image, shear_modulus_space=space)
-    target = template_place(read_scan(image)) @ [*(scene.cleft.target or ()), 1.0]
+    cleft = scene.operated
+    space = "mni152" if scene.geometry.stiffness_map else None
+    geometry = replace(scene.geometry, kind="scan", image=image, stiffness_map_space=space)
+    target = template_place(read_scan(image)) @ [*(cleft.target or ()), 1.0]
     title = scene.title.replace("the MNI152 average brain", Path(image).name)
-    return replace(scene, title=title, body=body, cleft=replace(scene.cleft, target=tuple(target[:3].tolist())))
+    return replace(scene, title=title, geometry=geometry, cleft=replace(cleft, target=tuple(target[:3].tolist())))

@@ -96,18 +96,20 @@ class Model:
     @classmethod
     def of(cls, scene: Scene, head: Head | None = None) -> Model:
         """Read the head (unless given) and make the mesh; raises `InputError` for what cannot be operated on."""
-        head = head or head_of(scene.body)
+        head = head or head_of(scene.geometry)
         scene.check_on(head)
-        where = scene.cleft
+        where = scene.operated
         cleft = where.slot(head)
-        mesh = head.opened(cleft, where.craniotomy, Sizes(scene.body.site, scene.body.near, scene.body.far))
+        mesh = head.opened(
+            cleft, where.craniotomy_diameter, Sizes(scene.mesh.wall, scene.mesh.craniotomy, scene.mesh.largest)
+        )
         made = cls(scene, head, mesh, cleft, _blades(scene, cleft))
         made._divide()
         return made
 
     def _divide(self) -> None:
         """Give the elements of a region that has tissues of several laws regions of their own, by the laws that occur in them."""
-        mixtures = self.head.mixtures(self.mesh, self.scene.body.order)
+        mixtures = self.head.mixtures(self.mesh, self.scene.mesh.order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         for region, shares in mixtures.items():
             where = present(self.mesh, region, shares)
@@ -135,7 +137,7 @@ class Model:
         return self._materials(lambda tissue: stiffen(tissue.law(), factors.get(tissue.region, 1.0)))
 
     def _materials(self, law: Laws, order: int | None = None) -> dict[str, Material]:
-        order = order or self.scene.body.order
+        order = order or self.scene.mesh.order
         mixtures = self.head.mixtures(self.mesh, order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         volume, ratio = self.head.stiffness, dict[str, ngs.GridFunction]()
@@ -153,7 +155,7 @@ class Model:
         """What the head's measured map of moduli does to each tissue (`relative.summary`); nothing where there is none."""
         if self.head.stiffness is None:
             return {}
-        order = self.scene.body.order
+        order = self.scene.mesh.order
         mixtures = _counted(self.head.mixtures(self.mesh, order))
         return relative.summary(self.head.stiffness, self.mesh, mixtures, order - 1)
 
@@ -174,7 +176,7 @@ class Model:
 
     def parts(self, order: int | None = None) -> dict[str, Part]:
         """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
-        mixtures = self.head.mixtures(self.mesh, order or self.scene.body.order)
+        mixtures = self.head.mixtures(self.mesh, order or self.scene.mesh.order)
         counted = _counted(mixtures)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         parts = {}
@@ -196,7 +198,7 @@ class Model:
 
         A blade of given force may go as far as the scene's opening.
         """
-        scene, opening = self.scene, self.scene.retraction.opening
+        scene, opening = self.scene, self.scene.tool.travel
         drive = protocol.drive(opening) if isinstance(protocol, Force) else protocol.drive()
         stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
@@ -205,14 +207,14 @@ class Model:
             for wall, blade in self.blades.items()
         ]
         rubs = [
-            Friction(contact, scene.blade.friction, SLIP * opening, _carried(blade, len(self.blades)))
+            Friction(contact, scene.tool.friction, SLIP * opening, _carried(blade, len(self.blades)))
             for contact, blade in zip(contacts, self.blades.values(), strict=True)
-            if scene.blade.friction
+            if scene.tool.friction
         ]
-        slides = scene.support.sliding
+        slides = self.sliding
         films = [Sliding.on(self.mesh, slides, FILM * stiffest)] if slides else []
         meeting = Closing(*WALLS, hard, soft, 1.5 * self.cleft.opening)
-        order = order or scene.body.order
+        order = order or scene.mesh.order
         materials = materials or self.materials(order)
         touches: list[Touch | Friction | GivenForce] = [*contacts, *rubs, *films, meeting]
         if isinstance(drive, GivenForce):
@@ -222,57 +224,79 @@ class Model:
         body = Problem(*parts)
         body.focus(near)
         newton = newton_for(body, rtol=BALANCED)
-        return TimeStepper(body, drive, control or self.control(), scene.body.site / 2, newton)
+        return TimeStepper(body, drive, control or self.control(), scene.mesh.wall / 2, newton)
 
     @property
     def held(self) -> str:
-        """Pattern of the boundaries that are held: the scene's, without those that slide."""
-        support, names = self.scene.support, sorted(set(self.mesh.GetBoundaries()))
-        if not support.sliding:
-            return support.fixed
-        held = [name for name in names if re.fullmatch(support.fixed, name) and not re.fullmatch(support.sliding, name)]
-        return "|".join(held)
+        """Pattern of the boundaries that are held."""
+        return self._boundaries("bonded")
+
+    @property
+    def sliding(self) -> str:
+        """Pattern of the boundaries that slide along what holds them."""
+        return self._boundaries("sliding")
+
+    def _boundaries(self, contact: str) -> str:
+        """Those of the scene's conditions of a kind; `InputError` for a pattern without any, and for two kinds on one."""
+        names, kinds = sorted(set(self.mesh.GetBoundaries())), dict[str, str]()
+        for i, bc in enumerate(self.scene.displacement_bcs, 1):
+            mine = [name for name in names if re.fullmatch(bc.boundary, name)]
+            if not mine:
+                raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), nearest(bc.boundary, names))
+            if twice := [name for name in mine if name in kinds]:
+                wanted = f"one condition for {twice[0]!r}, which has one already"
+                raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), wanted)
+            kinds |= dict.fromkeys(mine, bc.contact)
+        return "|".join(name for name, kind in kinds.items() if kind == contact)
 
     def control(self) -> Control:
         """The scene's time steps."""
-        steps = self.scene.steps
-        touch = min(FIRST * steps.contact, steps.longest)
-        way = FURTHEST * self.scene.retraction.opening
-        return ErrorControl(steps.tolerance, touch, steps.longest, SHORTEST * touch, steps.contact, way)
+        time = self.scene.time
+        touch = min(FIRST * time.max_step_contact, time.max_step_hold)
+        way = FURTHEST * self.scene.tool.travel
+        return ErrorControl(
+            time.step_tolerance, touch, time.max_step_hold, SHORTEST * touch, time.max_step_contact, way
+        )
 
     @staticmethod
     def program(scene: Scene, asked: SceneProtocol) -> Protocol | Force:
         """The blade's program that a scene's protocol asks for."""
-        r = scene.retraction
+        travel, time = scene.tool.travel, scene.time
         if asked.kind == "continuous":
-            return continuous(r.opening, r.ramp, r.elapsed, asked.name)
+            return continuous(travel, time.ramp, time.end, asked.name)
         if asked.kind == "intermittent":
-            return intermittent(r.opening, r.ramp, r.elapsed, asked.hold, asked.rest, asked.name)
+            return intermittent(travel, time.ramp, time.end, asked.hold, asked.rest, asked.name)
         if asked.kind == "staged":
-            return staged(r.opening, r.ramp, r.elapsed, asked.stages, asked.rest, asked.name)
+            return staged(travel, time.ramp, time.end, asked.stages, asked.rest, asked.name)
         if asked.kind == "force":
-            times, force = asked.times or (0.0, r.ramp, r.elapsed), tuple(map(gf, asked.force_gf))
+            times, force = asked.times or (0.0, time.ramp, time.end), tuple(map(gf, asked.force_gf))
             return Force(asked.name, times, force if asked.times else (0.0, *force, *force))
-        return Protocol(asked.name, tuple(asked.times), tuple(asked.opening))
+        return Protocol(asked.name, tuple(asked.times), tuple(asked.travel))
 
     def ramp(self, name: str) -> Protocol:
         """The first opening alone."""
-        r = self.scene.retraction
-        return Protocol(name, (0.0, r.ramp), (0.0, r.opening))
+        return Protocol(name, (0.0, self.scene.time.ramp), (0.0, self.scene.tool.travel))
 
     def hold(self, name: str) -> Protocol:
         """The first opening, held to the end."""
-        r = self.scene.retraction
-        return continuous(r.opening, r.ramp, r.elapsed, name)
+        time = self.scene.time
+        return continuous(self.scene.tool.travel, time.ramp, time.end, name)
 
 
 def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
     """What pushes which wall; they share the way that the scene asks for."""
-    tool, plus, minus = scene.blade, *WALLS
+    tool, plus, minus = scene.tool, *WALLS
     sides = {plus: cleft, minus: replace(cleft, across=-cleft.across)}
     if tool.kind == "tube":
-        return {wall: Tube(side, tool.width, tool.edge_radius, tool.tip) for wall, side in sides.items()}
-    shape = (tool.width, tool.edge_radius, tool.tip, tool.thickness, tool.tip_width, tool.bend or np.inf)
+        return {wall: Tube(side, tool.width, tool.edge_radius, tool.tip_clearance) for wall, side in sides.items()}
+    shape = (
+        tool.width,
+        tool.edge_radius,
+        tool.tip_clearance,
+        tool.thickness,
+        tool.tip_width,
+        tool.face_radius or np.inf,
+    )
     pushed = WALLS if tool.kind == "two spatulas" else (plus,)
     return {wall: Spatula(sides[wall], *shape) for wall in pushed}
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact, current_normal_area
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.scene import FACED
+from ngbrain.scene.operation import FACED
 from ngbrain.surgery.blades import Blade, patch
 
 PATCH_MARGIN = 1e-3

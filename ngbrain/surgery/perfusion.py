@@ -23,15 +23,17 @@ def perfusion(patient: Patient, pressure: PPoly) -> dict[str, Any]:
     >>> import numpy as np
     >>> from ngbrain.surgery.injury import curve
     >>> pressed = curve(np.array([0.0, 10.0, 20.0]), np.array([0.0, 40.0, 0.0]), [0.0, 10.0, 20.0])
-    >>> perfusion(Patient(map_mmHg=30.0, icp_mmHg=12.0), pressed)["min_perfusion_reserve_mmHg"]
+    >>> perfusion(Patient(mean_arterial_pressure=30.0, intracranial_pressure=12.0), pressed)["min_perfusion_reserve_mmHg"]
     -10.0
     """
-    if patient.map_mmHg is None:
+    if patient.mean_arterial_pressure is None:
         return {}
-    total, longest = times_above(pressure, patient.map_mmHg - LOW_MMHG)
-    highest = max(float(pressure(pressure.x).max()), patient.icp_mmHg or 0.0)  # a monotone cubic: largest at a step
+    total, longest = times_above(pressure, patient.mean_arterial_pressure - LOW_MMHG)
+    highest = max(
+        float(pressure(pressure.x).max()), patient.intracranial_pressure or 0.0
+    )  # a monotone cubic: largest at a step
     return {
         f"s_perfusion_below_{LOW_MMHG:.0f}_mmHg": total,
         f"longest_s_perfusion_below_{LOW_MMHG:.0f}_mmHg": longest,
-        "min_perfusion_reserve_mmHg": patient.map_mmHg - highest,
+        "min_perfusion_reserve_mmHg": patient.mean_arterial_pressure - highest,
     }

@@ -11,7 +11,7 @@ import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.contact.force_control import GivenForce
-from ngbrain.scene.programs import CLEAR
+from ngbrain.scene.protocols import CLEAR
 
 NUDGE = 1e-5
 """How far (m) beyond its gap a blade of given force goes to feel the tissue."""

@@ -146,7 +146,7 @@ def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
     scene, mapped = model.scene, model.stiffness_map()
     found = {name: answers.answer(run, scene.patient) for name, run in runs.items()}
     return {
-        "verb": "retract",
+        "verb": "simulate",
         "title": scene.title,
         "versions": versions(),
         "seed": 0,
@@ -190,7 +190,7 @@ def _tasks(model: Model, folder: Path | None, resume: bool, checks: bool = True)
     groups: dict[Any, list[Protocol | Force]] = {}
     for program in (model.program(scene, asked) for asked in scene.protocols):
         groups.setdefault(program.beginning, []).append(program)
-    memory = predicted_memory("retraction", model.mesh.ne) if scene.body.order == 2 and model.mesh is not None else 0.0
+    memory = predicted_memory("retraction", model.mesh.ne) if scene.mesh.order == 2 and model.mesh is not None else 0.0
     shared: list[Task] = []
     leading: list[Task] = []
     following: list[Task] = []
@@ -251,7 +251,7 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def _geometry(model: Model) -> dict[str, Any]:
-    cleft, blade = model.cleft, model.scene.blade
+    cleft, blade = model.cleft, model.scene.tool
     return {
         "target_m": cleft.target.tolist(),
         "out": cleft.out.tolist(),
@@ -260,7 +260,7 @@ def _geometry(model: Model) -> dict[str, Any]:
         "depth_m": cleft.depth,
         "opening_m": cleft.opening,
         "width_m": cleft.width,
-        "craniotomy_m": model.scene.cleft.craniotomy,
+        "craniotomy_m": model.scene.operated.craniotomy_diameter,
         "blade": {"kind": blade.kind}
         | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name not in ("kind", "friction")},
     }

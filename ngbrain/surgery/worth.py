@@ -122,7 +122,7 @@ def checks(scene: Scene, runs: Runs, errors: Errors) -> dict[str, float | None]:
         if away.any():
             off_gap.append(float(run.column("gap")[away].min()))
             recontact.append(_recovered(run, away))
-    ramp = scene.retraction.ramp
+    ramp = scene.time.ramp
     firsts = [float(run.column("pressure")[run.column("t") <= ramp].max()) for run in _full_ramps(scene, runs)]
     peak = firsts[0] if firsts else float("nan")
     of_peak = errors.get("peak_pressure_mmHg", {})
@@ -136,8 +136,8 @@ def checks(scene: Scene, runs: Runs, errors: Errors) -> dict[str, float | None]:
         "min_net_reaction_N": min(float(run.column("net_reaction").min()) for run in runs.values()),
         "force_while_off_N": max(off_force),
         "gap_while_off_mm": to_mm(min(off_gap)) if off_gap else None,
-        "tissue_in_blade": max(float(run.column("depth").max()) for run in runs.values()) / scene.retraction.opening,
-        "deepest_in_blade": max(float(-run.column("gap").min()) for run in runs.values()) / scene.retraction.opening,
+        "tissue_in_blade": max(float(run.column("depth").max()) for run in runs.values()) / scene.tool.travel,
+        "deepest_in_blade": max(float(-run.column("gap").min()) for run in runs.values()) / scene.tool.travel,
         "first_peaks_differ": (max(firsts) - min(firsts)) / peak if len(firsts) > 1 else None,
         "recontact_opening_below_release_mm": to_mm(min(recontact)) if recontact else None,
     }

@@ -54,7 +54,7 @@ def cohort(
     folder : str or Path
         Where results go; it is made if need be.
     verb : str, optional
-        mesh, invert, predict, solve or retract, of rows that name none.
+        mesh, invert, predict or simulate, of rows that name none.
     group : str, optional
         The column that parts the statistics and the search for outliers; `group`, if there is such a column.
     executor : int or concurrent.futures.Executor, optional

@@ -39,7 +39,7 @@ class Case:
     name : str
         Of the row and of its folder.
     verb : str
-        What is done: mesh, invert, predict, solve or retract.
+        What is done: mesh, invert, predict or simulate.
     inputs : tuple of str
         The files, absolute; a surface may have NAME= in front.
     options : tuple of str

@@ -72,7 +72,7 @@ def main_numbers(result: Mapping[str, Any]) -> dict[str, Number]:
         else _maps
         if verb in ("invert", "predict")
         else _asked
-        if verb == "solve"
+        if isinstance(result["answers"], list)
         else _operation
     )
     return {each.key: each for each in of(result) if isinstance(each.value, int | float) and math.isfinite(each.value)}
@@ -133,9 +133,10 @@ def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterato
 
 
 def _asked(result: Mapping[str, Any]) -> Iterator[Number]:
-    for name, value in result["answers"].items():
-        unit, per_si = UNITS.get(name.split()[0], ("", 1.0))
-        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, value * per_si)
+    for each in result["answers"]:
+        unit, per_si = UNITS.get(each["name"], (each["unit"], 1.0))
+        name, value = each["quantity"], each["value"] * per_si
+        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, value)
 
 
 def _operation(result: Mapping[str, Any]) -> Iterator[Number]:

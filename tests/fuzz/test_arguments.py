@@ -18,8 +18,7 @@ from ngbrain.io.waves import WaveData
 from ngbrain.materials import modulus
 from ngbrain.mesh import Sizes, block, cleft_to
 from ngbrain.mesh.grid import boxes, rectangles
-from ngbrain.scene import Tissue
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 from ngbrain.surgery.seen import Seen
 
 LAW = materials.NeoHooke(1e3)
@@ -47,14 +46,23 @@ CONSTRUCTORS = {
     "cleft_to": (cleft_to, {"target": np.array([0.02, 0, 0.03]), "opening": 4e-3, "width": 12e-3}),
     "rectangles": (rectangles, {"x": np.arange(3.0), "y": np.arange(2.0)}),
     "boxes": (boxes, {"cells": np.ones((1, 1, 1), bool), "x": [0, 1.0], "y": [0, 1.0], "z": [0, 1.0]}),
-    "Tissue": (Tissue, {"region": ".*", "mu": 1e3}),
-    "Stuff": (Stuff, {"mu": 1e3, "poisson": 0.3}),
-    "Piece": (Piece, {"size": (0.1, 0.1, 0.1), "cell": 0.02}),
-    "Given": (Given, {"boundary": "top", "by": (0, 0, 1e-3), "along": "xyz"}),
-    "Pull": (Pull, {"boundary": "top", "traction": (0, 0, 1.0)}),
-    "Course": (Course, {"ramp": 1.0, "elapsed": 2.0}),
-    "Ask": (Ask, {"boundary": "top", "tolerance": 0.1, "direction": (0, 0, 1)}),
-    "Loading": (Loading, {"stuff": (Stuff(mu=1e3),), "given": (Given(boundary="top"),), "ask": (Ask(),)}),
+    "Tissue": (Tissue, {"region": ".*", "mu": 1e3, "poissons_ratio": 0.3}),
+    "Geometry": (Geometry, {"kind": "block", "size": (0.1, 0.1, 0.1)}),
+    "MeshSize": (MeshSize, {"largest": 0.02, "order": 2}),
+    "DisplacementBC": (DisplacementBC, {"boundary": "top", "value": (0, 0, 1e-3), "components": "xyz"}),
+    "Traction": (Traction, {"boundary": "top", "value": (0, 0, 1.0)}),
+    "Gravity": (Gravity, {"acceleration": (0, 0, -9.81)}),
+    "Time": (Time, {"ramp": 1.0, "end": 2.0}),
+    "Quantity": (Quantity, {"name": "force", "boundary": "top", "tolerance": 0.1, "direction": (0, 0, 1)}),
+    "Scene": (
+        Scene,
+        {
+            "geometry": Geometry(kind="block", size=(0.1, 0.1, 0.1)),
+            "tissues": (Tissue(mu=1e3),),
+            "displacement_bcs": (DisplacementBC(boundary="top"),),
+            "quantities": (Quantity(name="force", boundary="top"),),
+        },
+    ),
     "Seen": (
         Seen,
         {

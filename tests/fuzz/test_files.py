@@ -20,7 +20,6 @@ from ngbrain.image.volume import read_scan
 from ngbrain.io import load
 from ngbrain.io.waves import read_waves
 from ngbrain.scene import Scene
-from ngbrain.scene.loading import Loading
 from ngbrain.surgery.seen import Seen
 from ngbrain.surrogate.shipped import Card
 
@@ -28,7 +27,7 @@ READ = {
     "waves.npz": read_waves,
     "waves.h5": read_waves,
     "waves.nii": read_waves,
-    "plate.toml": Loading.from_toml,
+    "plate.toml": Scene.from_toml,
     "retraction.toml": Scene.from_toml,
     "retraction_force.csv": lambda path: Seen.read(None, path),
     "retraction_landmarks.csv": lambda path: Seen.read(path, None),
@@ -77,7 +76,7 @@ def test_many_files_that_are_nearly_right(files, tmp_path, name, seed):
 
 
 VERBS = {
-    "plate.toml": ("solve",),
+    "plate.toml": ("simulate",),
     "waves.npz": ("predict",),
     "waves.h5": ("predict",),
     "waves.nii": ("predict",),
@@ -121,11 +120,11 @@ def test_commands_given_files_that_are_nearly_right(files, tmp_path, number):
 
 
 ARGUMENTS = [
-    ["solve"], ["solve", ""], ["solve", "/dev/zero"], ["solve", "a\udcffb.toml"], ["mesh", "/dev/null"], ["mesh", "."],
-    ["invert", "/dev/zero"], ["predict", "x.mat"], ["retract", "/proc/self/mem"], ["calibrate", "x"], ["materials", "\udcff"],
+    ["simulate"], ["simulate", ""], ["simulate", "/dev/zero"], ["simulate", "a\udcffb.toml"], ["mesh", "/dev/null"], ["mesh", "."],
+    ["invert", "/dev/zero"], ["predict", "x.mat"], ["simulate", "/proc/self/mem"], ["calibrate", "x"], ["materials", "\udcff"],
     ["data", "nothing"], ["data", "../../etc"], ["mesh", "x", "--names", "1"], ["mesh", "x", "--size", "1e999"],
-    ["mesh", "x", "--site", "nan,0,0"], ["solve", "x", "--threads", "1e8"], ["invert", "x", "--noise", "nan"],
-    ["invert", "x", "--rounds", "-1"], ["invert", "x", "--oss-snr", "inf"], ["--no-such"], ["retract", "x" * 5000],
+    ["mesh", "x", "--site", "nan,0,0"], ["simulate", "x", "--threads", "1e8"], ["invert", "x", "--noise", "nan"],
+    ["invert", "x", "--rounds", "-1"], ["invert", "x", "--oss-snr", "inf"], ["--no-such"], ["simulate", "x" * 5000],
     ["mesh", "x", "--names", "1=\udcff"], ["predict", "x.npz", "--weights", "/dev/null"],
 ]  # fmt: skip
 

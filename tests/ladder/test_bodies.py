@@ -15,27 +15,40 @@ from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.ladder.waves import modulus
 from ngbrain.materials import RelaxingOgden
 from ngbrain.mesh import block
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
-BAR = Piece(size=(0.02, 0.03, 0.04), cell=0.04)
-FREE = (Given(boundary="bottom", along="z"), Given(boundary="left", along="x"), Given(boundary="front", along="y"))
+BAR = Geometry(kind="block", size=(0.02, 0.03, 0.04))
+FREE = (
+    DisplacementBC(boundary="bottom", components="z"),
+    DisplacementBC(boundary="left", components="x"),
+    DisplacementBC(boundary="front", components="y"),
+)
 MU, NU, DOWN = 1e3, 0.3, 1e-3
 ASKS = (
-    Ask(boundary="top"),
-    Ask(quantity="displacement", point=(0.01, 0, 0.04), direction=(1, 0, 0)),
-    Ask(quantity="strain", percentile=50),
+    Quantity(name="force", boundary="top"),
+    Quantity(name="displacement", point=(0.01, 0, 0.04), direction=(1, 0, 0)),
+    Quantity(name="strain", percentile=50),
 )
 
 
-def pressed(*asks: Ask, far: float = DOWN, **given: object) -> Loading:
+def pressed(*asks: Quantity, far: float = DOWN, **given: object) -> Scene:
     """A bar whose top goes down and whose sides are free."""
-    supports = (*FREE, Given(boundary="top", by=(0, 0, -far), along="z"))
-    return Loading(
-        **({"piece": BAR, "stuff": (Stuff(mu=(MU,), poisson=NU),), "given": supports, "ask": asks or ASKS} | given)
+    supports = (*FREE, DisplacementBC(boundary="top", value=(0, 0, -far), components="z"))
+    return Scene(
+        **(
+            {
+                "geometry": BAR,
+                "mesh": MeshSize(largest=0.04),
+                "tissues": (Tissue(mu=(MU,), poissons_ratio=NU),),
+                "displacement_bcs": supports,
+                "quantities": asks or ASKS,
+            }
+            | given
+        )
     )
 
 
-def model(scene: Loading, **levels: str) -> dict[str, str]:
+def model(scene: Scene, **levels: str) -> dict[str, str]:
     """The cheapest but for some levels."""
     return {**cheapest(axes_of(scene)), **levels}
 
@@ -75,11 +88,22 @@ def test_moduli_relax_as_the_history_of_a_ramp_says() -> None:
 
 @pytest.mark.parametrize("level", ["prony", "flowing"])
 def test_bodies_with_a_memory_relax_as_the_closed_form_says(level: str) -> None:
-    tissue = Stuff(mu=(400.0, 600.0), eta=(1200.0,), poisson=NU)
-    walls = (FREE[0], Given(boundary="left|right", along="x"), Given(boundary="front|back", along="y"))
-    confined = (*walls, Given(boundary="top", by=(0, 0, -DOWN), along="z"))  # strains are the load's at all times
+    tissue = Tissue(mu=(400.0, 600.0), eta=(1200.0,), poissons_ratio=NU)
+    walls = (
+        FREE[0],
+        DisplacementBC(boundary="left|right", components="x"),
+        DisplacementBC(boundary="front|back", components="y"),
+    )
+    confined = (
+        *walls,
+        DisplacementBC(boundary="top", value=(0, 0, -DOWN), components="z"),
+    )  # strains are the load's at all times
     scene = pressed(
-        ASKS[0], replace(ASKS[0], when="ramp"), stuff=(tissue,), course=Course(ramp=1.0, elapsed=4.0), given=confined
+        ASKS[0],
+        replace(ASKS[0], when="ramp"),
+        tissues=(tissue,),
+        time=Time(ramp=1.0, end=4.0),
+        displacement_bcs=confined,
     )
     bench = Bench(scene)
     elastic = solve(bench, model(scene, time="relaxed")).answers
@@ -90,18 +114,20 @@ def test_bodies_with_a_memory_relax_as_the_closed_form_says(level: str) -> None:
 
 def test_weight_and_pull_are_dead_loads() -> None:
     scene = pressed(ASKS[0])
-    held = (Given(boundary="bottom", along="z"), *FREE[1:])
-    reaction = (Ask(boundary="bottom"),)
-    pulled = replace(scene, given=held, pull=(Pull(boundary="top", traction=(0, 0, 50.0)),), ask=reaction)
+    held = (DisplacementBC(boundary="bottom", components="z"), *FREE[1:])
+    reaction = (Quantity(name="force", boundary="bottom"),)
+    pulled = replace(
+        scene, displacement_bcs=held, tractions=(Traction(boundary="top", value=(0, 0, 50.0)),), quantities=reaction
+    )
     assert solve(Bench(pulled), model(pulled, space="solid")).answers[0] == pytest.approx(-50 * 0.02 * 0.03, rel=1e-4)
-    heavy = replace(scene, given=held, course=Course(gravity=(0, 0, -1)), ask=reaction)
+    heavy = replace(scene, displacement_bcs=held, gravity=Gravity(acceleration=(0, 0, -9.81)), quantities=reaction)
     weight = 1040 * 9.81 * 0.02 * 0.03 * 0.04
     assert solve(Bench(heavy), model(heavy, space="solid")).answers[0] == pytest.approx(weight, rel=1e-4)
 
 
 def test_waves_without_inertia_and_loss_are_statics() -> None:
     scene = pressed()
-    wave = replace(scene, course=Course(frequency=50.0))
+    wave = replace(scene, time=Time(frequency=50.0))
     still = solve(Bench(scene), model(scene, space="solid")).answers
     found = solve(Bench(wave), model(wave, space="solid")).answers
     assert found[:2] == pytest.approx(np.abs(still[:2]), rel=1e-3)
@@ -111,20 +137,28 @@ def test_waves_without_inertia_and_loss_are_statics() -> None:
 
 
 def test_a_shear_wave_has_its_amplitude() -> None:
-    piece = Piece(size=(0.02, 0.02, 0.06), cell=0.02)
-    supports = (Given(boundary="bottom", by=(1e-4, 0, 0)), Given(boundary="left|right|front|back|top", along="yz"))
-    ask = Ask(quantity="displacement", point=(0, 0, 0.06), direction=(1, 0, 0))
-    wave = Loading(
-        piece=piece, stuff=(Stuff(mu=(3e3,), loss=0.3),), given=supports, course=Course(frequency=40.0), ask=(ask,)
-    )  # fmt: skip
+    piece = Geometry(kind="block", size=(0.02, 0.02, 0.06))
+    supports = (
+        DisplacementBC(boundary="bottom", value=(1e-4, 0, 0)),
+        DisplacementBC(boundary="left|right|front|back|top", components="yz"),
+    )
+    quantity = Quantity(name="displacement", point=(0, 0, 0.06), direction=(1, 0, 0))
+    wave = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=piece,
+        tissues=(Tissue(poissons_ratio=0.49, mu=(3e3,), loss_tangent=0.3),),
+        displacement_bcs=supports,
+        time=Time(frequency=40.0),
+        quantities=(quantity,),
+    )
     found = solve(Bench(wave), model(wave, order="3", mesh="1", inertia="all", loss="all")).answers[0]
     k = 2 * np.pi * 40 * np.sqrt(1040 / (3e3 * (1 + 0.3j)))
     assert found == pytest.approx(1e-4 / abs(np.cos(k * 0.06)), rel=2e-3)
 
 
 def test_what_touches_lets_a_bar_widen() -> None:
-    face = Given(boundary="top", by=(0, 0, -DOWN), hold="touching")
-    scene = pressed(ASKS[0], given=(*FREE, face))
+    face = DisplacementBC(boundary="top", value=(0, 0, -DOWN), contact="frictionless")
+    scene = pressed(ASKS[0], displacement_bcs=(*FREE, face))
     free = -2 * MU * (1 + NU) * DOWN / 0.04 * 0.02 * 0.03
     touched, tied = (
         solve(Bench(scene), model(scene, space="solid", order="2", contact=level)).answers[0]
@@ -132,19 +166,29 @@ def test_what_touches_lets_a_bar_widen() -> None:
     )
     assert touched == pytest.approx(free, rel=3e-3) and tied < 1.03 * free
     with pytest.raises(InputError, match="into the body"):
-        up = replace(scene, given=(*FREE, replace(face, by=(0, 0, DOWN))))
+        up = replace(scene, displacement_bcs=(*FREE, replace(face, value=(0, 0, DOWN))))
         solve(Bench(up), model(up, contact="all"))
 
 
 @pytest.mark.parametrize("level", ["instantaneous", "flowing"])
 def test_a_column_that_is_moved_at_once_pulls_by_its_impedance(level: str) -> None:
     """√(ρμ) times area and speed, as long as nothing has come back; its free end makes it nothing at rest."""
-    piece = Piece(size=(0.02, 0.02, 0.06), cell=0.02)
-    supports = (Given(boundary="bottom", by=(1e-4, 0, 0)), Given(boundary="left|right|front|back|top", along="yz"))
-    tissue = Stuff(mu=(600.0, 400.0), eta=(4e4,))  # which takes 100 s to relax
-    asks = tuple(Ask(boundary="bottom", direction=(1, 0, 0), when=when) for when in ("ramp", "end"))
-    course = Course(ramp=0.08, elapsed=0.16)
-    scene = Loading(piece=piece, stuff=(tissue,), given=supports, course=course, ask=asks)
+    piece = Geometry(kind="block", size=(0.02, 0.02, 0.06))
+    supports = (
+        DisplacementBC(boundary="bottom", value=(1e-4, 0, 0)),
+        DisplacementBC(boundary="left|right|front|back|top", components="yz"),
+    )
+    tissue = Tissue(poissons_ratio=0.49, mu=(600.0, 400.0), eta=(4e4,))  # which takes 100 s to relax
+    asks = tuple(Quantity(name="force", boundary="bottom", direction=(1, 0, 0), when=when) for when in ("ramp", "end"))
+    course = Time(ramp=0.08, end=0.16)
+    scene = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=piece,
+        tissues=(tissue,),
+        displacement_bcs=supports,
+        time=course,
+        quantities=asks,
+    )
     moving = model(scene, order="2", mesh="1", space="solid", inertia="all", time=level)
     pull, push = solve(Bench(scene), moving).answers
     impedance = np.sqrt(1040 * 1e3) * 4e-4
@@ -155,7 +199,7 @@ def test_a_column_that_is_moved_at_once_pulls_by_its_impedance(level: str) -> No
 
 
 def test_with_mass_steps_are_as_short_as_waves_need_and_then_grow() -> None:
-    scene = pressed(course=Course(ramp=0.02, elapsed=2.0))
+    scene = pressed(time=Time(ramp=0.02, end=2.0))
     bench = Bench(scene)
     times, plain = _times(bench, model(scene, inertia="all"), 2.0), _times(bench, model(scene), 2.0)
     steps = np.diff(times)
@@ -165,14 +209,19 @@ def test_with_mass_steps_are_as_short_as_waves_need_and_then_grow() -> None:
 
 
 def test_moduli_of_waves() -> None:
-    tissue = Stuff(mu=(400.0, 600.0), eta=(30.0,))
+    tissue = Tissue(poissons_ratio=0.49, mu=(400.0, 600.0), eta=(30.0,))
     omega = 20.0  # 1/τ
     assert modulus(tissue, omega, True) == pytest.approx(400 + 300 + 300j)
     assert modulus(tissue, omega, False) == pytest.approx(700)
 
 
 def test_pieces_have_their_parts_and_halve() -> None:
-    meshes = Meshes(Piece(size=(0.04, 0.04, 0.04), lesion=0.008, at=(0, 0, 0.02), plate=(0.01, 0.02), cell=0.02))
+    meshes = Meshes(
+        Geometry(
+            kind="block", size=(0.04, 0.04, 0.04), lesion_radius=0.008, lesion_centre=(0, 0, 0.02), plate=(0.01, 0.02)
+        ),
+        0.02,
+    )
     coarse, fine, flat = meshes.at(0, False), meshes.at(1, False), meshes.at(0, True)
     assert fine.ne == 8 * coarse.ne
     area = ngs.Integrate(ngs.CF(1) * ngs.ds("plate"), coarse)
@@ -180,7 +229,7 @@ def test_pieces_have_their_parts_and_halve() -> None:
     assert area == pytest.approx(0.01 * 0.02)
     assert ball == pytest.approx(4 / 3 * np.pi * 0.008**3, rel=0.01)
     assert ngs.Integrate(ngs.CF(1) * ngs.dx("lesion"), flat) == pytest.approx(np.pi * 0.008**2, rel=0.01)
-    slot = Meshes(Piece(size=(0.04, 0.04, 0.04), slot=(0.004, 0.02), cell=0.02)).at(0, False)
+    slot = Meshes(Geometry(kind="block", size=(0.04, 0.04, 0.04), slot=(0.004, 0.02)), 0.02).at(0, False)
     assert ngs.Integrate(ngs.CF(1) * ngs.ds("wall_plus"), slot) == pytest.approx(0.02 * 0.04)
 
 
@@ -193,10 +242,10 @@ def test_percentiles_count_volumes() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"given": (Given(boundary="botom"),)}, "botom"),
-        ({"ask": (Ask(quantity="displacement", point=(1, 1, 1)),)}, "point_mm"),
-        ({"ask": (Ask(quantity="strain", region="lesion"),)}, "region"),
-        ({"stuff": (Stuff(region="lesion", mu=(1e3,)),)}, "stuff"),
+        ({"displacement_bcs": (DisplacementBC(boundary="botom"),)}, "botom"),
+        ({"quantities": (Quantity(name="displacement", point=(1, 1, 1)),)}, "point_mm"),
+        ({"quantities": (Quantity(name="strain", region="lesion"),)}, "region"),
+        ({"tissues": (Tissue(poissons_ratio=0.49, region="lesion", mu=(1e3,)),)}, "tissue is none"),
     ],
 )
 def test_what_is_not_there_is_named(change: dict, said: str) -> None:
@@ -206,30 +255,38 @@ def test_what_is_not_there_is_named(change: dict, said: str) -> None:
 
 
 def test_a_region_of_interest_is_held_where_it_is_cut() -> None:
-    piece = Piece(size=(0.08, 0.08, 0.02), plate=(0.008, 0.008), cell=0.02)
-    supports = (Given(boundary="bottom"), Given(boundary="plate", by=(0, 0, -DOWN)))
-    scene = Loading(piece=piece, stuff=(Stuff(mu=(MU,), poisson=NU),), given=supports, ask=(Ask(boundary="plate"),))
+    piece = Geometry(kind="block", size=(0.08, 0.08, 0.02), plate=(0.008, 0.008))
+    supports = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="plate", value=(0, 0, -DOWN)))
+    scene = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=piece,
+        tissues=(Tissue(mu=(MU,), poissons_ratio=NU),),
+        displacement_bcs=supports,
+        quantities=(Quantity(name="force", boundary="plate"),),
+    )
     bench = Bench(scene)
     part, whole = (model(scene, extent=level, order="2") for level in ("near", "whole"))
     (a,), (b,) = (solve(bench, each).answers for each in (part, whole))
     assert np.ptp([v.point[0] for v in bench.mesh(part).vertices]) == pytest.approx(0.024)
     assert abs(a) > abs(b) > 0.5 * abs(a)  # held nearer it is stiffer
-    assert "extent" not in axes_of(replace(scene, given=(*supports, Given(boundary="left", along="x"))))
-    assert "extent" not in axes_of(replace(scene, ask=(Ask(quantity="displacement", point=(0.03, 0, 0.02)),)))
+    assert "extent" not in axes_of(
+        replace(scene, displacement_bcs=(*supports, DisplacementBC(boundary="left", components="x")))
+    )
+    assert "extent" not in axes_of(replace(scene, quantities=(Quantity(name="displacement", point=(0.03, 0, 0.02)),)))
 
 
 def test_a_mesh_of_ones_own_is_taken_from_its_file(tmp_path) -> None:
     file = tmp_path / "cube.vol"
     block((0.02, 0.03, 0.04), 0.04).ngmesh.Save(str(file))
-    piece = Piece(shape="mesh", file=str(file))
-    asks = (ASKS[0], Ask(quantity="displacement", point=(0.02, 0.01, 0.04), direction=(1, 0, 0)))
-    scene = pressed(*asks, piece=piece)
+    piece = Geometry(unit="m", kind="mesh", file=str(file))
+    asks = (ASKS[0], Quantity(name="displacement", point=(0.02, 0.01, 0.04), direction=(1, 0, 0)))
+    scene = pressed(*asks, geometry=piece)
     assert not {"space", "extent"} & set(axes_of(scene))
     bench, youngs, strain = Bench(scene), 2 * MU * (1 + NU), DOWN / 0.04
     found = solve(bench, model(scene, mesh="1")).answers
     assert found == pytest.approx([-youngs * strain * 0.02 * 0.03, NU * strain * 0.02], rel=1e-3)
     assert bench.mesh({"mesh": "1"}).ne == 8 * bench.mesh({"mesh": "0"}).ne
     with pytest.raises(InputError, match="file"):
-        solve(Bench(replace(scene, piece=Piece(shape="mesh", file="missing.vol"))), model(scene))
+        solve(Bench(replace(scene, geometry=Geometry(unit="m", kind="mesh", file="missing.vol"))), model(scene))
     with pytest.raises(InputError, match="file"):
-        replace(scene, piece=Piece(shape="mesh"))
+        replace(scene, geometry=Geometry(unit="m", kind="mesh"))

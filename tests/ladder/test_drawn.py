@@ -17,7 +17,7 @@ from ngbrain.ladder.climb import climb
 from ngbrain.ladder.estimates import relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import axes_of
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TOLERANCE = 0.1
 FAST = (*range(0, 80, 10), 6, 8, 12, 16, 155)
@@ -26,7 +26,11 @@ SLOW = range(200)
 FIRST_GUESSES = (12, 16, 155)
 RICHEST = {"mesh": "1"}
 """So that the richest model takes a few seconds."""
-ROLLERS = (Given(boundary="left", along="x"), Given(boundary="front", along="y"), Given(boundary="bottom", along="z"))
+ROLLERS = (
+    DisplacementBC(boundary="left", components="x"),
+    DisplacementBC(boundary="front", components="y"),
+    DisplacementBC(boundary="bottom", components="z"),
+)
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,14 @@ def bar(rng):
     """A bar on rollers, pulled or pressed along z, and the force (N) on its top."""
     size = tuple(rng.uniform(0.01, 0.03, 3))
     mu, nu, stretch = 10 ** rng.uniform(2.5, 4), rng.uniform(0.2, 0.49), rng.uniform(0.8, 1.2)
-    given = (*ROLLERS, Given(boundary="top", by=(0, 0, (stretch - 1) * size[2]), along="z"))
+    given = (*ROLLERS, DisplacementBC(boundary="top", value=(0, 0, (stretch - 1) * size[2]), components="z"))
     cell = 0.9 * min(size)
-    scene = Loading(
-        piece=Piece(size=size, cell=cell), stuff=(Stuff(mu=(mu,), poisson=nu),), given=given, ask=(Ask(boundary="top"),)
+    scene = Scene(
+        mesh=MeshSize(largest=cell),
+        geometry=Geometry(kind="block", size=size),
+        tissues=(Tissue(mu=(mu,), poissons_ratio=nu),),
+        displacement_bcs=given,
+        quantities=(Quantity(name="force", boundary="top"),),
     )
     bulk = 2 * mu * (1 + nu) / (3 * (1 - 2 * nu))
 
@@ -65,39 +73,44 @@ def drawn(seed):
     rng = np.random.default_rng([11, seed])
     size = tuple(rng.uniform(0.012, 0.03, 3))
     mu, nu = 10 ** rng.uniform(2.5, 4), rng.choice([0.3, 0.45, 0.49])
-    stuff = {"mu": (mu,), "poisson": float(nu)}
+    stuff = {"mu": (mu,), "poissons_ratio": float(nu)}
     kind = rng.choice(["plain", "fibres", "relaxing"])
     if kind == "fibres":
-        stuff |= {"k1": mu * rng.uniform(0.2, 2), "k2": rng.uniform(0.5, 10), "fibre": tuple(rng.normal(size=3))}
+        stuff |= {
+            "fibre_stiffness": mu * rng.uniform(0.2, 2),
+            "fibre_exponent": rng.uniform(0.5, 10),
+            "fibre": tuple(rng.normal(size=3)),
+        }
     if kind == "relaxing":
         stuff |= {"mu": (mu, mu * rng.uniform(0.3, 2)), "tau": (10 ** rng.uniform(-1, 2),)}
-    course = {"ramp": float(10 ** rng.uniform(-0.5, 1)), "elapsed": float(10 ** rng.uniform(1.1, 2.5))}
+    course = {"ramp": float(10 ** rng.uniform(-0.5, 1)), "end": float(10 ** rng.uniform(1.1, 2.5))}
     way = rng.normal(size=3) * [0.5, 0.5, 1]
     way *= rng.uniform(0.01, 0.12) * size[2] / np.abs(way).max()
-    given, pull = [Given(boundary="bottom")], []
+    given, pull = [DisplacementBC(boundary="bottom")], []
     if rng.random() < 0.6:
-        given.append(Given(boundary="top", by=tuple(way)))
+        given.append(DisplacementBC(boundary="top", value=tuple(way)))
     else:
-        pull.append(Pull(boundary="top", traction=tuple(way / size[2] * mu)))
+        pull.append(Traction(boundary="top", value=tuple(way / size[2] * mu)))
         if rng.random() < 0.3:  # where both are driven, forces at their edge have no limit
-            given.append(Given(boundary="left", along="y"))
+            given.append(DisplacementBC(boundary="left", components="y"))
     axis = int(np.abs(way).argmax())
     along = tuple(float(i == axis) for i in range(3))
     top = (0.0, 0.0, float(size[2]))
     if pull:
-        ask = Ask(quantity="displacement", point=top, direction=along, tolerance=TOLERANCE)
+        quantity = Quantity(name="displacement", point=top, direction=along, tolerance=TOLERANCE)
     elif rng.random() < 0.3:
-        ask = Ask(quantity="strain", percentile=90, tolerance=TOLERANCE)
+        quantity = Quantity(name="strain", percentile=90, tolerance=TOLERANCE)
     else:
-        ask = Ask(boundary="top", direction=along, tolerance=TOLERANCE)
-    piece = Piece(size=size, cell=0.8 * max(size))
-    return Loading(
-        piece=piece,
-        stuff=(Stuff(**stuff),),
-        given=tuple(given),
-        pull=tuple(pull) or None,
-        course=Course(**course),
-        ask=(ask,),
+        quantity = Quantity(name="force", boundary="top", direction=along, tolerance=TOLERANCE)
+    piece = Geometry(kind="block", size=size)
+    return Scene(
+        mesh=MeshSize(largest=0.8 * max(size)),
+        geometry=piece,
+        tissues=(Tissue(**stuff),),
+        displacement_bcs=tuple(given),
+        tractions=tuple(pull),
+        time=Time(**course),
+        quantities=(quantity,),
     )
 
 
@@ -105,7 +118,7 @@ def outcome(seed):
     """One scene climbed and judged; None where even its judge finds no equilibrium."""
     if seed % 10 == 0:
         scene, truth = bar(np.random.default_rng([12, seed]))
-        scene = replace(scene, ask=(replace(scene.ask[0], tolerance=TOLERANCE),))
+        scene = replace(scene, quantities=(replace(scene.quantities[0], tolerance=TOLERANCE),))
         found = climb(scene)
     else:
         scene = drawn(seed)

@@ -7,14 +7,23 @@ from ngbrain.ladder.bodies import Bench, solve
 from ngbrain.ladder.climb import climb
 from ngbrain.ladder.edges import torn
 from ngbrain.mesh import block
-from ngbrain.scene.loading import Ask, Given, Loading, Piece, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
-AWAY = Given(boundary="left", by=(-1e-3, 0, 0))
-FOOT, FORCE = Given(boundary="bottom"), Ask(boundary="left", direction=(1, 0, 0), tolerance=0.5)
+AWAY = DisplacementBC(boundary="left", value=(-1e-3, 0, 0))
+FOOT, FORCE = (
+    DisplacementBC(boundary="bottom"),
+    Quantity(name="force", boundary="left", direction=(1, 0, 0), tolerance=0.5),
+)
 
 
-def scene(*given: Given, ask: Ask = FORCE) -> Loading:
-    return Loading(piece=Piece(size=(0.04, 0.03, 0.03), cell=0.03), stuff=(Stuff(mu=(1e3,)),), given=given, ask=(ask,))
+def scene(*given: DisplacementBC, quantity: Quantity = FORCE) -> Scene:
+    return Scene(
+        mesh=MeshSize(largest=0.03),
+        geometry=Geometry(kind="block", size=(0.04, 0.03, 0.03)),
+        tissues=(Tissue(poissons_ratio=0.49, mu=(1e3,)),),
+        displacement_bcs=given,
+        quantities=(quantity,),
+    )
 
 
 @pytest.mark.parametrize(
@@ -22,16 +31,34 @@ def scene(*given: Given, ask: Ask = FORCE) -> Loading:
     [
         (scene(FOOT, AWAY), True),
         (scene(AWAY, FOOT), True),
-        (scene(FOOT, Given(boundary="top", by=(0, 0, 1e-3)), ask=Ask(boundary="top")), False),
-        (scene(FOOT, Given(boundary="left|right")), False),
-        (scene(Given(boundary="bottom", along="z"), AWAY), False),
-        (scene(Given(boundary="bottom", along="z"), Given(boundary="left", by=(0, 0, 1e-3))), True),
-        (scene(Given(boundary="bottom", along="z"), Given(boundary="left", by=(-1e-3, 0, 0), along="x")), False),
-        (scene(FOOT, AWAY, ask=Ask(quantity="displacement", point=(0, 0, 0.02))), False),
-        (scene(FOOT, AWAY, Given(boundary="right"), ask=Ask(boundary="right")), False),
+        (
+            scene(
+                FOOT,
+                DisplacementBC(boundary="top", value=(0, 0, 1e-3)),
+                quantity=Quantity(name="force", boundary="top"),
+            ),
+            False,
+        ),
+        (scene(FOOT, DisplacementBC(boundary="left|right")), False),
+        (scene(DisplacementBC(boundary="bottom", components="z"), AWAY), False),
+        (
+            scene(
+                DisplacementBC(boundary="bottom", components="z"), DisplacementBC(boundary="left", value=(0, 0, 1e-3))
+            ),
+            True,
+        ),
+        (
+            scene(
+                DisplacementBC(boundary="bottom", components="z"),
+                DisplacementBC(boundary="left", value=(-1e-3, 0, 0), components="x"),
+            ),
+            False,
+        ),
+        (scene(FOOT, AWAY, quantity=Quantity(name="displacement", point=(0, 0, 0.02))), False),
+        (scene(FOOT, AWAY, DisplacementBC(boundary="right"), quantity=Quantity(name="force", boundary="right")), False),
     ],
 )
-def test_what_is_torn(of: Loading, doubted: bool) -> None:
+def test_what_is_torn(of: Scene, doubted: bool) -> None:
     assert bool(torn(of, block((0.04, 0.03, 0.03), 0.03))) == doubted
 
 

@@ -1,4 +1,4 @@
-"""Solutions that are kept, and those that estimates ask for at the same time."""
+"""Solutions that are kept, and those that estimates quantity for at the same time."""
 
 import time
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import ngbrain
 from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model, Solution
 from ngbrain.ladder.keeper import Keeper
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
 
 class Odd:
@@ -61,16 +61,28 @@ def test_estimates_side_by_side_are_the_same_bits(monkeypatch: pytest.MonkeyPatc
         return solve(self, model, near)
 
     monkeypatch.setattr(Bench, "solve", counted)
-    given = (Given(boundary="bottom"), Given(boundary="top", by=(0, 0, -1e-4)))
-    piece, stuff = Piece(size=(0.02, 0.02, 0.02), cell=0.02), (Stuff(mu=(1e3,), loss=0.3),)
-    asks = (Ask(boundary="top", tolerance=0.05),)
-    wave = Loading(piece=piece, stuff=stuff, given=given, ask=asks, course=Course(frequency=50.0))
-    memory = replace(wave, stuff=(Stuff(mu=(1e3, 1e3), eta=(1e3,)),), course=Course(ramp=1.0, elapsed=10.0))
+    given = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -1e-4)))
+    piece, stuff = (
+        Geometry(kind="block", size=(0.02, 0.02, 0.02)),
+        (Tissue(poissons_ratio=0.49, mu=(1e3,), loss_tangent=0.3),),
+    )
+    asks = (Quantity(name="force", boundary="top", tolerance=0.05),)
+    wave = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=piece,
+        tissues=stuff,
+        displacement_bcs=given,
+        quantities=asks,
+        time=Time(frequency=50.0),
+    )
+    memory = replace(
+        wave, tissues=(Tissue(poissons_ratio=0.49, mu=(1e3, 1e3), eta=(1e3,)),), time=Time(ramp=1.0, end=10.0)
+    )
     for scene in (wave, memory):
         found, counts = [], []
         for executor in (None, 2):
             here.clear()
-            result = ngbrain.solve(scene, richest={"order": "1", "mesh": "0"}, executor=executor).to_dict()
+            result = ngbrain.simulate(scene, richest={"order": "1", "mesh": "0"}, executor=executor).to_dict()
             del result["time_s"]
             assert all(rung.pop("cost_s") > 0 for rung in result["rungs"])
             found.append(result)

@@ -12,49 +12,55 @@ from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.local import chosen
 from ngbrain.ladder.quantities import State, answer, slope
 from ngbrain.ladder.rungs import axes_of, cheapest
-from ngbrain.scene.loading import Ask, Given, Loading, Piece, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
-PLATE = Piece(size=(0.06, 0.06, 0.04), plate=(0.02, 0.02), cell=0.02)
-PRESSED = (Given(boundary="bottom"), Given(boundary="plate", by=(0, 0, -1e-3)))
-FORCE = Ask(boundary="plate")
-AWAY = Ask(quantity="displacement", point=(0.02, 0.0, 0.04), direction=(0.6, 0, 0.8))
-STRAIN = Ask(quantity="strain", point=(0, 0, 0.04), within=0.03, percentile=60)
+PLATE = Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02))
+PRESSED = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="plate", value=(0, 0, -1e-3)))
+FORCE = Quantity(name="force", boundary="plate")
+AWAY = Quantity(name="displacement", point=(0.02, 0.0, 0.04), direction=(0.6, 0, 0.8))
+STRAIN = Quantity(name="strain", point=(0, 0, 0.04), radius=0.03, percentile=60)
 
 
-def scene(*asks: Ask) -> Loading:
+def scene(*asks: Quantity) -> Scene:
     """A plate on a block."""
-    return Loading(piece=PLATE, stuff=(Stuff(mu=(1e3,), poisson=0.45),), given=PRESSED, ask=asks or (FORCE,))
+    return Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=PLATE,
+        tissues=(Tissue(mu=(1e3,), poissons_ratio=0.45),),
+        displacement_bcs=PRESSED,
+        quantities=asks or (FORCE,),
+    )
 
 
-def linear(asked: Loading, **levels: str) -> dict[str, str]:
+def linear(asked: Scene, **levels: str) -> dict[str, str]:
     """The cheapest model but for some levels."""
     return {**cheapest(axes_of(asked)), **levels}
 
 
-@pytest.mark.parametrize(("ask", "within"), [(FORCE, 1e-4), (AWAY, 1e-6), (STRAIN, 0.4)])
+@pytest.mark.parametrize(("quantity", "within"), [(FORCE, 1e-4), (AWAY, 1e-6), (STRAIN, 0.4)])
 @pytest.mark.parametrize("space", ["plane", "solid"])
 @pytest.mark.parametrize("pressure", ["none", "unknown"])
-def test_slopes_are_those_of_the_answers(ask: Ask, within: float, space: str, pressure: str, rng) -> None:
+def test_slopes_are_those_of_the_answers(quantity: Quantity, within: float, space: str, pressure: str, rng) -> None:
     """Of a percentile roughly: the mean of a band of elements stands for it."""
-    asked = scene(ask)
+    asked = scene(quantity)
     bench, model = Bench(asked), linear(asked, space=space, pressure=pressure, order="2", extent="whole")
     body = bench.static(model, 1.0)
     x = linear_state(body)
     smooth = linear_state(bench.static({**model, "tissue": "each"}, 1.0))  # an answer of its own size
     change = 1e-3 * np.where(body.weights > 0, smooth * (1 + 0.3 * rng.normal(size=len(x))), 0)
     states = [State(body, x + sign * change, SMALL, True, bench.thickness_of(model)) for sign in (-1, 1)]
-    before, after = (answer(ask, state) for state in states)
-    foretold = 2 * slope(ask, State(body, x, SMALL, True, bench.thickness_of(model))) @ change
+    before, after = (answer(quantity, state) for state in states)
+    foretold = 2 * slope(quantity, State(body, x, SMALL, True, bench.thickness_of(model))) @ change
     assert abs(after - before) > 1e-5 * abs(before)
     assert foretold == pytest.approx(after - before, rel=within)
 
 
 def test_a_percentile_beyond_all_elements_is_the_nearest_ones() -> None:
-    asked = scene(replace(STRAIN, percentile=100, within=0.004))
+    asked = scene(replace(STRAIN, percentile=100, radius=0.004))
     bench, model = Bench(asked), linear(asked, space="solid", extent="whole")
     body = bench.static(model, 1.0)
     state = State(body, linear_state(body), SMALL, True)
-    assert np.isfinite(slope(asked.ask[0], state)).all() and slope(asked.ask[0], state).any()
+    assert np.isfinite(slope(asked.quantities[0], state)).all() and slope(asked.quantities[0], state).any()
 
 
 def test_the_fewest_that_leave_out_most_are_chosen() -> None:
@@ -63,9 +69,9 @@ def test_the_fewest_that_leave_out_most_are_chosen() -> None:
     assert not chosen(np.zeros(3), 0.5).any()
 
 
-@pytest.mark.parametrize(("ask", "left"), [(FORCE, 0.25), (STRAIN, 0.25)])
-def test_a_part_of_the_elements_does_most_of_what_all_do(ask: Ask, left: float) -> None:
-    asked = scene(ask)
+@pytest.mark.parametrize(("quantity", "left"), [(FORCE, 0.25), (STRAIN, 0.25)])
+def test_a_part_of_the_elements_does_most_of_what_all_do(quantity: Quantity, left: float) -> None:
+    asked = scene(quantity)
     bench = Bench(asked)
     model = linear(asked, space="solid", order="2", extent="whole")
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
@@ -98,7 +104,12 @@ def test_a_bound_may_be_a_part_and_heads_have_none() -> None:
     asked = scene()
     axes = axes_of(asked, {"mesh": "0+"})
     assert axes["mesh"].levels == ("0", "0+") and axes["mesh"].judged("0") == "0+"
-    head = replace(asked, piece=Piece(shape="head", cell=0.03), given=(Given(boundary="skull"),), ask=(AWAY,))
+    head = replace(
+        asked,
+        geometry=Geometry(kind="idealised"),
+        displacement_bcs=(DisplacementBC(boundary="skull"),),
+        quantities=(AWAY,),
+    )
     assert axes_of(head)["mesh"].levels == ("0", "1", "2")
     assert len(axes_of(head)["mesh"].left_out) == len(axes_of(head)["mesh"].by) == 2
 

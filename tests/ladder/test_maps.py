@@ -17,10 +17,10 @@ from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.maps import over, read  # noqa: E402
 from ngbrain.ladder.pieces import Meshes  # noqa: E402
 from ngbrain.ladder.rungs import axes_of, cheapest  # noqa: E402
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Stuff  # noqa: E402
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue  # noqa: E402
 
 SIDE, LENGTH, FAR = 0.02, 0.04, 1e-4
-BAR = Piece(size=(SIDE, SIDE, LENGTH), cell=0.02)
+BAR = Geometry(kind="block", size=(SIDE, SIDE, LENGTH))
 STEP = 2e-3
 GRID = np.array([[STEP, 0, 0, -0.012], [0, STEP, 0, -0.012], [0, 0, STEP, -0.002], [0, 0, 0, 1]])
 SHAPE = (13, 13, 23)
@@ -41,15 +41,24 @@ def stiffening(tmp_path) -> str:
     return str(file)
 
 
-def pulled(file: str, tolerance: float = 0.01) -> Loading:
+def pulled(file: str, tolerance: float = 0.01) -> Scene:
     """Without a change of width: a force of area × strain, where strain follows 1/modulus."""
-    given = (Given(boundary="bottom", along="z"), Given(boundary="left|right", along="x"))
-    given += (Given(boundary="front|back", along="y"), Given(boundary="top", by=(0, 0, FAR), along="z"))
-    tissue = Stuff(mu=(1.0,), poisson=0.0, map=file)
-    return Loading(piece=BAR, stuff=(tissue,), given=given, ask=(Ask(boundary="top", tolerance=tolerance),))
+    given = (DisplacementBC(boundary="bottom", components="z"), DisplacementBC(boundary="left|right", components="x"))
+    given += (
+        DisplacementBC(boundary="front|back", components="y"),
+        DisplacementBC(boundary="top", value=(0, 0, FAR), components="z"),
+    )
+    tissue = Tissue(mu=(1.0,), poissons_ratio=0.0, shear_modulus_map=file)
+    return Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=BAR,
+        tissues=(tissue,),
+        displacement_bcs=given,
+        quantities=(Quantity(name="force", boundary="top", tolerance=tolerance),),
+    )
 
 
-def levels(scene: Loading, **of: str) -> dict[str, str]:
+def levels(scene: Scene, **of: str) -> dict[str, str]:
     return {**cheapest(axes_of(scene)), "space": "solid", "order": "3", **of}
 
 
@@ -77,9 +86,9 @@ def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
 
 
 def test_several_tissues_have_all_three_levels(stiffening) -> None:
-    piece = replace(BAR, lesion=0.005, at=(0, 0, 0.03))
-    scene = replace(pulled(stiffening), piece=piece)
-    scene = replace(scene, stuff=(*scene.stuff, replace(scene.stuff[0], region="lesion")))
+    piece = replace(BAR, lesion_radius=0.005, lesion_centre=(0, 0, 0.03))
+    scene = replace(pulled(stiffening), geometry=piece)
+    scene = replace(scene, tissues=(*scene.tissues, replace(scene.tissues[0], region="lesion")))
     assert axes_of(scene)["tissue"].levels == ("one", "each", "map")
     bench = Bench(scene)
     assert bench.factor("lesion", {"tissue": "each"}) == pytest.approx(1750, rel=0.02)
@@ -89,10 +98,10 @@ def test_several_tissues_have_all_three_levels(stiffening) -> None:
 
 def test_a_wave_feels_it(stiffening) -> None:
     """Slow shear: half way up it has moved ln 1.5 / ln 2 as far as at the top."""
-    given = (Given(boundary="bottom"), Given(boundary="left|right|front|back", along="yz"))
-    given += (Given(boundary="top", by=(FAR, 0, 0)),)
-    ask = Ask(quantity="displacement", point=(0, 0, LENGTH / 2), direction=(1, 0, 0))
-    scene = replace(pulled(stiffening), given=given, ask=(ask,), course=Course(frequency=1.0))
+    given = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="left|right|front|back", components="yz"))
+    given += (DisplacementBC(boundary="top", value=(FAR, 0, 0)),)
+    quantity = Quantity(name="displacement", point=(0, 0, LENGTH / 2), direction=(1, 0, 0))
+    scene = replace(pulled(stiffening), displacement_bcs=given, quantities=(quantity,), time=Time(frequency=1.0))
     found = solve(Bench(scene), levels(scene, tissue="map", inertia="none")).answers[0]
     assert found == pytest.approx(FAR * np.log(1.5) / np.log(2), rel=2e-3)
 
@@ -100,11 +109,11 @@ def test_a_wave_feels_it(stiffening) -> None:
 @pytest.mark.parametrize("level", ["instantaneous", "relaxed", "prony", "flowing"])
 def test_moduli_and_viscosities_are_in_proportion_to_it(level, tmp_path) -> None:
     """A map of twice the constants has twice their force at all times."""
-    tissue = Stuff(mu=(400.0, 600.0), eta=(1200.0,), poisson=0.3)
+    tissue = Tissue(mu=(400.0, 600.0), eta=(1200.0,), poissons_ratio=0.3)
     write_nifti(tmp_path / "twice.nii", volume(lambda x, y, z: 2000 + 0 * x))
-    course = Course(ramp=1.0, elapsed=4.0)
-    scene = replace(pulled("none.nii"), course=course, stuff=(tissue,))
-    mapped = replace(scene, stuff=(replace(tissue, map=str(tmp_path / "twice.nii")),))
+    course = Time(ramp=1.0, end=4.0)
+    scene = replace(pulled("none.nii"), time=course, tissues=(tissue,))
+    mapped = replace(scene, tissues=(replace(tissue, shear_modulus_map=str(tmp_path / "twice.nii")),))
     plain, twice = (
         solve(Bench(each), levels(each, order="1", space="plane", time=level, strain="finite", **of)).answers[0]
         for each, of in ((scene, {}), (mapped, {"tissue": "map"}))
@@ -115,7 +124,7 @@ def test_moduli_and_viscosities_are_in_proportion_to_it(level, tmp_path) -> None
 def test_voxels_without_a_value_have_that_of_their_neighbours(tmp_path) -> None:
     cut = volume(lambda x, y, z: np.where(z > 0.035, np.nan, np.where(z < 0.003, 0.0, 1e3 + 1e5 * z)))
     write_nifti(tmp_path / "cut.nii", cut)
-    values = over(read(tmp_path / "cut.nii"), Meshes(BAR).at(1, plane=False)).vec.FV().NumPy()
+    values = over(read(tmp_path / "cut.nii"), Meshes(BAR, 0.02).at(1, plane=False)).vec.FV().NumPy()
     known = cut.data[np.isfinite(cut.data) & (cut.data > 0)]
     assert values.min() >= known.min() * (1 - 1e-12)  # means of values that are equal there
     assert values.max() == pytest.approx(known.max(), rel=1e-6)
@@ -135,4 +144,4 @@ def test_maps_that_will_not_do(made, said, tmp_path) -> None:
     with pytest.raises(InputError, match=said):
         solve(Bench(scene), levels(scene, tissue="map"))
     with pytest.raises(InputError, match=r"\.nii"):
-        Stuff.read({"mu_Pa": [1.0], "map": "map.png"})
+        Tissue.read({"mu_Pa": [1.0], "shear_modulus_map": "map.png"})

@@ -14,7 +14,7 @@ from ngbrain.image.niftifile import write_nifti
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.rungs import axes_of, cheapest
-from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
 TURNS = [
     np.eye(3)[list(order)] * signs
@@ -69,21 +69,32 @@ def turned(body, R, folder):
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = R, -R @ PLACE
     write_nifti(folder / "map.nii", Volume(values, move @ affine))
-    stuff = Stuff(
-        mu=(1000.0,), poisson=0.3, k1=300.0, k2=2.0, fibre=tuple(R @ AXIS), map=str(folder / "map.nii"), density=1000.0
+    stuff = Tissue(
+        mu=(1000.0,),
+        poissons_ratio=0.3,
+        fibre_stiffness=300.0,
+        fibre_exponent=2.0,
+        fibre=tuple(R @ AXIS),
+        shear_modulus_map=str(folder / "map.nii"),
+        density=1000.0,
     )
     vector = lambda *v: tuple((R @ np.array(v)).tolist())  # noqa: E731
-    return Loading(
-        piece=Piece(shape="mesh", file=str(folder / "body.vol")),
-        stuff=(stuff,),
-        given=(Given(boundary="bottom"), Given(boundary="right", by=vector(1e-3, -5e-4, 2e-4))),
-        pull=(Pull(boundary="patch", traction=vector(30.0, -20.0, -80.0)),),
-        course=Course(gravity=vector(0.36, 0.48, -0.8)),
-        ask=(
-            Ask(boundary="bottom", direction=vector(0.36, 0.48, 0.8)),
-            Ask(boundary="right", direction=vector(0, 0, 1)),
-            Ask(quantity="displacement", point=vector(*(POINT - PLACE)), direction=vector(0.6, 0, 0.8)),
-            Ask(quantity="strain", percentile=80.0),
+    return Scene(
+        mesh=MeshSize(largest=0.015),
+        gravity=Gravity(acceleration=vector(*(9.81 * np.array((0.36, 0.48, -0.8))))),
+        geometry=Geometry(unit="m", kind="mesh", file=str(folder / "body.vol")),
+        tissues=(stuff,),
+        displacement_bcs=(
+            DisplacementBC(boundary="bottom"),
+            DisplacementBC(boundary="right", value=vector(1e-3, -5e-4, 2e-4)),
+        ),
+        tractions=(Traction(boundary="patch", value=vector(30.0, -20.0, -80.0)),),
+        time=Time(),
+        quantities=(
+            Quantity(name="force", boundary="bottom", direction=vector(0.36, 0.48, 0.8)),
+            Quantity(name="force", boundary="right", direction=vector(0, 0, 1)),
+            Quantity(name="displacement", point=vector(*(POINT - PLACE)), direction=vector(0.6, 0, 0.8)),
+            Quantity(name="strain", percentile=80.0),
         ),
     )
 
@@ -138,12 +149,14 @@ def test_nothing_that_turns_is_without_effect(body, tmp_path):
     assert len(ROTATIONS) == 24
     unturned = turned(body, np.eye(3), tmp_path / "c")
     parts = {
-        "fibre": replace(right, stuff=(replace(right.stuff[0], fibre=unturned.stuff[0].fibre),)),
-        "map": replace(right, stuff=(replace(right.stuff[0], map=unturned.stuff[0].map),)),
-        "pull": replace(right, pull=unturned.pull),
-        "gravity": replace(right, course=unturned.course),
-        "given": replace(right, given=unturned.given),
-        "ask": replace(right, ask=unturned.ask[:2] + right.ask[2:]),
+        "fibre": replace(right, tissues=(replace(right.tissues[0], fibre=unturned.tissues[0].fibre),)),
+        "map": replace(
+            right, tissues=(replace(right.tissues[0], shear_modulus_map=unturned.tissues[0].shear_modulus_map),)
+        ),
+        "traction": replace(right, tractions=unturned.tractions),
+        "gravity": replace(right, gravity=unturned.gravity),
+        "displacement": replace(right, displacement_bcs=unturned.displacement_bcs),
+        "quantity": replace(right, quantities=unturned.quantities[:2] + right.quantities[2:]),
     }
     for name, wrong in parts.items():
         try:

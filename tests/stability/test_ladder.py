@@ -10,7 +10,7 @@ from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.local import SHARE, chosen
 from ngbrain.ladder.pieces import Meshes
 from ngbrain.ladder.rungs import axes_of, cheapest, richest
-from ngbrain.scene.loading import Ask, Given, Loading, Piece, Stuff
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Tissue
 
 BOUNDS = {"order": "2", "mesh": "1"}
 TOLERANCE = 0.05
@@ -19,11 +19,12 @@ TOLERANCE = 0.05
 @pytest.mark.parametrize(("mm", "cheap_enough"), [(-3.0, False), (-0.01, True)])
 def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enough):
     """Tissue of Budday's asymmetry (α = -19) between plates, compressible enough for elements of any kind."""
-    scene = Loading(
-        piece=Piece(size=(0.02, 0.02, 0.02), cell=0.02),
-        stuff=(Stuff(mu=(1e3,), alpha=(-19.0,), poisson=0.3),),
-        given=(Given(boundary="bottom"), Given(boundary="top", by=(0, 0, mm / 1000))),
-        ask=(Ask(boundary="top", tolerance=TOLERANCE),),
+    scene = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=Geometry(kind="block", size=(0.02, 0.02, 0.02)),
+        tissues=(Tissue(mu=(1e3,), alpha=(-19.0,), poissons_ratio=0.3),),
+        displacement_bcs=(DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, mm / 1000))),
+        quantities=(Quantity(name="force", boundary="top", tolerance=TOLERANCE),),
     )
     keeper, axes = Keeper(Bench(scene)), axes_of(scene, BOUNDS)
     rich = keeper({**richest(axes), "space": "solid"}).answers
@@ -38,10 +39,16 @@ def test_a_linear_model_that_serves_palpation_fails_a_deep_press(mm, cheap_enoug
 
 def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_random():
     """Cut to half their size, of a plate's force on P2 elements they leave .11 of what 187 of that size change, not .3 to .5."""
-    plate = Piece(size=(0.06, 0.06, 0.04), plate=(0.02, 0.02), cell=0.02)
-    given = (Given(boundary="bottom"), Given(boundary="plate", by=(0, 0, -1e-3)))
-    stuff = (Stuff(mu=(1e3,), poisson=0.45),)
-    scene = Loading(piece=plate, stuff=stuff, given=given, ask=(Ask(boundary="plate"),))
+    plate = Geometry(kind="block", size=(0.06, 0.06, 0.04), plate=(0.02, 0.02))
+    given = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="plate", value=(0, 0, -1e-3)))
+    stuff = (Tissue(mu=(1e3,), poissons_ratio=0.45),)
+    scene = Scene(
+        mesh=MeshSize(largest=0.02),
+        geometry=plate,
+        tissues=stuff,
+        displacement_bcs=given,
+        quantities=(Quantity(name="force", boundary="plate"),),
+    )
     bench, model = Bench(scene), {**cheapest(axes_of(scene)), "space": "solid", "order": "2", "extent": "whole"}
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     marked = chosen(bench.left_out("whole", False, 0), SHARE[3])

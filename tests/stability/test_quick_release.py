@@ -27,9 +27,10 @@ def test_the_work_of_a_quick_release_is_in_balance():
     scene = Scene.shipped("idealised_fast")
     scene = replace(
         scene,
-        body=replace(scene.body, site=0.008, near=0.02, far=0.05),
-        retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=24.0),
         protocols=(Protocol(kind="intermittent", hold=5.0, rest=10.0),),
+        mesh=replace(scene.mesh, wall=0.008, craniotomy=0.02, largest=0.05),
+        tools=(replace(scene.tool, travel=2e-3),),
+        time=replace(scene.time, ramp=2.0, end=24.0),
     )
     model = Model.of(scene)
     naive = lost(model, replace(model.control(), way=np.inf))

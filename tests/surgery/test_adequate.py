@@ -12,29 +12,29 @@ from ngbrain.ladder.estimates import relative
 from ngbrain.ladder.keeper import Keeper
 from ngbrain.ladder.rungs import richest
 from ngbrain.materials.families import is_neo_hooke
-from ngbrain.scene import Scene
-from ngbrain.scene.programs import Ask
+from ngbrain.scene import Quantity, Scene
 from ngbrain.surgery.adequate import Operation, _sizes, axes_of, solve
 
-PEAK = Ask(quantity="peak_pressure_mmHg", tolerance=0.3)
+PEAK = Quantity(name="peak_pressure_mmHg", tolerance=0.3)
 
 
-def asked(*asks: Ask, **body: float) -> Scene:
+def asked(*quantities: Quantity, **sizes: float) -> Scene:
     """A short and shallow opening of the coarse idealised head."""
     scene = Scene.shipped("idealised_fast")
     return replace(
         scene,
-        ask=asks,
-        body=replace(scene.body, **body),
-        retraction=replace(scene.retraction, opening=1e-3, ramp=10.0, elapsed=12.0),
+        quantities=quantities,
         protocols=scene.protocols[:1],
+        mesh=replace(scene.mesh, **sizes),
+        tools=(replace(scene.tool, travel=1e-3),),
+        time=replace(scene.time, ramp=10.0, end=12.0),
     )
 
 
 def test_axes_are_those_that_an_operation_has() -> None:
     scene = asked(PEAK)
     assert set(axes_of(scene)) == {"tissue", "stiffening", "time", "mesh"}
-    rubbed = replace(scene, blade=replace(scene.blade, friction=0.2))
+    rubbed = replace(scene, tools=(replace(scene.tool, friction=0.2),))
     assert axes_of(rubbed)["friction"].levels == ("none", "all")
     one = replace(scene, tissues=(replace(scene.tissues[2], region=".*"),))
     assert set(axes_of(one)) == {"mesh"}
@@ -58,11 +58,11 @@ def test_elements_get_smaller_down_to_the_scenes_own() -> None:
 
 def test_models_leave_out_what_they_say() -> None:
     scene = asked(PEAK)
-    operation = Operation(replace(scene, blade=replace(scene.blade, friction=0.2)))
+    operation = Operation(replace(scene, tools=(replace(scene.tool, friction=0.2),)))
     whole = operation.made({"mesh": "0", "tissue": "each", "stiffening": "all", "time": "flowing", "friction": "all"})
     poor = operation.made({"mesh": "0", "tissue": "one", "stiffening": "none", "time": "relaxed", "friction": "none"})
-    assert whole.scene.tissues == scene.tissues and whole.scene.blade.friction == 0.2
-    assert poor.scene.blade.friction == 0.0
+    assert whole.scene.tissues == scene.tissues and whole.scene.tool.friction == 0.2
+    assert poor.scene.tool.friction == 0.0
     white = next(tissue for tissue in scene.tissues if tissue.region == "white")
     for before, after in zip(scene.tissues, poor.scene.tissues, strict=True):
         assert after.region == before.region
@@ -72,25 +72,28 @@ def test_models_leave_out_what_they_say() -> None:
 
 
 def test_what_is_asked_has_to_mean_something() -> None:
-    with pytest.raises(InputError, match="ask is missing"):
-        solve(replace(asked(PEAK), ask=None))
-    with pytest.raises(InputError, match=r"ask#1.protocol"):
-        asked(Ask(protocol="continous"))
-    with pytest.raises(InputError, match=r"ask#2.quantity"):
+    with pytest.raises(InputError, match="quantity is missing"):
+        solve(replace(asked(PEAK), quantities=()))
+    with pytest.raises(InputError, match=r"quantity#1.protocol"):
+        asked(replace(PEAK, protocol="continous"))
+    with pytest.raises(InputError, match=r"quantity#2.name"):
         asked(PEAK, replace(PEAK, tolerance=0.2))
     with pytest.raises(InputError, match="tolerance"):
         asked(replace(PEAK, tolerance=3.0))
-    again = Scene.from_dict(asked(PEAK, Ask(quantity="mps_p95", protocol="continuous")).to_dict())
-    assert [ask.name for ask in again.ask] == ["peak_pressure_mmHg", "mps_p95 of continuous"]
+    again = Scene.from_dict(asked(PEAK, Quantity(name="mps_p95", protocol="continuous")).to_dict())
+    assert [quantity.label for quantity in again.quantities] == ["peak_pressure_mmHg", "mps_p95 of continuous"]
 
 
 @pytest.mark.slow
 def test_an_operation_climbs_where_its_questions_want_it() -> None:
     """Half a millimetre against tissue that stiffens as Griffiths' does: more than a twentieth more pressure."""
     scene = asked(replace(PEAK, tolerance=0.05))
-    steps = replace(scene.steps, contact=10.0, tolerance=0.1)
-    scene = replace(scene, retraction=replace(scene.retraction, opening=5e-4, elapsed=10.1), steps=steps)
-    result = ngbrain.solve(scene, richest={"tissue": "one", "time": "relaxed", "mesh": "0"})
+    scene = replace(
+        scene,
+        tools=(replace(scene.tool, travel=5e-4),),
+        time=replace(scene.time, end=10.1, max_step_contact=10.0, step_tolerance=0.1),
+    )
+    result = ngbrain.simulate(scene, richest={"tissue": "one", "time": "relaxed", "mesh": "0"})
     assert result["model"] == {"tissue": "one", "stiffening": "all", "time": "relaxed", "mesh": "0"}
     first, last = result["rungs"]
     assert first["taken"] == "stiffening" and last["answers"][0] > 1.05 * first["answers"][0] > 0
@@ -99,8 +102,8 @@ def test_an_operation_climbs_where_its_questions_want_it() -> None:
 
 @pytest.mark.slow
 def test_the_chosen_model_of_an_operation_is_as_accurate_as_asked() -> None:
-    scene = asked(replace(PEAK, tolerance=0.1), Ask(quantity="mps_p95", tolerance=0.1))
-    scene = replace(scene, retraction=replace(scene.retraction, opening=5e-3, elapsed=120.0))
+    scene = asked(replace(PEAK, tolerance=0.1), Quantity(name="mps_p95", tolerance=0.1))
+    scene = replace(scene, tools=(replace(scene.tool, travel=5e-3),), time=replace(scene.time, end=120.0))
     axes, keeper = axes_of(scene), Keeper(Operation(scene))
     found = ascend(axes, keeper, np.full(2, 0.1), lambda _: None)
     rich = keeper(richest(axes)).answers

@@ -136,9 +136,9 @@ def made(ramp, *more, friction=0.0):
     scene = Scene.shipped("idealised_fast")
     scene = replace(
         scene,
-        retraction=replace(scene.retraction, opening=5e-3, ramp=ramp, elapsed=100.0),
         protocols=(Protocol(kind="continuous"), *more),
-        blade=replace(scene.blade, friction=friction),
+        tools=(replace(scene.tool, travel=5e-3, friction=friction),),
+        time=replace(scene.time, ramp=ramp, end=100.0),
     )
     parts = {"soft": Part(None, (0.9, 1.1), 4 * DENSITY), "stiff": Part(None, (0.9, 1.1), 25 * DENSITY)}
     cleft = Cleft(np.zeros(3), *axes, 0.03, 4e-3, 0.012)

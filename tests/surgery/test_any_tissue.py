@@ -11,7 +11,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import CATALOGUE, Demiray, NeoHooke, Ogden, constants
 from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block
-from ngbrain.scene import Protocol, Retraction, Scene, Steps, Tissue
+from ngbrain.scene import Protocol, Scene, Time, Tissue
 from ngbrain.surgery.answers import answer
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.runs import ProtocolRun
@@ -132,16 +132,16 @@ def test_a_law_without_energy_counts_only_where_its_tissue_is():
 
 def test_what_is_assumed_of_a_tissue_is_said():
     tissues = (
-        Tissue(region="grey", constants="bennion2022:brain"),
-        Tissue(region="white", constants="budday2017:cortex:gent:tension", bulk_ratio=500.0),
+        Tissue(region="grey", material="bennion2022:brain"),
+        Tissue(region="white", material="budday2017:cortex:gent:tension", bulk_to_shear_ratio=500.0),
         Tissue(region="ventricle.*", mu=50.0),
     )
     scene = replace(Scene.shipped("idealised_fast"), tissues=tissues)
     assert scene.warnings == [
-        "tissue#1 (grey): bulk_ratio is not given: 220.9 is used, of the source's bulk modulus",
+        "tissue#1 (grey): bulk_to_shear_ratio is not given: 220.9 is used, of the source's bulk modulus",
         "tissue#2 (white): budday2017:cortex:gent:tension (human cortex): no state beyond I₁ = 3.08 has an energy; "
         "measured in tension alone",
-        "tissue#3 (ventricle.*): bulk_ratio is not given: 1000 is assumed, nearly incompressible",
+        "tissue#3 (ventricle.*): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
         "no tissue relaxes: pressures do not fall while the blade holds",
     ]
     assert tissues[0].bulk == 148e3 and not Scene.shipped("demo").warnings
@@ -150,7 +150,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_tissue_of_anything_can_be_stiffer_or_stiffen_otherwise(name):
     """Checks and the ladder ask for these; bulk moduli and times stay."""
-    tissue = Tissue(region="x", constants=name)
+    tissue = Tissue(region="x", material=name)
     other, double = tissue.with_alpha(-4.7), tissue.scaled(2.0)
     neo = isinstance(constants(name).law(), NeoHooke)
     assert (other is tissue) == neo
@@ -174,10 +174,10 @@ def short():
     scene = Scene.shipped("idealised_fast")
     scene = replace(
         scene,
-        body=replace(scene.body, site=6e-3, near=14e-3, far=36e-3),
-        retraction=Retraction(opening=1e-3, ramp=2.0, elapsed=6.0),
+        mesh=replace(scene.mesh, wall=6e-3, craniotomy=14e-3, largest=36e-3),
+        tools=(replace(scene.tool, travel=1e-3),),
         protocols=(Protocol(kind="continuous"),),
-        steps=Steps(contact=1.0, longest=10.0, tolerance=0.05),
+        time=Time(ramp=2.0, end=6.0, max_step_contact=1.0, max_step_hold=10.0, step_tolerance=0.05),
     )
     return Model.of(scene)
 
@@ -186,7 +186,7 @@ def short():
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_short_retraction(short, name):
     """All of the brain of one tissue: the blade's pressure is of its modulus and falls in a hold where the tissue relaxes."""
-    brain = Tissue(region="cortex|white", constants=name)
+    brain = Tissue(region="cortex|white", material=name)
     scene = replace(short.scene, tissues=(brain, *short.scene.tissues[2:]))
     run = ProtocolRun(replace(short, scene=scene), short.program(scene, scene.protocols[0]), None).go()
     found = answer(run.result(), scene.patient)

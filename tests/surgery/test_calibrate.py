@@ -21,11 +21,10 @@ def operation(**blade):
     scene = Scene.shipped("idealised_fast")
     return replace(
         scene,
-        body=replace(scene.body, site=0.008, near=0.02, far=0.05),
-        blade=replace(scene.blade, **blade),
-        retraction=replace(scene.retraction, opening=2e-3, ramp=2.0, elapsed=6.0),
         protocols=(Protocol(kind="continuous"),),
-        steps=replace(scene.steps, tolerance=0.1),
+        mesh=replace(scene.mesh, wall=0.008, craniotomy=0.02, largest=0.05),
+        tools=(replace(scene.tool, **blade, travel=2e-3),),
+        time=replace(scene.time, ramp=2.0, end=6.0, step_tolerance=0.1),
     )
 
 
@@ -121,7 +120,7 @@ def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
         Retracted(model, landmarks, [2.0, 60.0])
     with pytest.raises(InputError, match="did you mean 'cortex'"):
         Retracted(model, landmarks, TIMES, ["cortx"])
-    rough = replace(model, scene=replace(model.scene, blade=replace(model.scene.blade, friction=0.2)))
+    rough = replace(model, scene=replace(model.scene, tools=(replace(model.scene.tool, friction=0.2),)))
     with pytest.raises(InputError, match="without friction"):
         Retracted(rough, landmarks, TIMES)
     data = Seen(TIMES, landmarks, np.zeros((2, 8, 3)), np.zeros(2), (1e-4, 0.1))

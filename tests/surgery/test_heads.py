@@ -41,7 +41,7 @@ def volume_ml(mesh, region):
 
 def test_volumes_are_those_of_the_labels(model):
     told = model.head.describe(model.mesh)
-    slot = 1e6 * model.cleft.opening * model.cleft.width * model.cleft.depth
+    slot = 1e6 * model.cleft.gap * model.cleft.width * model.cleft.depth
     assert volume_ml(model.mesh, "brain") == pytest.approx(told["label_brain_ml"] - slot, rel=1e-3)
     assert volume_ml(model.mesh, "ventricles") == pytest.approx(told["label_volumes_ml"]["ventricle"], rel=1e-2)
     assert told["min_dihedral_deg"] > 3
@@ -113,7 +113,7 @@ def test_a_flipped_copy_is_the_same_head_and_its_voxels_are_its_own(model, tmp_p
     volume = model.head.scan.volume
     turn = np.array([[1, -1], [2, 1], [0, -1]])
     file = written(tmp_path / "turned.nii.gz", volume, turn)
-    copy = head_of(replace(model.scene.body, head="scan", image=file))
+    copy = head_of(replace(model.scene.geometry, kind="scan", image=file))
     assert isinstance(copy, Scanned) and np.array_equal(copy.labels.data, model.head.labels.data)
     target = np.array(model.scene.cleft.target)
     voxel = Volume(volume.data, copy.scan.file_affine).to_voxels(target[None])[0]
@@ -142,7 +142,7 @@ def test_the_cleft_goes_along_with_a_head_that_nods(model, tmp_path):
 @pytest.mark.parametrize("regrid", [slanted, thick])
 def test_a_copy_on_another_grid_gives_the_same_model(model, regrid, tmp_path):
     file = written(tmp_path / "copy.nii.gz", regrid(model.head.scan.volume))
-    copy = Model.of(replace(model.scene, body=replace(model.scene.body, head="scan", image=file)))
+    copy = Model.of(replace(model.scene, geometry=replace(model.scene.geometry, kind="scan", image=file)))
     one, other = model.head.describe(model.mesh), copy.head.describe(copy.mesh)
     print(one, other)
     assert other["label_brain_ml"] == pytest.approx(one["label_brain_ml"], rel=5e-3)

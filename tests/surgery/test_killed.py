@@ -13,26 +13,28 @@ import pytest
 from ngbrain.io import load
 
 SCENE = """
-[body]
-site_mm = 6.0
-near_mm = 14.0
-far_mm = 36.0
+[geometry]
+kind = "idealised"
+[mesh]
+wall_size_mm = 6.0
+craniotomy_size_mm = 14.0
+max_size_mm = 36.0
 [[tissue]]
 region = "cortex|white"
-constants = "griffiths2024:white_matter"
+material = "griffiths2024:white_matter"
 [[tissue]]
 region = "ventricle.*"
 mu_Pa = 50.0
-bulk_ratio = 10.0
+bulk_to_shear_ratio = 10.0
 [cleft]
 target_mm = [17.0, 5.9, 26.2]
-[retraction]
-opening_mm = 1.5
+[[tool]]
+travel_mm = 1.5
+[time]
 ramp_s = 2.0
-elapsed_s = 300.0
-[steps]
-contact_s = 0.5
-longest_s = 30.0
+end_s = 300.0
+max_step_contact_s = 0.5
+max_step_hold_s = 30.0
 [[protocol]]
 kind = "intermittent"
 hold_s = 100.0

@@ -12,7 +12,7 @@ import pytest
 from ngbrain.errors import ContactError
 from ngbrain.forward.transient.step_control import ErrorControl, StepControl
 from ngbrain.scene import Protocol as SceneProtocol
-from ngbrain.scene import Scene, Steps, Tissue
+from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import model as surgery_model
 from ngbrain.surgery.model import FURTHEST, Model
 from ngbrain.surgery.observe import Observer
@@ -67,9 +67,9 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
     scene = Scene.shipped("idealised_fast")
     scene = replace(
         scene,
-        blade=replace(scene.blade, friction=friction),
-        retraction=replace(scene.retraction, ramp=2.0, elapsed=8.0),
         protocols=(SceneProtocol(kind="force", force_gf=30.0),),
+        tools=(replace(scene.tool, friction=friction),),
+        time=replace(scene.time, ramp=2.0, end=8.0),
     )
     model = Model.of(scene)
     program = model.program(scene, scene.protocols[0])
@@ -92,8 +92,8 @@ def test_a_blade_of_30_gf_opens_the_cleft_and_creeps(tmp_path, friction):
 def test_a_force_beyond_the_opening_is_one_error():
     set_threads(1)
     scene = Scene.shipped("idealised_fast")
-    shared = replace(scene.retraction, opening=1e-3, ramp=2.0, elapsed=8.0)
-    scene = replace(scene, retraction=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
+    tool, shared = replace(scene.tool, travel=1e-3), replace(scene.time, ramp=2.0, end=8.0)
+    scene = replace(scene, tools=(tool,), time=shared, protocols=(SceneProtocol(kind="force", force_gf=50.0),))
     model = Model.of(scene)
     with pytest.raises(ContactError, match="beyond the limit of 1 mm"):
         ProtocolRun(model, model.program(scene, scene.protocols[0]), None).go()
@@ -111,11 +111,11 @@ def test_friction_on_the_blade_raises_the_pressure():
 def opened_elastic(opening, friction=0.0):
     """The fast idealised head, opened so far with elastic tissue, and what is read then."""
     scene = Scene.shipped("idealised_fast")
-    scene = replace(scene, retraction=replace(scene.retraction, opening=opening))
-    scene = replace(scene, blade=replace(scene.blade, friction=friction))
+    scene = replace(scene, tools=(replace(scene.tool, travel=opening),))
+    scene = replace(scene, tools=(replace(scene.tool, friction=friction),))
     model = Model.of(scene)
     ramp = model.ramp("open")
-    run = model.run(ramp, StepControl(scene.retraction.ramp / 10, first=0.05), model.elastic(scene.retraction.ramp))
+    run = model.run(ramp, StepControl(scene.time.ramp / 10, first=0.05), model.elastic(scene.time.ramp))
     observe, rows = Observer(run.problem, model.blades, model.held), []
     run.run(lambda body, at, record: rows.append(observe(at.t, ramp.at(at.t), record.min_det_F)))
     row = rows[-1]
@@ -126,13 +126,13 @@ def opened_elastic(opening, friction=0.0):
 
 def test_the_scene_chooses_the_steps():
     scene = Scene.shipped("idealised_fast")
-    way = FURTHEST * scene.retraction.opening
+    way = FURTHEST * scene.tool.travel
     assert way == pytest.approx(1.25e-3, rel=2e-6) and way > 1.25e-3
-    scene = replace(scene, steps=Steps(contact=2.0, longest=0.1, tolerance=1e-3))
+    scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=0.1, step_tolerance=1e-3))
     assert Model.control(Namespace(scene=scene)) == ErrorControl(
         1e-3, touch=0.1, longest=0.1, shortest=1e-3, pushing=2.0, way=way
     )
-    scene = replace(scene, steps=Steps(contact=2.0, longest=100.0))
+    scene = replace(scene, time=replace(scene.time, max_step_contact=2.0, max_step_hold=100.0, step_tolerance=0.01))
     assert Model.control(Namespace(scene=scene)) == ErrorControl(
         0.01, touch=0.2, longest=100.0, shortest=2e-3, pushing=2.0, way=way
     )
@@ -147,7 +147,7 @@ def test_parts_are_tissues_by_name_without_the_ventricles():
         mixtures=lambda mesh, order: {"brain": {"grey": left, "white": 1.0 - left}, "ventricles": {"ventricles": 1.0}}
     )
     tissues = (
-        Tissue(region="grey", constants="griffiths2024:cortex"),
+        Tissue(region="grey", material="griffiths2024:cortex"),
         Tissue(region="white", mu=700.0),
         Tissue(region="ventricle.*", mu=50.0),
     )

@@ -18,8 +18,8 @@ class Stopped(Exception):  # noqa: N818
 @pytest.mark.slow
 def test_stopped_after_three_steps_it_goes_on_there(tmp_path, monkeypatch):
     scene = Scene.shipped("idealised_fast")
-    coarse = replace(scene.body, site=5e-3, near=12e-3, far=30e-3)
-    model = Model.of(replace(scene, body=coarse, retraction=replace(scene.retraction, opening=1e-3)))
+    coarse = replace(scene.mesh, wall=5e-3, craniotomy=12e-3, largest=30e-3)
+    model = Model.of(replace(scene, mesh=coarse, tools=(replace(scene.tool, travel=1e-3),)))
     path, save, saved = tmp_path / "state.npz", checks.save_state, []
 
     def once(where, state):

@@ -14,7 +14,7 @@ from ngbrain.image.niftifile import write_nifti  # noqa: E402
 from ngbrain.image.volume import Volume  # noqa: E402
 from ngbrain.materials.families import law_after, shear_modulus  # noqa: E402
 from ngbrain.mesh import block  # noqa: E402
-from ngbrain.scene import Body, Scene, Tissue  # noqa: E402
+from ngbrain.scene import Geometry, Scene, Tissue  # noqa: E402
 from ngbrain.surgery import relative  # noqa: E402
 from ngbrain.surgery.heads import _stiffness  # noqa: E402
 from ngbrain.surgery.model import Model  # noqa: E402
@@ -55,7 +55,7 @@ def model_of(stiffness: Volume | None) -> Model:
 
 def moduli(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Shear moduli at the quadrature points, and where these are."""
-    space, points = quadrature_points(model.mesh, model.scene.body.order - 1)
+    space, points = quadrature_points(model.mesh, model.scene.mesh.order - 1)
     found = ngs.GridFunction(space)
     found.Interpolate(shear_modulus(model.materials()["bar"].law.equilibrium))
     return found.vec.FV().NumPy().copy(), points
@@ -79,7 +79,7 @@ def test_each_tissue_keeps_its_mean_and_varies_as_the_map_does():
 
 def test_the_mean_over_a_tissue_is_one():
     model = model_of(stiffening())
-    order = model.scene.body.order
+    order = model.scene.mesh.order
     mixtures = model.head.mixtures(model.mesh, order)
     for name, ratio in relative.fields(model.head.stiffness, model.mesh, mixtures, order - 1).items():
         rule = ngs.dx(intrules=ratio.space.GetIntegrationRules())
@@ -98,7 +98,7 @@ def test_relaxing_tissue_keeps_its_times_and_elastic_tissue_follows_too():
     tissues = tuple(Tissue(region=name, mu=(mu, mu), alpha=(2.0, 2.0), eta=(3 * mu,)) for name, mu in MODULI.items())
     model.scene = replace(model.scene, tissues=tissues)
     law = model.materials()["bar"].law
-    space, _ = quadrature_points(model.mesh, model.scene.body.order - 1)
+    space, _ = quadrature_points(model.mesh, model.scene.mesh.order - 1)
     tau, modulus, elastic = (ngs.GridFunction(space) for _ in range(3))
     tau.Interpolate(law.branches[0].eta / shear_modulus(law.branches[0].law))
     modulus.Interpolate(shear_modulus(law.equilibrium))
@@ -123,7 +123,7 @@ def test_what_was_not_measured_is_said():
     (line,) = relative.in_words(told)
     assert f"{told['grey']['not_measured']:.0%} not measured" in line and not relative.in_words({})
     scene = Scene.shipped("demo_fast")
-    mapped = replace(scene, body=replace(scene.body, shear_modulus_map="map.nii"))
+    mapped = replace(scene, geometry=replace(scene.geometry, stiffness_map="map.nii"))
     (said,) = [text for text in mapped.warnings if text not in scene.warnings]
     assert "relative" in said and "its own level" in said
 
@@ -133,8 +133,8 @@ def test_a_map_in_the_template_goes_where_the_template_lies_in_the_head(tmp_path
     place = np.diag([0.9, 1.1, 1.0, 1.0])
     place[:3, 3] = 0.01, 0.02, 0.03
     monkeypatch.setattr("ngbrain.surgery.heads.template_place", lambda scan: place)
-    told = {"head": "scan", "image": "t1.nii", "shear_modulus_map": str(tmp_path / "map.nii.gz")}
-    moved, still = (_stiffness(Body(**told, shear_modulus_space=space), None) for space in ("mni152", "head"))
+    told = {"kind": "scan", "image": "t1.nii", "stiffness_map": str(tmp_path / "map.nii.gz")}
+    moved, still = (_stiffness(Geometry(**told, stiffness_map_space=space), None) for space in ("mni152", "head"))
     point = np.array([[5e-3, 4e-3, 3e-3]])
     np.testing.assert_allclose(moved.at(point @ place[:3, :3].T + place[:3, 3]), still.at(point))
     assert not np.allclose(moved.affine, still.affine)

@@ -133,8 +133,8 @@ def test_frames_are_due_after_some_time_or_some_way():
 
 def test_forces_share_no_beginning_with_ways():
     scene = Scene.shipped("idealised_fast")
-    continuous, way = scene.protocols[0], scene.retraction
-    same = {"times": (0.0, way.ramp, way.elapsed), "force_gf": (0.0, 30.0, 30.0)}
+    continuous, time = scene.protocols[0], scene.time
+    same = {"times": (0.0, time.ramp, time.end), "force_gf": (0.0, 30.0, 30.0)}
     protocols = (continuous, Protocol(kind="force", force_gf=30.0), Protocol(kind="force", name="same", **same))
     tasks = retraction._tasks(Model(replace(scene, protocols=protocols), None, None, None, None), None, False)
     begun = {task.name: task.needs for task in tasks if task.name in ("continuous", "force", "same")}
@@ -148,8 +148,9 @@ def test_a_shared_beginning_changes_no_bit(tmp_path):
     continuous, intermittent, _ = scene.protocols
     scene = replace(
         scene,
-        retraction=replace(scene.retraction, opening=1e-3, ramp=2.0, elapsed=30.0),
         protocols=(continuous, replace(intermittent, hold=6.0, rest=14.0)),
+        tools=(replace(scene.tool, travel=1e-3),),
+        time=replace(scene.time, ramp=2.0, end=30.0),
     )
     model = Model.of(scene)
     first, second = (model.program(scene, asked) for asked in scene.protocols)

@@ -80,20 +80,20 @@ def test_the_hold_is_a_protocol_or_the_one_that_was_made_for_the_check():
     assert hold(other, {}, checked() | {MESH: None}) is None
 
 
-@pytest.mark.parametrize("site", [4e-3, 3e-3])
+@pytest.mark.parametrize("wall", [4e-3, 3e-3])
 @pytest.mark.parametrize("protocols", [0, 1])
-def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protocol_is_one(monkeypatch, protocols, site):
+def test_other_elements_are_so_everywhere_and_a_hold_is_run_only_where_no_protocol_is_one(monkeypatch, protocols, wall):
     scene = Scene.shipped("idealised_fast")
-    body = replace(scene.body, site=site)
-    scene = replace(scene, body=body, protocols=scene.protocols[protocols:])
+    mesh = replace(scene.mesh, wall=wall)
+    scene = replace(scene, mesh=mesh, protocols=scene.protocols[protocols:])
     ran = []
-    monkeypatch.setattr(checks, "_held", lambda model, name, *_: ran.append((name, model.scene.body)) or held(40.0))
+    monkeypatch.setattr(checks, "_held", lambda model, name, *_: ran.append((name, model.scene.mesh)) or held(40.0))
     monkeypatch.setattr(checks.Model, "of", lambda scene, head: Namespace(scene=scene))
     own, _ = checks.other_elements(Namespace(scene=scene, head=None), None, False, lambda *_: None)
     name, other = ran[-1]
     assert name == MESH and [name for name, _ in ran[:-1]] == ["hold"] * protocols and (own is None) == (not protocols)
-    for size in ("site", "near", "far"):
-        assert getattr(other, size) / getattr(body, size) == pytest.approx(2**0.5 if site < 4e-3 else 2**-0.5)
+    for size in ("wall", "craniotomy", "largest"):
+        assert getattr(other, size) / getattr(mesh, size) == pytest.approx(2**0.5 if wall < 4e-3 else 2**-0.5)
 
 
 def test_a_check_that_has_no_mesh_is_missing_and_the_result_stands(monkeypatch):

@@ -103,5 +103,5 @@ def test_the_template_is_a_list(tmp_path):
     path = tmp_path / "list.csv"
     path.write_bytes(SAMPLE.read_bytes())
     cases = read_list(path)
-    assert [case.verb for case in cases] == ["mesh", "predict", "invert", "solve"]
+    assert [case.verb for case in cases] == ["mesh", "predict", "invert", "simulate"]
     assert cases[0].options == ("--size=10",) and cases[2].options == ("--regulariser=smooth",)

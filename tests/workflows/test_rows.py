@@ -16,7 +16,7 @@ def study(tmp_path):
     (folder / "waves.nii.gz").write_bytes(b"image")
     (folder / "waves.json").write_text(json.dumps({"magnitude": "magnitude.nii", "frequency": 60}))
     (folder / "magnitude.nii").write_bytes(b"magnitude")
-    (folder / "scene.toml").write_text('[body]\nhead = "scan"\nimage = "t1.nii"\n')
+    (folder / "scene.toml").write_text('[geometry]\nkind = "scan"\nimage = "t1.nii"\n')
     (folder / "t1.nii").write_bytes(b"t1")
     return folder
 
@@ -45,9 +45,9 @@ def test_what_a_file_names_belongs_to_it(study, changed):
 
 
 def test_scenes_name_images(study):
-    before = digest(study, "a,retract,scene.toml,")
+    before = digest(study, "a,simulate,scene.toml,")
     (study / "t1.nii").write_bytes(b"another")
-    assert digest(study, "a,retract,scene.toml,") != before
+    assert digest(study, "a,simulate,scene.toml,") != before
 
 
 def test_options_verb_and_code_count(study, monkeypatch):

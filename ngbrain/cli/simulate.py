@@ -1,4 +1,4 @@
-"""The verbs `demo` and `retract`: an operation to its answers, a report and a summary."""
+"""The verbs `demo` and `simulate`: a scene to its answers, a report and a summary."""
 
 from __future__ import annotations
 
@@ -7,48 +7,85 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ngbrain.cli import EXIT_SOLVER
 from ngbrain.cli.words import conclude
 from ngbrain.errors import InputError, require
 from ngbrain.io import write_json
 from ngbrain.parallel import open_executor
 from ngbrain.progress import LOG, Progress, RunProgress, terminal
+from ngbrain.report import ladder as page
 from ngbrain.scene import Scene
 from ngbrain.surgery.heads import likewise
-from ngbrain.surgery.retraction import CHECKS, solve
+from ngbrain.surgery.retraction import CHECKS
 from ngbrain.surgery.worth import FAILED, NOT_COMPUTED, UNDER_WAY
+from ngbrain.workflows.simulate import simulate
 
 NOT_OF_THE_SCENE = ("-", "checkpoint", "result", "executor", "worker", "memory")
 """How a field begins that an option or another file gave."""
 
 
-def run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> int:
     """Read, compute, write, report, print."""
-    (_demo if arguments.verb == "demo" else _retract)(arguments)
-
-
-def _demo(arguments: argparse.Namespace) -> None:
-    name = "idealised" if arguments.head == "idealised" else "demo"
-    scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
-    if arguments.image:
-        scene = likewise(scene, arguments.image)
-    _operate(scene, arguments)
-
-
-def _retract(arguments: argparse.Namespace) -> None:
+    for package in ("matplotlib", "jinja2"):  # before the work, not after it
+        require(package, "report")
+    if arguments.verb == "demo":
+        return _operate(_demo(arguments), arguments)
+    scene = Scene.from_toml(arguments.scene)
     try:
-        _operate(Scene.from_toml(arguments.scene), arguments)
+        if scene.is_operation and (arguments.as_described or not scene.quantities):
+            return _operate(scene, arguments)
+        return _answer(scene, arguments)
     except InputError as error:
         if error.file or error.field.startswith(NOT_OF_THE_SCENE):
             raise
         raise InputError(error.field, error.value, error.wanted, arguments.scene) from error
 
 
-def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
-    for package in ("matplotlib", "jinja2"):  # before the work, not after it
-        require(package, "report")
+def _demo(arguments: argparse.Namespace) -> Scene:
+    name = "idealised" if arguments.head == "idealised" else "demo"
+    scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
+    return likewise(scene, arguments.image) if arguments.image else scene
+
+
+def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
+    """What is asked, by the cheapest model that is within the tolerances."""
+    if arguments.resume:
+        raise InputError("--resume", "given", "this option left out: a scene that asks quantities starts anew")
     folder: Path = arguments.output
-    if scene.ask:
-        raise InputError("ask", "given", "a scene without [[ask]] here: `ngbrain solve` answers questions")
+    with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
+        result = simulate(
+            scene,
+            folder,
+            as_described=arguments.as_described,
+            threads=arguments.threads,
+            tell=line.tell,
+            executor=executor,
+        ).to_dict()
+    for text in result["warnings"]:
+        LOG.warning("warning: %s", text)
+    report = page.build(folder / "report.html", result)
+    doubts = [f"doubt: {flag}" for flag in result["flags"]]
+    conclude(arguments.quiet, [*_answers(result), f"report: {report}"], doubts)
+    if unknown := [each["quantity"] for each in result["answers"] if each["error_estimate"] is None]:
+        LOG.warning("how far these are off is not known: %s", ", ".join(unknown))
+        return EXIT_SOLVER
+    return 0
+
+
+def _answers(result: dict[str, Any]) -> list[str]:
+    """The result as lines: answers, what was left out."""
+    lines = [f"{'quantity':<44}{'value':>14}{'error':>10}{'tolerance':>11}"]
+    lines += [
+        f"{name:<44}{value:>14}{error:>10}{tolerance:>11}" for name, value, error, tolerance in page.answers(result)
+    ]
+    lines += ["", f"{'left out':<58}{'would change':>12}"]
+    lines += [f"{what:<58}{change:>12}" for what, change, *_ in page.left_out(result)]
+    return [*lines, "", "model: " + ", ".join(f"{axis} {level}" for axis, level in result["model"].items())]
+
+
+def _operate(scene: Scene, arguments: argparse.Namespace) -> int:
+    """An operation as it is described."""
+    folder: Path = arguments.output
     from ngbrain.report import Report
 
     report, written = Report(folder), list[Path]()
@@ -68,13 +105,14 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
                 progress.say("\n".join([*_summary(result["answers"]), f"report: {written[0]}{later}"]))
 
         with open_executor(arguments.executor) as executor:
-            result = solve(
+            result = simulate(
                 scene,
                 folder,
-                arguments.threads,
-                arguments.resume,
-                progress.tell,
+                as_described=True,
+                threads=arguments.threads,
+                resume=arguments.resume,
                 checks=arguments.checks,
+                tell=progress.tell,
                 callback=extend,
                 executor=1 if executor is None and arguments.executor else executor,
             )
@@ -86,6 +124,7 @@ def _operate(scene: Scene, arguments: argparse.Namespace) -> None:
     conclude(arguments.quiet, [], cautions)
     if len(written) > 1 and not arguments.quiet:
         print(f"report, with the checks: {written[-1]}")
+    return 0
 
 
 def _checks_that(status: str, result: Mapping[str, Any]) -> str:

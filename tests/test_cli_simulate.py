@@ -1,4 +1,4 @@
-"""The verb `solve`: one scene from a file to a result and a page."""
+"""The verb `simulate`: one scene from a file to a result and a page."""
 
 import json
 import re
@@ -11,19 +11,25 @@ pytest.importorskip("jinja2")
 from ngbrain.cli import main
 
 SCENE = """
-[piece]
+[geometry]
+kind = "block"
 size_mm = [20, 20, 20]
-cell_mm = 20
-[[stuff]]
+[mesh]
+max_size_mm = 20
+[[tissue]]
 mu_Pa = [400, 600]
 eta_Pa_s = 1200
-poisson = 0.3
-[[given]]
+poissons_ratio = 0.3
+[[displacement_bc]]
 boundary = "bottom"
-[[given]]
+[[displacement_bc]]
 boundary = "top"
-by_mm = [0, 0, -0.1]
-[[ask]]
+value_mm = [0, 0, -0.1]
+[time]
+ramp_s = 1
+end_s = 10
+[[quantity]]
+name = "force"
 boundary = "top"
 tolerance = 0.12
 """
@@ -32,21 +38,23 @@ tolerance = 0.12
 def test_a_scene_is_solved_and_told(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
-    assert main(["solve", str(file), "-o", str(tmp_path / "out"), "-q"]) == 0
+    assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "-q"]) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["flags"] and capsys.readouterr() == ("", "".join(f"ngbrain: doubt: {f}\n" for f in result["flags"]))
-    assert result["verb"] == "solve" and result["error"]["force on top, end"] <= 0.12
+    (force,) = result["answers"]
+    assert result["verb"] == "simulate" and force["quantity"] == "force on top, end" and force["unit"] == "N"
+    assert force["error_estimate"] <= force["tolerance"] == 0.12 and force["model"] == result["model"]
     assert result["model"]["time"] == "relaxed" and result["model"]["strain"] == "linear"
     page = (tmp_path / "out" / "report.html").read_text()
     assert "What this model left out" in page and "that strains and turns are finite" in page
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
-    assert main(["solve", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0
+    assert main(["simulate", str(file), "-o", str(tmp_path / "out"), "--force"]) == 0
     assert "left out" in capsys.readouterr().out
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE.replace("mu_Pa", "mu_kPa"))
-    assert main(["solve", str(file), "-o", str(tmp_path / "out")]) == 2
+    assert main(["simulate", str(file), "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert "mu_kPa" in said and said.count("\n") == 1 and not (tmp_path / "out").exists()

@@ -1,0 +1,137 @@
+# ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
+"""The body of a scene, and how finely it is meshed."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING
+
+from ngbrain.fields import Section, choice, number, path, whole
+
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
+HEADS = ("idealised", "mni152", "scan")
+"""Kinds of geometry that are heads."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry(Section):
+    """What is loaded or operated on.
+
+    Parameters
+    ----------
+    kind
+        block: a box of tissue with its foot in the plane z = 0 and its middle at x = y = 0, of the region "tissue", with the
+        boundaries left, right (x), front, back (y), bottom, top (z); idealised: a head of ellipsoids; mni152: the average brain
+        that nilearn brings along; scan: the head of a T1 image; mesh: a volume mesh with regions and boundaries of its own.
+    image
+        Path of the T1 image (NIfTI) of a scan.
+    file
+        Path of a mesh (.vol, .vol.gz).
+    unit
+        Of the file's coordinates.
+    size
+        Of the block along x, y and z (m).
+    plate
+        Sides along x and y (m) of a rectangle in the middle of the block's top, boundary "plate".
+    lesion_radius, lesion_centre
+        Of a ball (m) in the block, region "lesion".
+    slot
+        Width between its walls (x) and depth (m) of a cut through the block's whole top, boundaries "wall_minus", "wall_plus".
+    stiffness_map
+        Path of a volume of shear moduli or shear stiffness in any unit, of a head: its ratio to the mean over each tissue
+        multiplies that tissue's moduli.
+    stiffness_map_space
+        head: it lies in the head as it is; mni152: it lies in the template, which is registered to the head.
+    """
+
+    kind: str = choice("kind", MISSING, ["block", *HEADS, "mesh"])
+    image: str | None = path("image", None, "the path of a T1 image (NIfTI)")
+    file: str | None = path("file", None, "the path of a mesh (.vol, .vol.gz)", (".vol", ".vol.gz"))
+    unit: str | None = choice("unit", None, ["m", "mm"])
+    size: tuple[float, float, float] | None = number("size_mm", None, size=3)
+    plate: tuple[float, float] | None = number("plate_mm", None, size=2)
+    lesion_radius: float | None = number("lesion_radius_mm", None)
+    lesion_centre: tuple[float, float, float] | None = number("lesion_centre_mm", None, signed=True, size=3)
+    slot: tuple[float, float] | None = number("slot_mm", None, size=2)
+    stiffness_map: str | None = path("stiffness_map", None, "the path of a NIfTI file, or of a ZIP archive of one")
+    stiffness_map_space: str | None = choice("stiffness_map_space", None, ["head", "mni152"])
+
+    @property
+    def is_head(self) -> bool:
+        """Whether it is a head."""
+        return self.kind in HEADS
+
+    @property
+    def sides(self) -> tuple[float, float, float]:
+        """Of a block along x, y and z (m); 0 of what is none."""
+        return self.size or (0.0, 0.0, 0.0)
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """Of the lesion (m)."""
+        return self.lesion_centre or (0.0, 0.0, 0.0)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        for name, kind in (("image", "scan"), ("file", "mesh"), ("unit", "mesh"), ("size", "block")):
+            wanted = f"a value for kind = {kind!r}, and no other kind"
+            self._need((self.kind == kind) == (getattr(self, name) is not None), path, name, wanted)
+        for name in ("plate", "lesion_radius", "lesion_centre", "slot"):
+            fits = self.kind == "block" or getattr(self, name) is None
+            self._need(fits, path, name, "this key left out: only a block has it")
+        mapped, space = self.stiffness_map is not None, self.stiffness_map_space is not None
+        wanted = "this key left out: only the head of a person has a measured map"
+        self._need(not mapped or self.kind in ("mni152", "scan"), path, "stiffness_map", wanted)
+        wanted = "head or mni152, to go with geometry.stiffness_map" if mapped else "this key only with a map"
+        self._need(
+            space if mapped and self.kind == "scan" else mapped or not space, path, "stiffness_map_space", wanted
+        )
+        if self.size:
+            self._check_block(path, *self.size)
+
+    def _check_block(self, path: str, x: float, y: float, z: float) -> None:
+        plate, slot = self.plate or (0.0, 0.0), self.slot or (0.0, 0.0)
+        self._need(plate[0] < x and plate[1] < y, path, "plate", f"less than the block's {1e3 * x:g} by {1e3 * y:g}")
+        self._need(not (self.plate and self.slot), path, "slot", "this key or plate_mm, not both: they share the top")
+        self._need(slot[0] < x / 2 and slot[1] < z, path, "slot", f"less than half of {1e3 * x:g}, and {1e3 * z:g}")
+        wanted = "a place to go with lesion_radius_mm, and only with it"
+        self._need((self.lesion_radius is None) == (self.lesion_centre is None), path, "lesion_centre", wanted)
+        if self.lesion_radius and self.lesion_centre:
+            r, (a, b, c) = self.lesion_radius, self.lesion_centre
+            inside = abs(a) + r < x / 2 and abs(b) + r < y / 2 and r < c < z - r
+            self._need(inside, path, "lesion_radius", "a ball inside the block, around lesion_centre_mm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSize(Section):
+    """Element sizes (m) and polynomial order.
+
+    Parameters
+    ----------
+    largest
+        Of the elements away from everything else; of a block or an idealised head under loads, of the coarsest mesh.
+    wall
+        On the walls of a cleft.
+    craniotomy
+        Under the craniotomy.
+    order
+        Degree of the displacement's polynomials; where the model is chosen by tolerances, their choice is part of it.
+    """
+
+    KEY = "mesh"
+
+    largest: float = number("max_size_mm", 24e-3, least=0.5)
+    wall: float = number("wall_size_mm", 3e-3, least=0.2)
+    craniotomy: float = number("craniotomy_size_mm", 8e-3, least=0.5)
+    order: int = whole("order", 2, 2, 4)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        if scene.cleft is None:
+            return
+        self._need(
+            self.craniotomy >= self.wall, path, "craniotomy", f"at least {self.shown('wall'):g}, mesh.wall_size_mm"
+        )
+        wanted = f"at least {self.shown('craniotomy'):g}, mesh.craniotomy_size_mm"
+        self._need(self.largest >= self.craniotomy, path, "largest", wanted)
+        self._need(self.largest >= 2e-3, path, "largest", "at least 2")

@@ -1,0 +1,200 @@
+# ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
+"""What makes a scene an operation: the cleft, the tool, the patient."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from typing import Protocol as Interface
+
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.fields import Section, choice, number
+from ngbrain.mesh.cleft import Cleft as Slot
+
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
+WIDEST = 80e-3
+"""Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
+NARROWEST = 4e-3
+"""Width (m) of a blade on whose face pressure can be read, which is done off its edges."""
+FACED = 5e-3
+"""Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
+
+
+class Openable(Interface):
+    """A head, as far as a scene has to know: see `ngbrain.surgery.heads`."""
+
+    def point(self, voxel: Sequence[float]) -> np.ndarray:
+        """The place (m) of a voxel of the scan's file, counted from 0."""
+
+    def cleft_to(
+        self,
+        target: np.ndarray,
+        opening: float = ...,
+        width: float = ...,
+        approach: np.ndarray | None = None,
+        across: np.ndarray | None = None,
+    ) -> Slot:
+        """The slot from the surface to a target (m), by the shortest way or along `approach`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cleft(Section):
+    """The cleft that is opened: a slot with plane walls from the brain's surface to a target (lengths in m).
+
+    Parameters
+    ----------
+    target
+        Centre of its floor, in the coordinates of the scan, or
+    voxel
+        as a voxel of the scan's file, counted from 0.
+    width
+        Along the walls.
+    gap
+        Between the walls before retraction.
+    craniotomy_diameter
+        Of the hole in the skull.
+    trajectory
+        Direction from the target outwards; the shortest way by default.
+    wall_normal
+        Direction from wall to wall, the way the tool pushes; left to right by default.
+    """
+
+    target: tuple[float, float, float] | None = number("target_mm", None, signed=True, size=3)
+    voxel: tuple[float, float, float] | None = number("target_voxel", None, signed=True, size=3)
+    width: float = number("width_mm", 12e-3)
+    gap: float = number("gap_mm", 4e-3, least=0.1)
+    craniotomy_diameter: float = number("craniotomy_diameter_mm", 40e-3)
+    trajectory: tuple[float, float, float] | None = number("trajectory", None, signed=True, size=3)
+    wall_normal: tuple[float, float, float] | None = number("wall_normal", None, signed=True, size=3)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        diagonal = math.hypot(self.width, self.gap)
+        wanted = f"at least 2 more than {1e3 * diagonal:.4g}, the diagonal of cleft.width_mm by cleft.gap_mm"
+        self._need(self.craniotomy_diameter >= diagonal + 2e-3, path, "craniotomy_diameter", wanted)
+        self._need(self.craniotomy_diameter <= WIDEST, path, "craniotomy_diameter", f"at most {1e3 * WIDEST:g}")
+        for name in ("trajectory", "wall_normal"):
+            largest = max(map(abs, getattr(self, name) or (1,)))
+            self._need(1e-3 <= largest <= 1e3, path, name, "a direction: not all 0, and none beyond 1000")
+        wanted = "a length in mm in each of 3 places, or cleft.target_voxel; not both"
+        self._need((self.target is None) != (self.voxel is None), path, "target", wanted)
+        of_scan = scene.geometry.kind != "idealised"
+        self._need(of_scan or self.voxel is None, path, "voxel", "cleft.target_mm: the idealised head has no voxels")
+        self._need(max(map(abs, self.target or (0,))) < 1, path, "target", "a point inside the brain")
+        wanted = "a direction: no way out is the shortest one from the centre of the brain, cleft.target_mm = [0, 0, 0]"
+        self._need(of_scan or self.trajectory or any(self.target or ()), path, "trajectory", wanted)
+
+    def slot(self, head: Openable) -> Slot:
+        """Where it lies in a head; raises `InputError` where it cannot."""
+        directions = [None if way is None else np.array(way) for way in (self.trajectory, self.wall_normal)]
+        target = head.point(self.voxel) if self.voxel else np.array(self.target)
+        return head.cleft_to(target, self.gap, self.width, *directions)
+
+    def wall(self, head: Openable) -> float:
+        """Height (m) of the wall that the tool pushes, floor to surface, in its middle."""
+        slot = self.slot(head)
+        try:
+            return head.cleft_to(slot.target + slot.opening / 2 * slot.across, approach=slot.out).depth
+        except InputError:
+            wanted = "so small that the walls begin in tissue, as cleft.target_mm does"
+            raise InputError("cleft.gap_mm", self.shown("gap"), wanted) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool(Section):
+    """The retractor that opens the cleft (lengths in m).
+
+    Parameters
+    ----------
+    kind
+        spatula: one, which pushes one wall; two spatulas: push both, half of the travel each; tube: widens between both walls.
+    travel
+        How far it goes, from its first contact with the wall.
+    width
+        Along the walls; of a tube, the width of the wall over which pressure is read.
+    edge_radius
+        Rounding of its edges and its tip.
+    tip_clearance
+        Height of its tip above the cleft's floor.
+    thickness
+        Front to back.
+    tip_width
+        Of a spatula that widens from its tip to the surface.
+    face_radius
+        Of a spatula's face that bulges towards the tissue.
+    friction
+        Coefficient of Coulomb's friction between tool and tissue.
+    """
+
+    kind: str = choice("kind", "spatula", ["spatula", "two spatulas", "tube"])
+    travel: float = number("travel_mm", 5e-3, least=0.01)
+    width: float = number("width_mm", 10e-3)
+    edge_radius: float = number("edge_radius_mm", 2e-3, least=1.0)
+    tip_clearance: float = number("tip_clearance_mm", 4e-3)
+    thickness: float = number("thickness_mm", 4e-3)
+    tip_width: float | None = number("tip_width_mm", None)
+    face_radius: float | None = number("face_radius_mm", None)
+    friction: float = number("friction", 0.0, least=0.0)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        cleft = scene.operated
+        wanted = f"at most {cleft.shown('width'):g}, cleft.width_mm: not a tool wider than the cleft"
+        self._need(self.width <= cleft.width, path, "width", wanted)
+        wanted = f"at most {cleft.shown('gap'):g}, cleft.gap_mm: not a tool thicker than the cleft"
+        self._need(self.thickness <= cleft.gap, path, "thickness", wanted)
+        least = f"at least {1e3 * NARROWEST:g}, and twice tool.edge_radius_mm = {self.shown('edge_radius'):g}"
+        self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
+        self._need(
+            self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force"
+        )
+        if self.kind == "tube":
+            self._check_tube(path, scene)
+        else:
+            fits = self.tip_width is None or max(NARROWEST, 2 * self.edge_radius) <= self.tip_width <= self.width
+            wanted = f"{least}, and at most {self.shown('width'):g}, tool.width_mm"
+            self._need(fits, path, "tip_width", wanted)
+
+    def _check_tube(self, path: str, scene: Scene) -> None:
+        for name in ("tip_width", "face_radius"):
+            self._need(getattr(self, name) is None, path, name, "this key left out: a tube has no face")
+        cleft = scene.operated
+        wanted = f"at most {cleft.shown('gap') / 2:g}, half of cleft.gap_mm: the tube's radius at first"
+        self._need(self.edge_radius <= cleft.gap / 2, path, "edge_radius", wanted)
+        widest = f"a spatula: a tube of {1e3 * (cleft.gap + self.travel):g} mm, cleft.gap_mm and tool.travel_mm"
+        wanted = f"{widest} together, does not fit into cleft.width_mm = {cleft.shown('width'):g}"
+        self._need(cleft.gap + self.travel <= cleft.width, path, "kind", wanted)
+
+    def _check_wall(self, path: str, wall: float) -> None:
+        wanted = f"{1e3 * FACED:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.tip_clearance + FACED <= wall, path, "tip_clearance", wanted)
+        wanted = f"at most {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.travel <= wall, path, "travel", wanted)
+        wanted = f"at least {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.face_radius is None or self.face_radius >= wall, path, "face_radius", wanted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patient(Section):
+    """Pressures of the patient (mmHg): mean arterial and intracranial. Without the first, nothing is said on perfusion."""
+
+    mean_arterial_pressure: float | None = number("mean_arterial_pressure_mmHg", None)
+    intracranial_pressure: float | None = number("intracranial_pressure_mmHg", None, least=0.0)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        arterial, intracranial = self.mean_arterial_pressure, self.intracranial_pressure
+        self._need(
+            arterial is None or 20 <= arterial <= 300, path, "mean_arterial_pressure", "a pressure of 20 to 300 mmHg"
+        )
+        self._need(
+            intracranial is None or arterial is not None,
+            path,
+            "intracranial_pressure",
+            "a value only with patient.mean_arterial_pressure_mmHg",
+        )
+        wanted = f"less than patient.mean_arterial_pressure_mmHg, {arterial or 0:g}"
+        self._need(intracranial is None or intracranial < (arterial or 0), path, "intracranial_pressure", wanted)

@@ -1,0 +1,171 @@
+"""How time goes in a scene, and how the tool of an operation is driven in it."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import MISSING, dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
+
+from ngbrain.fields import Section, choice, entries, number, text, whole
+
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
+MOST = 1000
+"""Holds or stages of a protocol."""
+MOMENT = 1e-5
+"""The shortest step, ramp, hold or rest, in `Time.end`: with shorter ones a run would never end."""
+CLEAR = 1e-3
+"""How far (m) behind first contact a tool that let go waits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Time(Section):
+    """How time goes: loads grow evenly in `ramp` (s), or a tool goes its way in it; then they stay until `end` (s).
+
+    Parameters
+    ----------
+    ramp, end
+        (s), from the first load or the tool's first contact.
+    frequency
+        (Hz) of a wave, in place of a ramp.
+    max_step_contact, max_step_hold
+        Longest time steps (s) of an operation, while the tool pushes and while it rests.
+    step_tolerance
+        Of a step's error in an operation: of the overstress of relaxing tissue, against that of two half steps.
+    """
+
+    ramp: float = number("ramp_s", 10.0)
+    end: float = number("end_s", 900.0)
+    frequency: float | None = number("frequency_Hz", None)
+    max_step_contact: float = number("max_step_contact_s", 1.0)
+    max_step_hold: float = number("max_step_hold_s", 60.0)
+    step_tolerance: float = number("step_tolerance", 0.01)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        self._need(1e-6 <= self.step_tolerance <= 0.1, path, "step_tolerance", "a relative error of 1e-6 to 0.1")
+        if scene.cleft is None:
+            self._need(self.end >= self.ramp, path, "end", f"at least {self.ramp:g}, time.ramp_s")
+            return
+        self._need(self.frequency is None, path, "frequency", "this key left out: an operation is no wave")
+        self._need(self.end > self.ramp, path, "end", f"more than {self.ramp:g}, time.ramp_s")
+        for name in ("ramp", "max_step_contact", "max_step_hold"):
+            self._need(getattr(self, name) >= self.moment, path, name, self.not_shorter)
+
+    @property
+    def moment(self) -> float:
+        """The shortest time (s) that anything in a protocol may take, a step included."""
+        return MOMENT * self.end
+
+    @property
+    def not_shorter(self) -> str:
+        """What a shorter one is told."""
+        return f"at least {self.moment:g}, time.end_s / {1 / MOMENT:g}"
+
+    @property
+    def in_words(self) -> str:
+        """Its times, in messages about others that have to fit."""
+        return f"time.ramp_s = {self.ramp:g} and time.end_s = {self.end:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol(Section):
+    """How the tool is driven; `name` is `kind` unless given. The fields of other kinds are None.
+
+    continuous     open, hold
+    intermittent   open, hold for `hold` s, let go, open again `rest` s after letting go, …
+    staged         open in `stages` equal steps with `rest` s between them, hold
+    program        the tool's travel (m) from first contact at `times` (s), straight in between
+    force          the tool's force (gf) `force_gf` at `times` (s), straight in between; its travel is found, `Tool.travel` at
+                   most. One force alone is reached in `Time.ramp` and held. Without force the tool is off
+    """
+
+    KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}
+    KINDS["program"] = ("times", "travel")
+    KINDS["force"] = ("times", "force_gf")
+    NAME: ClassVar = "up to 50 letters, digits, spaces and . + - _, of which the first is a letter or digit"
+
+    kind: str = choice("kind", MISSING, KINDS)
+    name: str = text("name", "", NAME, re.compile(r"\w[\w .+-]{0,49}").fullmatch)
+    hold: float = number("hold_s", None)
+    rest: float = number("rest_s", None)
+    stages: int = whole("stages", None, 2, MOST)
+    times: tuple[float, ...] = number("times_s", None, least=0.0, size=0)
+    travel: tuple[float, ...] = number("travel_mm", None, signed=True, size=0)
+    force_gf: tuple[float, ...] = number("force_gf", None, least=0.0, size=0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.kind if self.name == "" else self.name)
+        super().__post_init__()
+
+    def _check(self, path: str, scene: Scene) -> None:
+        own = self.KINDS[self.kind]
+        keys = ", ".join(entry.key for name, entry in entries(self).items() if name in ("kind", "name", *own))
+        own = own[1:] if self.kind == "force" and not self.times else own
+        for name in ("hold", "rest", "stages", "times", "travel", "force_gf"):
+            wanted = f"{'a value' if name in own else 'this key left out'}: kind {self.kind!r} has {keys}"
+            self._need((getattr(self, name) is not None) == (name in own), path, name, wanted)
+        for name in ("hold", "rest"):
+            long_enough = name not in own or getattr(self, name) >= scene.time.moment
+            self._need(long_enough, path, name, scene.time.not_shorter)
+        if self.kind == "intermittent":
+            self._check_intermittent(path, scene)
+        if self.kind == "staged":
+            self._check_staged(path, scene.time)
+        if self.kind == "program":
+            self._check_program(path, scene.time)
+        if self.kind == "force":
+            self._check_force(path, scene)
+
+    def _check_intermittent(self, path: str, scene: Scene) -> None:
+        shared, tool = scene.time, scene.tool
+        ramp, end = shared.ramp, shared.end
+        cycle = ramp + self.hold + self.rest
+        before = math.ceil(min(max((end * (1 - 1e-12) - ramp - self.hold) / cycle, 0), MOST))  # holds before the last
+        wanted = f"holds of which one, not the first and of at most {MOST}, is under way at the end"
+        wanted += f", for rest_s = {self.rest:g}, {shared.in_words}"
+        many = max(before, 2)
+        exact = (end - many * ramp - (many - 1) * self.rest) / many
+        wanted += f"; such as {math.ceil(1e3 * exact - 1e-6) / 1e3:.10g}" if before < MOST and exact > 1 else ""
+        self._need(0 < before < MOST and before * cycle + ramp < end, path, "hold", wanted)
+        least = ramp * (1 + 2 * CLEAR / tool.travel)
+        wanted = f"more than {least:g}, for the way back and forth"
+        wanted += f" at tool.travel_mm = {tool.shown('travel'):g} in time.ramp_s = {ramp:g}"
+        self._need(self.rest > least, path, "rest", wanted)
+
+    def _check_staged(self, path: str, shared: Time) -> None:
+        in_time = shared.ramp + (self.stages - 1) * self.rest < shared.end
+        self._need(in_time, path, "rest", f"short enough for stages = {self.stages} with {shared.in_words}")
+        most = math.floor(shared.ramp / shared.moment)
+        self._need(self.stages <= most, path, "stages", f"at most {most}, for {shared.in_words}")
+
+    def _check_program(self, path: str, shared: Time) -> None:
+        self._check_times(path, shared)
+        wanted = f"{len(self.times)} values, as many as times_s; the first 0, or less (clear of tissue), some greater"
+        fits = len(self.travel) == len(self.times) and self.travel[0] <= 0 < max(self.travel)
+        self._need(fits, path, "travel", wanted)
+
+    def _check_force(self, path: str, scene: Scene) -> None:
+        wanted = "another one with tool.kind = 'tube', whose force is not along one way"
+        self._need(scene.tool.kind != "tube", path, "kind", wanted)
+        if not self.times:
+            self._need(
+                len(self.force_gf) == 1 and self.force_gf[0] > 0, path, "force_gf", "one force above 0, or times_s too"
+            )
+            return
+        self._check_times(path, scene.time)
+        wanted = f"{len(self.times)} values, as many as times_s; the first 0, where the tool touches, some greater"
+        fits = len(self.force_gf) == len(self.times) and self.force_gf[0] == 0 < max(self.force_gf)
+        self._need(fits, path, "force_gf", wanted)
+
+    def _check_times(self, path: str, shared: Time) -> None:
+        rising = self.times[0] == 0 and all(b - a >= shared.moment for a, b in pairwise(self.times))
+        wanted = f"times that start at 0, increase by {shared.moment:g} or more"
+        wanted += f", and end at time.end_s = {shared.end:g}"
+        self._need(rising and math.isclose(self.times[-1], shared.end), path, "times", wanted)
+
+    def _check_wall(self, path: str, wall: float) -> None:
+        wanted = f"none beyond {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(max(map(abs, self.travel or (0,))) <= wall, path, "travel", wanted)

@@ -1,0 +1,121 @@
+# ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
+"""What a scene is asked for, and how accurately."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING
+
+from ngbrain.fields import Section, choice, number, pattern, text
+
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
+OF_BODIES = ("force", "displacement", "strain")
+"""Quantities of a body under loads."""
+OF_OPERATIONS = (
+    "peak_pressure_mmHg",
+    "peak_tip_pressure_mmHg",
+    "peak_force_N",
+    "dose_mmHg_min",
+    *(f"{strain}_p{percent}" for strain in ("mps", "oss") for percent in (50, 95, 99)),
+)
+"""Quantities of a protocol of an operation."""
+UNITS = {"force": "N", "displacement": "m", "strain": "", "mmHg_min": "mmHg min", "mmHg": "mmHg", "N": "N"}
+"""Of a quantity of a body by its name, of one of an operation by how its name ends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity(Section):
+    """A quantity of interest, with the relative error that its value may have.
+
+    Parameters
+    ----------
+    name
+        force: of a boundary, along a direction (N); displacement: of a point, along a direction (m); strain: a percentile of the
+        maximum principal strain (Green-Lagrange) in the regions that match a pattern, within a radius of a point if one is given;
+        of a wave the amplitude of each. Of an operation a number of a protocol's answer, such as peak_pressure_mmHg.
+    boundary, region
+        Names or regular expressions.
+    direction
+        Of a force or a displacement.
+    point, radius
+        (m).
+    percentile
+        Of a strain.
+    when
+        end: at the end; ramp: when the loads have reached their full size.
+    protocol
+        Name of an operation's protocol; the first one by default.
+    tolerance
+        Relative error.
+    """
+
+    name: str = choice("name", MISSING, [*OF_BODIES, *OF_OPERATIONS])
+    boundary: str | None = pattern("boundary", None)
+    direction: tuple[float, float, float] | None = number("direction", None, signed=True, size=3)
+    point: tuple[float, float, float] | None = number("point_mm", None, signed=True, size=3)
+    region: str = pattern("region", ".*")
+    radius: float | None = number("radius_mm", None)
+    percentile: float = number("percentile", 95.0)
+    when: str = choice("when", "end", ["end", "ramp"])
+    protocol: str | None = text("protocol", None, "the name of a protocol", lambda raw: raw.strip())
+    tolerance: float = number("tolerance", 0.05)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        known = OF_BODIES if scene.cleft is None else OF_OPERATIONS
+        of = "a body under loads" if scene.cleft is None else "an operation"
+        self._need(self.name in known, path, "name", f"one of {', '.join(known)}, of {of}")
+        self._need(1e-4 <= self.tolerance <= 1, path, "tolerance", "a relative error of 0.0001 to 1")
+        if scene.cleft is not None:
+            names = [protocol.name for protocol in scene.protocols]
+            self._need(self.protocol in (None, *names), path, "protocol", f"one of {', '.join(names)}")
+            return
+        self._need(self.protocol is None, path, "protocol", "this key left out: only an operation has protocols")
+        wanted = "a boundary of a force, and of nothing else"
+        self._need((self.boundary is None) == (self.name != "force"), path, "boundary", wanted)
+        wanted = "a direction of a force or a displacement, not all 0"
+        self._need(self.direction is None or (any(self.direction) and self.name != "strain"), path, "direction", wanted)
+        needs_point = self.name == "displacement" or self.radius is not None
+        self._need(self.point is not None or not needs_point, path, "point", "a point to go with it")
+        self._need(self.percentile <= 100, path, "percentile", "at most 100")
+        of_wave = scene.time.frequency is not None and self.when == "ramp"
+        self._need(not of_wave, path, "when", "'end': the amplitude of a wave has no ramp")
+
+    @property
+    def unit_vector(self) -> tuple[float, float, float]:
+        """The direction, of length 1; along z by default."""
+        x, y, z = self.direction or (0.0, 0.0, 1.0)
+        size = math.hypot(x, y, z)
+        return x / size, y / size, z / size
+
+    @property
+    def unit(self) -> str:
+        """Of its value; "" of a strain."""
+        return next((unit for end, unit in UNITS.items() if self.name == end or self.name.endswith(f"_{end}")), "")
+
+    @property
+    def where(self) -> str:
+        """Boundary, point or regions of a body's, protocol of an operation's; "" of the first protocol."""
+        if self.name not in OF_BODIES:
+            return self.protocol or ""
+        place = ", ".join(f"{1e3 * c:g}" for c in self.point or ())
+        near = "" if self.radius is None else f" within {1e3 * self.radius:g} mm of {place} mm"
+        return {"force": self.boundary or "", "displacement": f"{place} mm"}.get(self.name, self.region + near)
+
+    @property
+    def moment(self) -> str:
+        """When; "" of an operation's, which are of a whole protocol."""
+        return self.when if self.name in OF_BODIES else ""
+
+    @property
+    def label(self) -> str:
+        """In words, different for different quantities."""
+        if self.name not in OF_BODIES:
+            return self.name + (f" of {self.protocol}" if self.protocol else "")
+        if self.name == "strain":
+            return f"strain p{self.percentile:g} in {self.where}, {self.when}"
+        along = f" along {', '.join(f'{c:g}' for c in self.direction)}" if self.direction else ""
+        along = "" if self.direction == (0, 0, 1) else along
+        return f"{self.name} {'on' if self.name == 'force' else 'at'} {self.where}{along}, {self.when}"

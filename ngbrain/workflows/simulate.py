@@ -1,0 +1,100 @@
+"""A scene to its result: what the verb `simulate` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ngbrain import ladder, parallel
+from ngbrain.errors import InputError
+from ngbrain.ladder import rungs
+from ngbrain.ladder.rungs import Model
+from ngbrain.progress import logged
+from ngbrain.scene import Scene
+from ngbrain.scene.result import SceneResult
+from ngbrain.surgery import adequate, retraction
+
+Callback = Callable[..., None]
+"""What is told of progress, in the words of the solver."""
+
+
+def simulate(
+    scene: Scene | str | Path,
+    folder: str | Path | None = None,
+    *,
+    as_described: bool = False,
+    model: Model | None = None,
+    richest: Model | None = None,
+    threads: int = 1,
+    resume: bool = False,
+    checks: bool = True,
+    tell: Callback = logged,
+    callback: Callable[[dict[str, Any]], None] | None = None,
+    executor: parallel.AnyExecutor = None,
+) -> SceneResult:
+    """Compute a scene: a body under loads, or an operation.
+
+    Where it asks quantities with tolerances, the cheapest model that is within them answers; an operation that asks none, or
+    `as_described`, is computed as it is written, an operation with the checks of its numbers.
+
+    Parameters
+    ----------
+    scene : Scene or path
+        What is computed, or its file.
+    folder : path, optional
+        Where `result.json` and checkpoints go; without it nothing is written.
+    as_described : bool
+        Compute it as it is written: a body with finite strain, memory, fibres and contact where it has them, on elements of
+        `mesh.max_size_mm` and of order `mesh.order`.
+    model, richest : dict, optional
+        Axis → level of the model that is taken, or that the search does not pass.
+    threads : int
+        For assembly, or of an operation as described the processes that its protocols run in.
+    resume : bool
+        Go on with what is in `folder`, of an operation as described.
+    checks : bool
+        Whether an operation as described is run on other meshes, steps and laws too.
+    tell : callable
+        How far it has come: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
+    callback : callable, optional
+        Called with the result's data when the protocols of an operation as described are done, and after each check.
+    executor : optional
+        Who computes what is independent (`ngbrain.parallel`).
+
+    Returns
+    -------
+    SceneResult
+        Reads as `result.json` does.
+
+    Raises
+    ------
+    InputError
+        A scene that means nothing, or an option that it does not have.
+    SolverError
+        Where there is no solution.
+
+    Examples
+    --------
+    >>> result = simulate("plate.toml")  # doctest: +SKIP
+    >>> result["answers"][0]["value"], result["model"]  # doctest: +SKIP
+    """
+    if not isinstance(scene, Scene):
+        scene = Scene.from_toml(scene)
+    if scene.is_operation and (as_described or not scene.quantities):
+        if model or richest:
+            raise InputError(
+                "model", "given", "no model: an operation as described, or without a [[quantity]], has its own"
+            )
+        return retraction.solve(scene, folder, threads, resume, tell, checks, callback, executor)
+    if resume:
+        raise InputError("resume", resume, "False: only an operation as described can be resumed")
+    solve = adequate.solve if scene.is_operation else ladder.solve
+    if as_described:
+        model = described(scene)
+    return solve(scene, folder, model, richest, threads, tell, executor)
+
+
+def described(scene: Scene) -> Model:
+    """The model of a body that leaves nothing out, on the scene's own elements."""
+    return {**rungs.richest(rungs.axes_of(scene)), "mesh": "0", "order": str(scene.mesh.order)}
