@@ -42,14 +42,14 @@ def no_run(monkeypatch):
         ("target_mm = [17.0, 5.9, 26.2]", "target_mm = [0.0, 0.0, 99.0]", ["cleft.target_mm", "inside the brain"]),
         ("mu_Pa = [50.0]", "mu_Pa = [-50.0]", ["mu_Pa", "-50"]),
         (
-            'constants = "griffiths2024:cortex"',
+            'material = "griffiths2024:cortex"',
             "mu_Pa = 0.936",
             ["initial shear modulus of cortex", "0.936 Pa", "not kPa"],
         ),
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
         ("width_mm = 10.0", "width_mm = 13.0", ["tool#1.width_mm", "cleft"]),
-        ('fixed = "skull"', 'fixed = "skul"', ["skul", "skull"]),
-        ('fixed = "skull"', 'fixed = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
+        ('boundary = "skull"', 'boundary = "skul"', ["skul", "skull"]),
+        ('boundary = "skull"', 'boundary = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
         ('region = "white"', 'region = ".*e.*"', ["tissue region", ".*e.*", "cortex"]),
         ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "'white'"]),
@@ -102,7 +102,7 @@ def test_errors_name_the_scene_where_it_is_at_fault(tmp_path, capsys, monkeypatc
     def refuse(*_, **__):
         raise InputError(field, "bad", "good")
 
-    monkeypatch.setattr("ngbrain.cli.retract.solve", refuse)
+    monkeypatch.setattr("ngbrain.cli.simulate.simulate", refuse)
     scene = tmp_path / "case.toml"
     scene.write_text(SMALL)
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
@@ -115,7 +115,7 @@ def test_warnings_are_a_line_each_and_quiet_silences_none(tmp_path, capsys, monk
         warnings.warn("initial shear moduli outside", ImplausibleWarning, stacklevel=1)
         raise InputError("the rest", "bad", "good")
 
-    monkeypatch.setattr("ngbrain.cli.retract.solve", warn)
+    monkeypatch.setattr("ngbrain.cli.simulate.simulate", warn)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(warnings, "filters", [])
         status, lines = run(capsys, "demo", "--fast", "--head", "idealised", "-o", tmp_path / "out", "-q")
@@ -136,7 +136,7 @@ def staged(tmp_path, monkeypatch):
             seen.append((result["verb"], list(result["check_status"].values())))
             return self.path
 
-    def solve(scene, folder, threads, resume, tell, *, checks, callback, executor):
+    def solve(scene, folder, *, as_described, threads, resume, checks, tell, callback, executor):
         folder.mkdir(exist_ok=True)
         answer = dict.fromkeys(
             (
@@ -156,7 +156,7 @@ def staged(tmp_path, monkeypatch):
         return result
 
     monkeypatch.setattr("ngbrain.report.Report", Reported)
-    monkeypatch.setattr("ngbrain.cli.retract.solve", solve)
+    monkeypatch.setattr("ngbrain.cli.simulate.simulate", solve)
     return seen
 
 
@@ -235,7 +235,7 @@ def command(scene, out, *options):
     return [sys.executable, "-m", "ngbrain", "simulate", str(scene), "-o", str(out), "-q", *options]
 
 
-def retract(*arguments):
+def simulate(*arguments):
     subprocess.run(command(*arguments), check=True, timeout=600)
 
 
@@ -262,7 +262,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     scene = folder / "small.toml"
     scene.write_text(SMALL)
-    retract(scene, folder / "out", "--threads", "1")
+    simulate(scene, folder / "out", "--threads", "1")
     return scene, folder / "out"
 
 
@@ -298,15 +298,15 @@ def test_a_real_head_gives_the_same_on_two_threads_and_segments_once(tmp_path, m
     monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "cache"))
     scene = tmp_path / "real.toml"
     scene.write_text(REAL)
-    retract(scene, tmp_path / "one", "--threads", "1")
+    simulate(scene, tmp_path / "one", "--threads", "1")
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
     scene.write_text(REAL.replace("hold_s = 0.5", "hold_s = 0.6"))
     assert kept and "hold_s = 0.6" in scene.read_text()
-    retract(scene, tmp_path / "other", "--threads", "2")
+    simulate(scene, tmp_path / "other", "--threads", "2")
     assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
     scene.write_text(REAL)
     monkeypatch.setenv("NGBRAIN_CACHE", str(tmp_path / "another"))
-    retract(scene, tmp_path / "two", "--threads", "2")
+    simulate(scene, tmp_path / "two", "--threads", "2")
     assert alike(numbers(tmp_path / "one"), numbers(tmp_path / "two"))
     result = json.loads((tmp_path / "one" / "result.json").read_text())
     assert result["checks"]["reaction_balance"] < 1e-4 and result["head"]["label_volumes_ml"]["ventricle"] > 10
@@ -315,7 +315,7 @@ def test_a_real_head_gives_the_same_on_two_threads_and_segments_once(tmp_path, m
 @pytest.mark.slow
 def test_without_checks_estimates_are_said_to_be_missing_and_a_resumed_run_adds_them(finished, tmp_path):
     scene, out = finished
-    retract(scene, tmp_path, "--threads", "1", "--no-checks")
+    simulate(scene, tmp_path, "--threads", "1", "--no-checks")
     result, found = (json.loads((folder / "result.json").read_text()) for folder in (tmp_path, out))
     assert set(result["check_status"].values()) == {"not computed"} and set(found["check_status"].values()) == {
         "computed"
@@ -326,7 +326,7 @@ def test_without_checks_estimates_are_said_to_be_missing_and_a_resumed_run_adds_
     assert peak["mesh"] is peak["order"] is peak["step"] is peak["numerics"] is None
     assert "Error estimates not computed: one order more" in (tmp_path / "report.html").read_text()
     written = (tmp_path / "continuous.vtkhdf").stat().st_mtime_ns
-    retract(scene, tmp_path, "--threads", "1", "--resume")
+    simulate(scene, tmp_path, "--threads", "1", "--resume")
     assert numbers(tmp_path) == numbers(out) and (tmp_path / "continuous.vtkhdf").stat().st_mtime_ns == written
     assert "ot computed" not in (tmp_path / "report.html").read_text()
 
@@ -343,7 +343,7 @@ def test_a_run_killed_among_its_checks_has_left_a_report_and_goes_on(finished, t
     assert set(result["check_status"].values()) == {"under way"} and result["answers"] == numbers(out)["answers"]
     page = (tmp_path / "report.html").read_text()
     assert page.endswith("</html>") and "Checks under way when this page was written" in page
-    retract(scene, tmp_path, "--resume", "--threads", "1")
+    simulate(scene, tmp_path, "--resume", "--threads", "1")
     assert numbers(tmp_path) == numbers(out)
 
 
@@ -353,7 +353,7 @@ def test_resume_after_the_end_computes_nothing_and_says_the_same(finished):
     before, files = numbers(out), [*out.glob("*.vtkhdf"), *(out / "checks").iterdir()]
     written = {path: path.stat().st_mtime_ns for path in files}
     assert len(written) == 6
-    retract(scene, out, "--resume", "--threads", "2")
+    simulate(scene, out, "--resume", "--threads", "2")
     assert numbers(out) == before
     assert written == {path: path.stat().st_mtime_ns for path in files}
 
@@ -377,7 +377,7 @@ def test_a_stopped_run_goes_on_to_the_same_on_two_threads(finished, tmp_path, st
     assert not (tmp_path / "result.json").exists()
     if stop == signal.SIGINT:
         assert run.returncode == 130 and said == f"ngbrain: stopped; go on with --resume -o {tmp_path}\n"
-    retract(scene, tmp_path, "--resume", "--threads", "2")
+    simulate(scene, tmp_path, "--resume", "--threads", "2")
     assert alike(numbers(tmp_path), numbers(out))
 
 
@@ -394,12 +394,12 @@ def test_a_retraction_says_what_it_leaves_unanswered_and_how_sure_it_is(tmp_path
         callback(result)
         return result
 
-    monkeypatch.setattr("ngbrain.cli.retract.solve", solve)
+    monkeypatch.setattr("ngbrain.cli.simulate.simulate", solve)
     monkeypatch.setattr("ngbrain.report.Report.write", lambda self: self.folder / "report.html")
     scene = tmp_path / "case.toml"
-    scene.write_text(SMALL + '[[ask]]\nquantity = "peak_force_N"\ntolerance = 0.2\n')
-    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q")
-    assert status == 2 and "ask is given" in lines[0] and "`ngbrain solve` answers" in lines[0]
+    scene.write_text(SMALL + '[[quantity]]\nname = "peak_force_N"\ntolerance = 0.2\n')
+    status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--resume")
+    assert status == 2 and "--resume is given" in lines[0] and "starts anew" in lines[0]
     scene.write_text(SMALL)
     (tmp_path / "out").mkdir()
     sure = "of a hold: peak 1 mmHg, moved by mesh 0.2, order 0.1 mmHg; with other published tissue 0.5 to 2 mmHg"

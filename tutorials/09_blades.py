@@ -26,8 +26,8 @@ FAST = bool(os.environ.get("NGBRAIN_FAST"))
 
 # %% [markdown]
 # ## A scene and its blade
-# The idealised head with coarse elements; everything but `[blade]` stays as it is. In a scene file the five are
-# `kind = "spatula"`, `"two spatulas"` and `"tube"`, `tip_width_mm = 6` and `bend_radius_mm = 60`. `opening_mm` is what is opened
+# The idealised head with coarse elements; everything but `[[tool]]` stays as it is. In a scene file the five are
+# `kind = "spatula"`, `"two spatulas"` and `"tube"`, `tip_width_mm = 6` and `face_radius_mm = 60`. `travel_mm` is what is opened
 # in all: two spatulas go half of it each, and a tube's radius grows by half of it.
 
 # %%
@@ -42,7 +42,7 @@ blades = {
     "two spatulas": {"kind": "two spatulas"},
     "tube": {"kind": "tube"},
     "narrow tip": {"tip_width": 6e-3},
-    "bulging": {"bend": 60e-3},
+    "bulging": {"face_radius": 60e-3},
 }
 if FAST:
     blades = {name: blades[name] for name in ("one spatula", "two spatulas", "tube")}
@@ -60,7 +60,7 @@ def opened(blade):
     seconds, way = scene.time.ramp, scene.tool.travel
     run = model.run(model.ramp("open"), StepControl(seconds / 2, first=0.05), model.elastic(seconds))
     run.run(lambda *_: None)
-    return Observer(run.problem, model.blades, scene.support.fixed)(seconds, way, 1.0)
+    return Observer(run.problem, model.blades, model.held)(seconds, way, 1.0)
 
 
 read = {name: opened(blade) for name, blade in blades.items()}
@@ -77,8 +77,8 @@ for name, row in read.items():
 # tip of 6 instead of 10 mm, and a face that bulges, move less wall at the tip and press less there.
 #
 # What this does not say: a second spatula presses a wall that one alone leaves in peace. Pressure in the middle of the face, 5 mm
-# across, is read off one or two elements here. And it is one opening of one coarse head in elastic tissue: `ngbrain retract` with
-# a `[blade]` of your own, on your mesh, gives pressures over time and injury measures.
+# across, is read off one or two elements here. And it is one opening of one coarse head in elastic tissue: `ngbrain simulate` with
+# a `[[tool]]` of your own, on your mesh, gives pressures over time and injury measures.
 
 # %%
 at = np.arange(len(read))

@@ -189,8 +189,8 @@ def idealised_head(
         if abs(lost) > MOST_LOST:
             raise InputError("mesh sizes", f"such that {100 * lost:.1f} % of the brain is cut off", "smaller elements")
     except InputError as error:
-        wanted = "less, or smaller body.near_mm or body.site_mm"
-        raise InputError("body.far_mm", f"{1e3 * sizes.far:g}, {error.value}", wanted) from error
+        wanted = "less, or smaller mesh.craniotomy_size_mm or mesh.wall_size_mm"
+        raise InputError("mesh.max_size_mm", f"{1e3 * sizes.far:g}, {error.value}", wanted) from error
     return mesh
 
 

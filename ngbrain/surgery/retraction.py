@@ -98,7 +98,7 @@ def solve(
     With a coarse mesh (about two minutes)::
 
         import ngbrain
-        result = ngbrain.solve(ngbrain.Scene.shipped("idealised_fast"), threads=2)
+        result = ngbrain.simulate(ngbrain.Scene.shipped("idealised_fast"), threads=2)
         result["answers"]["continuous"]["peak_pressure_mmHg"]
     """
     started = time.perf_counter()

@@ -195,7 +195,8 @@ def test_a_deep_cleft_leaves_the_skull_its_name():
     ("far", "grading", "why"), [(60e-3, 1.0, "Netgen gives up"), (50e-3, 0.95, r"1\.[0-9] % of the brain is cut off")]
 )
 def test_sizes_that_are_too_large_are_refused(far, grading, why):
-    message = f"body.far_mm is {1e3 * far:g}, such that {why}.*; wanted: less, or smaller body.near_mm or body.site_mm$"
+    less = "less, or smaller mesh.craniotomy_size_mm or mesh.wall_size_mm"
+    message = f"mesh.max_size_mm is {1e3 * far:g}, such that {why}.*; wanted: {less}$"
     with pytest.raises(InputError, match=message):
         idealised_head(sizes=Sizes(far=far, grading=grading))
 
