@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
-from ngbrain.surgery.injury import curve, dose, times_above
+from ngbrain.surgery.injury import dose
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
 from ngbrain.surgery.protocols import Force, Protocol
@@ -82,10 +83,10 @@ def answer(run: ProtocolResult, patient: Patient) -> Answer:
 
 
 def borne(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
-    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `injury.curve`."""
-    over_time, times = curve(t, pressure, events), {}
+    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `TimeCurve`."""
+    over_time, times = TimeCurve(t, pressure, events), {}
     for threshold in THRESHOLDS_MMHG:
-        total, longest = times_above(over_time, threshold)
+        total, longest = over_time.above(threshold)
         times[f"s_above_{threshold:.0f}_mmHg"] = total
         times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
     return {
@@ -207,7 +208,7 @@ def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
         until = t[-1] - (continuous.working_s - working)  # it works from the end of its ramp on
         equal = {
             "working_s": working,
-            "continuous": dose(curve(t, pressure, continuous.events), until),
+            "continuous": dose(TimeCurve(t, pressure, continuous.events), until),
             "intermittent": numbers["intermittent"]["dose_mmHg_min"],
         }
         result["dose_at_equal_working_time_mmHg_min"] = equal
