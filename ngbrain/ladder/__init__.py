@@ -4,8 +4,8 @@
     result = ngbrain.solve(Loading.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
-`rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change; `bodies`, `waves` and `maps`
-what a model is.
+`Question` asks an observable of one's own beside what the scene asks. `rungs` has the axes as data, `climb` the loop,
+`described` what comes of it as data, `estimates` what a step up would change; `bodies`, `waves` and `maps` what a model is.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from ngsolve import ngsglobals
 from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
+from ngbrain.ladder.climb import Climb, Rung, climb, stand
+from ngbrain.ladder.described import AskedFor, described
+from ngbrain.ladder.quantities import Asked, Question, unit_of
 from ngbrain.ladder.rungs import Model, axes_of
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Status
@@ -28,15 +30,7 @@ from ngbrain.scene.loading import DENSITY, Loading
 from ngbrain.scene.result import SceneResult
 from ngbrain.threads import threads as using
 
-__all__ = ["Bench", "Climb", "Loading", "Rung", "answered", "climb", "solve"]
-
-
-class Question(Protocol):
-    """One of those that a scene asks."""
-
-    @property
-    def name(self) -> str:
-        """In words."""
+__all__ = ["AskedFor", "Bench", "Climb", "Loading", "Question", "Rung", "answered", "climb", "solve"]
 
 
 class Asking(Protocol):
@@ -45,10 +39,6 @@ class Asking(Protocol):
     @property
     def title(self) -> str:
         """A line."""
-
-    @property
-    def ask(self) -> Sequence[Question] | None:
-        """Questions."""
 
     @property
     def warnings(self) -> list[str]:
@@ -67,6 +57,7 @@ def solve(
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
+    questions: Sequence[Question] = (),
 ) -> SceneResult:
     """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -77,9 +68,11 @@ def solve(
     tell      called after every rung
     executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
               at rest without memory are solved here in any case: estimates go on from their states
+    questions  observables of one's own, asked beside what the scene asks
 
-    `answers` (SI units) and `error`, the relative change that all steps left would make together, by the question's name; `model`;
-    `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
+    `quantities` lists what was asked with value, unit (SI), tolerance and estimated error; `answers` and `error`, the relative
+    change that all steps left would make together, by the question's name; `model`; `left_out`: what the model lacks and how much
+    that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
     `warnings`: what is assumed of the tissues, and what to know of published constants.
     Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
 
@@ -90,11 +83,17 @@ def solve(
     >>> result["model"]["strain"], result["error"]["force on top, end"] < 0.5
     ('linear', True)
     """
+    asked: list[Asked] = [*scene.ask, *questions]
     return answered(
         scene,
         folder,
         threads,
-        lambda: climb(scene, richest, tell, executor=executor) if model is None else stand(scene, model, executor),
+        lambda: (
+            climb(scene, richest, tell, executor=executor, questions=questions)
+            if model is None
+            else stand(scene, model, executor, questions)
+        ),
+        [AskedFor(ask.name, unit_of(ask), ask.tolerance) for ask in asked],
         _assumed_density(scene),
     )
 
@@ -113,6 +112,7 @@ def answered(
     folder: str | Path | None,
     threads: int,
     find: Callable[[], Climb],
+    questions: Sequence[AskedFor],
     warnings: Sequence[str] = (),
 ) -> SceneResult:
     """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own."""
@@ -128,7 +128,7 @@ def answered(
         "threads": threads,
         "scene": scene.to_dict(),
         "warnings": [*scene.warnings, *warnings],
-        **described(found, [ask.name for ask in scene.ask or ()]),
+        **described(found, questions),
         "time_s": time.perf_counter() - started,
     }
     if folder is not None:

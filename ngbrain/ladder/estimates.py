@@ -21,7 +21,7 @@ import numpy as np
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
-from ngbrain.ladder.quantities import State, embedded
+from ngbrain.ladder.quantities import Question, State, embedded
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
@@ -90,9 +90,9 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
                 doubts.append(f"the second step is {share:.2g} of the first")
             best = x + first + second if share < 1 and body.min_det(x + first + second) > 0 else x + first
         except (FloatingPointError, SolverError) as error:
-            return Estimate(np.full(len(bench.scene.ask), np.inf), f"two Newton steps{where}", str(error))
+            return Estimate(np.full(len(bench.questions), np.inf), f"two Newton steps{where}", str(error))
         moved[when] = bench.state(richer, body, best)
-    change = relative(solved(model).answers, answers_of(bench.scene, moved), solved(model).scales)
+    change = relative(solved(model).answers, answers_of(bench.questions, moved), solved(model).scales)
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
 
 
@@ -234,7 +234,7 @@ def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate
 
     In a stiff ball those of the least order are 5.2 % off where the section says 1.5.
     """
-    strains = any(ask.quantity == "strain" for ask in bench.scene.ask)
+    strains = any(isinstance(ask, Question) or ask.quantity == "strain" for ask in bench.questions)
     if strains and model.get("space") == "solid" and not _moves(model):
         return finer(bench, model, richer, solved)
     return in_section(finer)(bench, model, richer, solved)
@@ -250,7 +250,7 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     try:
         change = between(solved(before), solved(after))
     except SolverError as error:
-        return Estimate(np.full(len(bench.scene.ask), np.inf), how, str(error))
+        return Estimate(np.full(len(bench.questions), np.inf), how, str(error))
     return Estimate(change, how)
 
 
@@ -266,7 +266,7 @@ def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Esti
     try:
         return Estimate(between(solved(model), solved(richer)), SOLVED)
     except SolverError as error:
-        return Estimate(np.full(len(bench.scene.ask), np.inf), SOLVED, str(error))
+        return Estimate(np.full(len(bench.questions), np.inf), SOLVED, str(error))
 
 
 BY: Mapping[str, Estimator] = {

@@ -1,7 +1,8 @@
-"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain."""
+"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain, and any observable of one's own."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -11,11 +12,14 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials.base import checked
 from ngbrain.scene.loading import Ask
 
 Array = np.ndarray
 BAND = 0.1
 """Of the volume, to both sides of a percentile."""
+KINDS: Mapping[str, type[Observable]] = {"force": Force, "displacement": Displacements, "strain": StrainPercentile}
+"""Quantity of a scene's question → what it is."""
 PLANE = (0, 2)
 """Axes of the body that a section has."""
 
@@ -29,6 +33,7 @@ class State:
     factor     the load factor that they belong to; small and linear strains are 1/factor times as large
     linear     whether strains count as small
     thickness  of a section (m), else 1
+    still      the same without memory, which is stressed at rest once it has moved
     """
 
     body: Problem
@@ -36,6 +41,7 @@ class State:
     factor: float
     linear: bool
     thickness: float = 1.0
+    still: Problem | None = None
 
     @property
     def plane(self) -> bool:
@@ -52,6 +58,75 @@ class State:
         return self.body.u / self.factor
 
 
+WHEN = ("end", "ramp")
+"""When a question is asked: see `scene.loading.Ask`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An observable that a ladder is asked of every model of a scene's, beside the questions that the scene asks itself.
+
+    It is asked of bodies in space alone: a section has no y. Of small strains it counts linearly: Q(0) + Q'(0) u.
+
+    Parameters
+    ----------
+    observable : Observable
+        Of one number, with a gradient: those of `ngbrain.forward.observables`, or one's own.
+    tolerance : float
+        The relative error that its answer may have.
+    when : str
+        "end", or "ramp": when the loads have just got their size.
+
+    Raises
+    ------
+    InputError
+        For what is no observable, a tolerance that makes no sense or another time.
+
+    Examples
+    --------
+    >>> from ngbrain.forward.observables import region_volume
+    >>> Question(region_volume(), tolerance=0.01).name
+    'volume of .*, end'
+    """
+
+    observable: Observable
+    tolerance: float = 0.05
+    when: str = "end"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.observable, Observable):
+            raise InputError("Question.observable", type(self.observable).__name__, "an Observable")
+        checked(self.tolerance, "Question.tolerance", lambda t: 1e-4 <= t <= 1, "a relative error of 0.0001 to 1")
+        if self.when not in WHEN:
+            raise InputError("Question.when", repr(self.when), " or ".join(map(repr, WHEN)))
+
+    @property
+    def name(self) -> str:
+        """In words, as those of a scene."""
+        return f"{self.observable.name}, {self.when}"
+
+    def value(self, state: State) -> float:
+        """At full load: of small strains as far as it is linear."""
+        state.stand()
+        here = self._number(state.body)
+        if state.factor == 1:
+            return here
+        still = state.still or state.body
+        still.x = np.zeros_like(state.x)
+        rest = self._number(still)
+        state.stand()
+        return rest + (here - rest) / state.factor
+
+    def _number(self, body: Problem) -> float:
+        value = self.observable.value(body)
+        if np.size(value) != 1:
+            raise InputError("Question.observable", f"of {np.size(value)} numbers", "an observable of one")
+        return float(value[0])
+
+
+Asked = Ask | Question
+
+
 def embedded(state: State, body: Problem, factor: float) -> Array:
     """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
     state.stand()
@@ -66,34 +141,45 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
     return body.load(body.x, factor)
 
 
-def observable(ask: Ask, state: State) -> Observable:
+def observable(ask: Asked, state: State) -> Observable:
     """What a question asks of a body: without the load factor, and for a metre of a section."""
+    if isinstance(ask, Question):
+        return ask.observable
     if ask.quantity == "force":
-        return Force(ask.boundary, along(ask.unit, state.plane))
+        return Force(ask.boundary, along(ask.unit_vector, state.plane))
     if ask.quantity == "displacement":
         point_in(state.body.mesh, ask, state.plane)
-        return Displacements([along(ask.point or (0.0, 0.0, 0.0), state.plane)], along(ask.unit, state.plane))
+        return Displacements([along(ask.point or (0.0, 0.0, 0.0), state.plane)], along(ask.unit_vector, state.plane))
     near = None if ask.within is None else along(ask.point or (), state.plane)
     measure = "small" if state.linear else "Green-Lagrange"
     return StrainPercentile(ask.percentile, ask.region, near, ask.within, BAND, measure, 1 / state.factor)
 
 
-def answer(ask: Ask, state: State) -> float:
+def unit_of(ask: Asked) -> str:
+    """Of SI."""
+    return ask.observable.unit if isinstance(ask, Question) else KINDS[ask.quantity].unit
+
+
+def answer(ask: Asked, state: State) -> float:
     """The number that is asked for, in SI units."""
+    if isinstance(ask, Question):
+        return ask.value(state)
     state.stand()
     observed = observable(ask, state).on(state.body)
     return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(ask, state)
 
 
-def slope(ask: Ask, state: State) -> Array:
+def slope(ask: Asked, state: State) -> Array:
     """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
     state.stand()
     gradient = observable(ask, state).gradient(state.body) * _times(ask, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
 
-def _times(ask: Ask, state: State) -> float:
+def _times(ask: Asked, state: State) -> float:
     """What an observable is multiplied by: a percentile has the load factor in it."""
+    if isinstance(ask, Question):
+        return 1.0 / state.factor
     if ask.quantity == "strain":
         return 1.0
     return (state.thickness if ask.quantity == "force" else 1.0) / state.factor
@@ -114,11 +200,11 @@ def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, 
     return (x, z, y) if plane else direction
 
 
-def scale_of(ask: Ask, state: State) -> float:
+def scale_of(ask: Asked, state: State) -> float:
     """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
-    load the body (N), the largest displacement (m). A strain is measured by itself.
+    load the body (N), the largest displacement (m). A strain is measured by itself, and so is an observable of one's own.
     """
-    if ask.quantity == "strain":
+    if isinstance(ask, Question) or ask.quantity == "strain":
         return 0.0
     state.stand()
     body = state.body

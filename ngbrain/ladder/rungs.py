@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
@@ -18,6 +18,14 @@ from ngbrain.scene.loading import Loading
 
 Model = Mapping[str, str]
 """Axis → level."""
+
+
+class Named(Protocol):
+    """What has a name, as questions do."""
+
+    @property
+    def name(self) -> str:
+        """In words."""
 
 
 PART = "+"
@@ -129,13 +137,16 @@ OF_WAVES = {
 """Of bodies that are shaken."""
 
 
-def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
-    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none."""
+def axes_of(scene: Loading, richest: Model | None = None, questions: Sequence[Named] = ()) -> dict[str, Axis]:
+    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none.
+
+    `questions` are those that are asked beside the scene's.
+    """
     waves = scene.course.frequency is not None
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
     check("richest", bounds, known)
-    laws, beyond = [stuff.law() for stuff in scene.stuff], not_in_section(scene)
+    laws, beyond = [stuff.law() for stuff in scene.stuff], not_in_section(scene, questions)
     idle = {
         "fibres": all(stuff.k1 is None for stuff in scene.stuff),
         "time": not any(law.branches for law in laws),
@@ -143,7 +154,7 @@ def axes_of(scene: Loading, richest: Model | None = None) -> dict[str, Axis]:
         "contact": all(given.hold == "tied" for given in scene.given),
         "inertia": not waves and scene.course.ramp > SLOW * _crossing(scene),
         "space": scene.piece.shape != "block" or beyond is not None,
-        "extent": _uncuttable(scene),
+        "extent": _uncuttable(scene) or bool(questions),
     }
     if bounds.get("space") == "plane" and idle["space"]:
         raise InputError("richest['space']", "'plane'", f"'solid': {beyond or 'only a block has a section'}")
@@ -198,7 +209,7 @@ def _tissues(scene: Loading) -> tuple[int, int]:
     return int(len(scene.stuff) < 2), 3 if any(stuff.map for stuff in scene.stuff) else 2
 
 
-def not_in_section(scene: Loading) -> str | None:
+def not_in_section(scene: Loading, questions: Sequence[Named] = ()) -> str | None:
     """What the section y = 0 does not have: a loaded face, or a vector with a part along y; None where it has everything.
 
     A fibre may lie in the section or along y: an oblique one shears the body out of the plane.
@@ -208,6 +219,8 @@ def not_in_section(scene: Loading) -> str | None:
     >>> not_in_section(Loading(given=given, stuff=(Stuff(mu=(1e3,)),), ask=(Ask(boundary="top"),)))
     "the displacement of 'top' has a part along y"
     """
+    for question in questions:
+        return f"what is asked, {question.name!r}, is of a body in space"
     patterns = [each.boundary for each in scene.pull or ()] + [a.boundary for a in scene.ask if a.quantity == "force"]
     for pattern in patterns:
         if not any(re.fullmatch(pattern, name) for name in OF_SECTION):

@@ -82,7 +82,7 @@ def _amplitude(ask: Ask, body: Harmonic, gfu: ngs.GridFunction, thickness: float
     plane = body.mesh.dim == 2
     u = body.split(gfu)[0]
     if ask.quantity == "displacement":
-        return abs(complex(np.dot(u(point_in(body.mesh, ask, plane)), along(ask.unit, plane))))
+        return abs(complex(np.dot(u(point_in(body.mesh, ask, plane)), along(ask.unit_vector, plane))))
     if ask.quantity == "force":
         return abs(_force(ask, body, gfu)) * thickness
     return weighted_percentile(*_strains(ask, body, u), ask.percentile)
@@ -97,7 +97,7 @@ def _force(ask: Ask, body: Harmonic, gfu: ngs.GridFunction) -> complex:
     motion = ngs.GridFunction(body.fes)
     part = motion.components[0] if body.mixed else motion
     boundary = body.mesh.Boundaries(ask.boundary)
-    part.Set(ngs.CF(along(ask.unit, body.mesh.dim == 2)), definedon=boundary, dual=True)
+    part.Set(ngs.CF(along(ask.unit_vector, body.mesh.dim == 2)), definedon=boundary, dual=True)
     form.Assemble()
     product = gfu.vec.CreateVector()
     product.data = form.mat * gfu.vec

@@ -12,8 +12,19 @@ import numpy as np
 from ngbrain.report.page import write_page
 from ngbrain.report.style import figure, png, style
 
-UNITS = {"force": ("N", 1.0), "displacement": ("mm", 1e3), "strain": ("%", 100.0)}
-"""First word of a question's name → unit, and how many of it are one SI unit; others have their unit in their name."""
+SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
+"""Unit → how it is shown, and how many of that are one of it; others as they are."""
+
+
+def shown_in(unit: str) -> tuple[str, float]:
+    """What a unit is shown in, and how many of that are one of it.
+
+    >>> shown_in("m"), shown_in("N")
+    (('mm', 1000.0), ('N', 1.0))
+    """
+    return SHOWN.get(unit, (unit, 1.0))
+
+
 LEAST, MOST = 1e-3, 10.0
 """Per cent below which, and times above which changes are drawn there."""
 
@@ -33,11 +44,10 @@ def build(path: str | os.PathLike[str], result: Mapping[str, Any]) -> Path:
 def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Question, answer with its unit, what is missing from it and what may be."""
     rows = []
-    for ask, (name, value) in zip(result["scene"]["ask"], result["answers"].items(), strict=True):
-        unit, per_si = UNITS.get(name.split()[0], ("", 1.0))
-        rows.append(
-            (name, f"{value * per_si:.4g} {unit}".strip(), percent(result["error"][name]), percent(ask["tolerance"]))
-        )
+    for each in result["quantities"]:
+        unit, factor = shown_in(each["unit"])
+        shown = f"{each['value'] * factor:.4g} {unit}".strip()
+        rows.append((each["quantity"], shown, percent(each["error_estimate"]), percent(each["tolerance"])))
     return rows
 
 
@@ -78,7 +88,7 @@ def _way(result: Mapping[str, Any]) -> bytes:
         axis.plot(cost[-1:], missing[-1:], "o", color="#D55E00", ms=11, mfc="none", mew=2)
         for x, y, rung in zip(cost, missing, rungs, strict=True):
             axis.annotate(rung["taken"] or "chosen", (x, y), xytext=(5, 6), textcoords="offset points", fontsize=9)
-        tolerance = 100 * min(ask["tolerance"] for ask in result["scene"]["ask"])
+        tolerance = 100 * min(each["tolerance"] for each in result["quantities"])
         axis.axhline(tolerance, color="#4d4d4d", lw=1, ls="--")
         axis.set(xlabel="computing time, estimates included (s)", ylabel="estimated to be missing (%)")
         axis.set(yscale="log", ylim=(0.5 * min(*missing, tolerance), 2 * max(*missing, tolerance)))

@@ -210,7 +210,7 @@ class Ask(Section):
         self._need(1e-4 <= self.tolerance <= 1, path, "tolerance", "a relative error of 0.0001 to 1")
 
     @property
-    def unit(self) -> tuple[float, ...]:
+    def unit_vector(self) -> tuple[float, ...]:
         """The direction, of length 1."""
         size = math.hypot(*self.direction)
         return tuple(component / size for component in self.direction)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import answered
+from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Rung, ascend, stay
 from ngbrain.ladder.keeper import Keeper
@@ -35,6 +35,7 @@ from ngbrain.surgery import answers
 from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.model import Model as Made
 from ngbrain.surgery.plausibility import check_moduli
+from ngbrain.surgery.quantities import QUANTITIES
 from ngbrain.surgery.runs import ProtocolRun
 
 FACTORS = (2.0, math.sqrt(2), 1.0)
@@ -99,10 +100,11 @@ def solve(
     operation = Operation(scene)
     axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
     check_moduli(operation.made({"mesh": "0"}))
-    tolerances = np.array([ask.tolerance for ask in operation.asks])
+    tolerances = np.array([ask.tolerance for ask in operation.questions])
+    asked = [AskedFor(ask.name, QUANTITIES[ask.quantity].unit, ask.tolerance) for ask in operation.questions]
     if model is None:
-        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))
-    return answered(scene, folder, threads, lambda: stay(axes, keeper, model))
+        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell), asked)
+    return answered(scene, folder, threads, lambda: stay(axes, keeper, model), asked)
 
 
 class Operation:
@@ -111,20 +113,21 @@ class Operation:
     def __init__(self, scene: Scene) -> None:
         if not scene.ask:
             raise InputError("ask", "missing", "one or more questions [[ask]], each with a tolerance")
-        self.scene, self.asks, self._made = scene, scene.ask, dict[str, Made]()
+        self.scene, self.questions, self._made = scene, scene.ask, dict[str, Made]()
+        self.made_of = (scene,)
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """The numbers that are asked for. Raises `SolverError` where a run gives up."""
         begun = time.process_time()
         made = self.made(model)
         scene = made.scene
-        names = {ask.protocol or scene.protocols[0].name for ask in self.asks}
+        names = {ask.protocol or scene.protocols[0].name for ask in self.questions}
         found, ndof = dict[str, dict[str, Any]](), 0
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
             elastic = made.elastic(scene.retraction.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
             found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
-        values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.asks]
+        values = [found[ask.protocol or scene.protocols[0].name][ask.quantity] for ask in self.questions]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 
     def has_states(self, model: Model) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.ladder import UNITS
+from ngbrain.report.ladder import shown_in
 from ngbrain.report.parameters import PARAMETERS
 
 OPERATION = (
@@ -133,9 +133,9 @@ def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterato
 
 
 def _asked(result: Mapping[str, Any]) -> Iterator[Number]:
-    for name, value in result["answers"].items():
-        unit, per_si = UNITS.get(name.split()[0], ("", 1.0))
-        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, value * per_si)
+    for each in result["quantities"]:
+        name, (unit, factor) = each["quantity"], shown_in(each["unit"])
+        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, each["value"] * factor)
 
 
 def _operation(result: Mapping[str, Any]) -> Iterator[Number]:
