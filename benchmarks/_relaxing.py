@@ -10,6 +10,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.solvers import Newton as NgsolveNewton
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import SolverError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
@@ -19,7 +20,6 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Deformation, NeoHooke, Ogden, Viscous, step_factors
 from ngbrain.mesh import block
 from ngbrain.solvers.newton import Newton
-from ngbrain.surgery.injury import curve
 from ngbrain.surgery.protocols import Drive, Protocol
 from ngbrain.tensors import isochoric
 
@@ -41,7 +41,7 @@ class Pressed:
 
     def dose(self, protocol: Protocol) -> float:
         """∫ force dt (N s) of a monotone cubic between events, which steps end on: holds are followed in few steps."""
-        return float(curve(self.t, self.force, protocol.times).integrate(0.0, protocol.times[-1]))
+        return float(TimeCurve(self.t, self.force, protocol.times).integral())
 
 
 def contact(

@@ -142,8 +142,8 @@ class Against:
     def left(self, storage: np.ndarray, loss: np.ndarray) -> tuple[float, float]:
         """Of the displacement (rms over its own), rim and translation unknown; and with sources. Moduli (n,) at the points, Pa."""
         x, model = self.unknowns.start.copy(), self.experiment.model
-        for name, _, at, values in fields_at(self.experiment, {"storage": np.log(storage), "loss": np.log(loss)}):
-            block = self.unknowns.blocks[name]
+        for field, _, at, values in fields_at(self.experiment, {"storage": np.log(storage), "loss": np.log(loss)}):
+            block = self.unknowns.blocks[field.name]
             x[block] = fitted(at, values, gradients(self.experiment.space, self.unknowns.start[block]), x[block])
         factors, columns = model.at(self.unknowns.theta(x)).factors, []
         for driven in model.driving:

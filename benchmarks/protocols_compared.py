@@ -33,7 +33,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, Scaled, Viscous, constants
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column, Course, dose_left
-from ngbrain.surgery.injury import dose, times_above
+from ngbrain.surgery.injury import dose
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent, staged
 from ngbrain.units import to_minutes, to_mmHg
 
@@ -100,7 +100,7 @@ def against(one: Course, on: Course, many: Course) -> Iterator[tuple[str, str, f
     even = brentq(lambda log: dose_left(b, np.exp(log)) - work, 0.0, 40.0)
     yield "equal work", "recovery that makes doses equal (min)", to_minutes(np.exp(even))
     for level in LEVELS:
-        (whole, longest), (whole_b, longest_b) = times_above(a, level), times_above(b, level)
+        (whole, longest), (whole_b, longest_b) = a.above(level), b.above(level)
         if whole > 60:
             yield "equal work", f"time above {level:.0f} mmHg", whole_b / whole
             yield "equal work", f"longest above {level:.0f} mmHg", longest_b / longest

@@ -18,7 +18,7 @@ import ngbrain
 from ngbrain.errors import RangeWarning
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.surgery.column import Column, dose_left
-from ngbrain.surgery.injury import dose, times_above
+from ngbrain.surgery.injury import dose
 from ngbrain.surgery.protocols import continuous, intermittent, staged
 from ngbrain.units import to_minutes, to_mmHg
 
@@ -78,7 +78,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", RangeWarning)
     deep = Column(white.law(), depth=25e-3, mode="planar", steps=8)
     for protocol in (one, rests):
-        total, longest = times_above(deep.push(protocol).curve, 20.0)
+        total, longest = deep.push(protocol).curve.above(20.0)
         print(f"{protocol.name:<13} above 20 mmHg {to_minutes(total):.1f} min, longest {to_minutes(longest):.1f} min")
 
 # %% [markdown]

@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 
 from ngbrain.adjoint.reduced import Model
+from ngbrain.adjoint.time_curve import Interpolation, TimeCurve
 from ngbrain.errors import InputError, shaped
 from ngbrain.materials.base import checked
 
 Array = np.ndarray
 CLOSE = 1e-4
 """Of two arguments of the logistic function: nearer ones have their means by a series."""
+GAUSS = 24
+"""Points in each interval of a cubic at which it is asked whether it is above a threshold."""
 
 
 class DerivedQuantity(ABC):
@@ -106,7 +109,7 @@ class Phase(OfWaves):
 
 
 class OverTime(DerivedQuantity):
-    """A number for each column of a run's data (m, k): an integral over its times, linear between them.
+    """A number for each column of a run's data (m, k): an integral over its times, of a `TimeCurve`.
 
     A run begins at rest at 0 s, where what is seen is taken to be 0.
 
@@ -114,12 +117,27 @@ class OverTime(DerivedQuantity):
     ----------
     times : array (m,)
         Of the data's rows (s), as `RunModel.times` has them.
+    interpolation : Interpolation
+        Between them: straight lines, or the monotone cubic of a retraction's report.
+    events : sequence of float, optional
+        See `TimeCurve`.
     """
 
-    def __init__(self, times: Sequence[float] | Array) -> None:
-        self.times = np.asarray(times, float)
+    def __init__(
+        self,
+        times: Sequence[float] | Array,
+        interpolation: Interpolation = Interpolation.LINEAR,
+        events: Sequence[float] | None = None,
+    ) -> None:
+        self.times, self.interpolation, self.events = np.asarray(times, float), interpolation, events
         if self.times.ndim != 1 or not np.all(np.diff(self.times, prepend=0.0) > 0):
             raise InputError("times", np.array2string(self.times, threshold=4), "increasing, after 0 s")
+
+    def curves(self, data: Array) -> list[TimeCurve]:
+        """Of each column."""
+        shaped("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
+        times, rest = np.concatenate([[0.0], self.times]), np.zeros((1, data.shape[1]))
+        return [TimeCurve(times, each, self.events, self.interpolation) for each in np.vstack([rest, data]).T]
 
     @property
     def steps(self) -> Array:
@@ -130,6 +148,18 @@ class OverTime(DerivedQuantity):
         """Data at the beginning and the end of each interval."""
         shaped("data", np.shape(data), (len(self.times), np.shape(data)[-1]))
         return np.concatenate([np.zeros((1, data.shape[1])), data[:-1]]), data
+
+    @abstractmethod
+    def slope(self, data: Array) -> Array:
+        """How each column's number changes with its data, as `data`."""
+
+    def push(self, data: Array, change: Array) -> Array:
+        """By the slope."""
+        return np.asarray((self.slope(data) * change).sum(axis=0))
+
+    def pull(self, data: Array, w: Array) -> Array:
+        """The same transposed."""
+        return self.slope(data) * w
 
 
 class Dose(OverTime):
@@ -142,20 +172,17 @@ class Dose(OverTime):
     name = "dose"
 
     def value(self, data: Array) -> Array:
-        """By trapezoids."""
-        begin, end = self.sides(data)
-        return np.asarray((self.steps * (begin + end) / 2).sum(axis=0))
+        """Of the curve."""
+        return np.array([curve.integral() for curve in self.curves(data)])
 
-    def push(self, data: Array, change: Array) -> Array:
-        """It is linear."""
-        return self.value(change)
-
-    def pull(self, data: Array, w: Array) -> Array:
-        """Half of the intervals on both sides."""
-        return np.asarray((self.steps + np.concatenate([self.steps[1:], [[0.0]]])) / 2 * w)
+    def slope(self, data: Array) -> Array:
+        """Half of the intervals on both sides, and what a cubic bends."""
+        return np.array([curve.integral_slope()[1:] for curve in self.curves(data)]).T
 
     def bend(self, data: Array, w: Array, change: Array) -> Array:
-        """Nothing."""
+        """Nothing of straight lines; `InputError` of a cubic."""
+        if self.interpolation is not Interpolation.LINEAR:
+            return super().bend(data, w, change)
         return np.zeros_like(data)
 
 
@@ -175,7 +202,7 @@ class TimeAbove(OverTime):
 
     Parameters
     ----------
-    times : array (m,)
+    times, interpolation, events
         See `OverTime`.
     threshold : float
         In the unit of the data.
@@ -185,34 +212,40 @@ class TimeAbove(OverTime):
 
     name = "time above a threshold"
 
-    def __init__(self, times: Sequence[float] | Array, threshold: float, width: float) -> None:
-        super().__init__(times)
+    def __init__(
+        self,
+        times: Sequence[float] | Array,
+        threshold: float,
+        width: float,
+        interpolation: Interpolation = Interpolation.LINEAR,
+        events: Sequence[float] | None = None,
+    ) -> None:
+        super().__init__(times, interpolation, events)
         self.threshold = threshold
         self.width = float(checked(width, "width", lambda w: w > 0, "a positive number, in the unit of the data"))
 
     def value(self, data: Array) -> Array:
         """Smoothed."""
+        if self.interpolation is not Interpolation.LINEAR:
+            return np.array([time for time, _ in self._counted(data)])
         return np.asarray((self.steps * self._above(data).mean).sum(axis=0))
 
     def raw(self, data: Array) -> Array:
         """As it is: what smoothing changes is the difference."""
-        begin, end = (side - self.threshold for side in self.sides(data))
-        low, high = np.minimum(begin, end), np.maximum(begin, end)
-        rise = np.where(high > low, high - low, 1.0)
-        return np.asarray((self.steps * np.where(high > low, np.clip(high / rise, 0, 1), high > 0)).sum(axis=0))
+        return np.array([curve.above(self.threshold)[0] for curve in self.curves(data)])
 
-    def push(self, data: Array, change: Array) -> Array:
-        """By the slopes of each interval at its two ends."""
-        return np.asarray((self._slope(data) * change).sum(axis=0))
-
-    def pull(self, data: Array, w: Array) -> Array:
-        """The same transposed."""
-        return self._slope(data) * w
-
-    def _slope(self, data: Array) -> Array:
+    def slope(self, data: Array) -> Array:
+        """By each interval's values at its two ends, and what a cubic bends."""
+        if self.interpolation is not Interpolation.LINEAR:
+            return np.array([by[1:] for _, by in self._counted(data)]).T
         above = self._above(data)
         by_begin, by_end = (self.steps * each / self.width for each in (above.by_begin, above.by_end))
         return np.asarray(by_end + np.concatenate([by_begin[1:], np.zeros((1, data.shape[1]))]))
+
+    def _counted(self, data: Array) -> list[tuple[float, Array]]:
+        points, weights = np.polynomial.legendre.leggauss(GAUSS)
+        count = (points + 1) / 2, weights / 2
+        return [curve.counted(count, self.threshold, self.width) for curve in self.curves(data)]
 
     def _above(self, data: Array) -> _Above:
         a, b = ((side - self.threshold) / self.width for side in self.sides(data))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,11 +19,46 @@ from ngbrain.io.waves import WaveData
 Array = np.ndarray
 
 
-class Composition(Protocol):
-    """Fields of a property, by names of their own."""
+@dataclass(frozen=True)
+class PropertyField:
+    """A field that is looked for: a quantity over all tissue, or in one label of the data.
 
-    def fields(self, quantity: str) -> tuple[str, ...]:
-        """Names of the fields of a quantity."""
+    >>> PropertyField("storage").name, PropertyField("storage", 3).name
+    ('storage', 'storage 3')
+    """
+
+    quantity: str
+    label: int | None = None
+
+    @property
+    def name(self) -> str:
+        """In models, files and reports."""
+        return self.quantity if self.label is None else f"{self.quantity} {self.label}"
+
+    def within(self, labels: Array | None) -> Array | bool:
+        """At which points it is: where the labels are its own, or everywhere."""
+        if self.label is None:
+            return True
+        assert labels is not None  # fields of labels have seen to it
+        return np.asarray(labels == self.label)
+
+
+def property_fields(quantities: Iterable[str], labels: Array | None) -> dict[str, PropertyField]:
+    """Name → field, of all that quantities may be made of.
+
+    >>> list(property_fields(["storage"], np.array([1, 3, 3])))
+    ['storage', 'storage 1', 'storage 3']
+    """
+    known = [None, *([] if labels is None else np.unique(labels).tolist())]
+    found = (PropertyField(quantity, label) for quantity in quantities for label in known)
+    return {each.name: each for each in found}
+
+
+class Composition(Protocol):
+    """The fields that a property is made of."""
+
+    def fields(self, quantity: str) -> tuple[PropertyField, ...]:
+        """Of a quantity."""
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
         """The quantity from its fields' values, in integrals over elements."""
@@ -35,13 +70,13 @@ class Composition(Protocol):
 class Whole:
     """One field.
 
-    >>> Whole().fields("storage")
-    ('storage',)
+    >>> [field.name for field in Whole().fields("storage")]
+    ['storage']
     """
 
-    def fields(self, quantity: str) -> tuple[str, ...]:
+    def fields(self, quantity: str) -> tuple[PropertyField, ...]:
         """The quantity itself."""
-        return (quantity,)
+        return (PropertyField(quantity),)
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
         """The only one."""
@@ -74,9 +109,9 @@ class ByLabel:
         """As what it is made from, so that other processes make the same one."""
         return ByLabel, self._made_from
 
-    def fields(self, quantity: str) -> tuple[str, ...]:
-        """Quantity and label, `storage 3`."""
-        return tuple(f"{quantity} {label}" for label in self.labels)
+    def fields(self, quantity: str) -> tuple[PropertyField, ...]:
+        """One for each label."""
+        return tuple(PropertyField(quantity, label) for label in self.labels.tolist())
 
     def function(self, values: Mapping[str, CoefficientFunction]) -> CoefficientFunction:
         """That of the label."""

@@ -25,7 +25,7 @@ import scipy.sparse.linalg
 from ngbrain.adjoint.reduced import Reduced, Regulariser
 from ngbrain.forward.common.interpolation import evaluation
 from ngbrain.forward.common.solve_counts import Solves
-from ngbrain.inverse.composition import composed
+from ngbrain.inverse.composition import PropertyField, composed
 from ngbrain.inverse.discretise import Discretisation
 from ngbrain.inverse.experiment import Experiment
 from ngbrain.inverse.found import Iteration
@@ -142,8 +142,9 @@ def invert_among(
     deviation = np.where(others, np.clip(around.deviation, SURE * sigma, sigma), sigma)
     misfit = LeastSquares(measured[:, experiment.inside], deviation[:, experiment.inside])
     x, regularisers = unknowns.start.copy(), dict[str, Regulariser]()
-    for name, own, at, values in fields_at(experiment, around.logarithms):
-        block, weight, strength = unknowns.blocks[name], around.weights[name], around.strength[name.split(" ")[0]]
+    for field, own, at, values in fields_at(experiment, around.logarithms):
+        name = field.name
+        block, weight, strength = unknowns.blocks[name], around.weights[name], around.strength[field.quantity]
         inner = prior(experiment.space, unknowns.start[block])
         x[block] = fitted(at, values, inner, x[block])
         regularisers[name] = Drawn(inner, at, values, strength * around.foreign[own] / weight)
@@ -170,18 +171,14 @@ def invert_among(
 
 def fields_at(
     experiment: Experiment, logarithms: Mapping[str, Array]
-) -> Iterator[tuple[str, Array, sp.csr_array, Array]]:
-    """For each field: its name, which points of the data it is known at, the matrix to its values there, and these."""
+) -> Iterator[tuple[PropertyField, Array, sp.csr_array, Array]]:
+    """For each field: which it is, which points of the data it is known at, the matrix to its values there, and these."""
     data, at = experiment.data, evaluation(experiment.space, experiment.model.points)
     for quantity in experiment.sought:
         values = logarithms[quantity.name]
-        for name in experiment.composition.fields(quantity.name):
-            own = experiment.inside & np.isfinite(values)
-            _, _, label = name.partition(" ")
-            if label:
-                assert data.labels is not None  # fields of labels have seen to it
-                own &= data.labels == int(label)
-            yield name, own, at[own[experiment.inside]], values[own]
+        for field in experiment.composition.fields(quantity.name):
+            own = experiment.inside & np.isfinite(values) & field.within(data.labels)
+            yield field, own, at[own[experiment.inside]], values[own]
 
 
 def fitted(at: sp.csr_array, values: Array, inner: Regulariser, start: Array) -> Array:

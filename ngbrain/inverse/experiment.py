@@ -110,7 +110,9 @@ class Experiment:
 
     def _parts(self, quantity: Quantity) -> tuple[str, ...]:
         """Names of the fields that a quantity is made of: one number for all tissue has no parts by label."""
-        return (quantity.name,) if quantity.single else self.composition.fields(quantity.name)
+        if quantity.single:
+            return (quantity.name,)
+        return tuple(field.name for field in self.composition.fields(quantity.name))
 
     def unknowns(self, sigma: Array) -> Fields:
         """All quantities from their start, and the boundary's displacements in units of σ (m)."""

@@ -56,8 +56,8 @@ def level_as_one_body(
     sigma = noise_of(data, noise, experiment.inside)
     both = experiment.unknowns(sigma)
     x = both.start.copy()
-    for name, _, at, values in fields_at(experiment, logarithms):
-        block = both.blocks[name]
+    for field, _, at, values in fields_at(experiment, logarithms):
+        block = both.blocks[field.name]
         x[block] = fitted(at, values, smooth(experiment.space, both.start[block]), x[block])
     theta, blocks = both.theta(x), experiment.model.blocks
     driven = Unknown(theta[blocks[BOUNDARY]], Scaled(float(np.median(sigma))))

@@ -127,7 +127,7 @@ def at_maps(experiment: Experiment, unknowns: Fields, maps: Mapping[str, Array])
         variables[quantity.name] = np.full(n, np.nan)
         variables[quantity.name][known] = quantity.transform.inverse(values[known])
     x = unknowns.start.copy()
-    for name, _, at, values in fields_at(experiment, variables):
-        block = unknowns.blocks[name]
+    for part, _, at, values in fields_at(experiment, variables):
+        block = unknowns.blocks[part.name]
         x[block] = fitted(at, values, smooth(experiment.space, unknowns.start[block]), x[block])
     return x

@@ -12,6 +12,7 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.inverse.answer import Answer
 from ngbrain.inverse.answers import median_shear
 from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
+from ngbrain.inverse.composition import PropertyField, property_fields
 from ngbrain.inverse.driven import driven, free_part
 from ngbrain.inverse.found import status_of
 from ngbrain.inverse.inversion import Inversion, Row, of_misfit
@@ -87,7 +88,7 @@ class Together:
         found = {}
         for name, wanted in self.wanted.items():
             parts = zip(self.zones, self.rough, strict=True)
-            joint = self.logarithms[name.split(" ")[0]]
+            joint = self.logarithms[self._fields[name].quantity]
             found[name] = wanted / sum(
                 rough.of(self._where(name, zone, joint[zone.points]), zone.share) for zone, rough in parts
             )
@@ -101,18 +102,15 @@ class Together:
         found: dict[str, float] = {}
         for zone, rough, answer in zip(self.zones, self.rough, self.answers, strict=True):
             for name, weight in answer.weights.items():
-                own = self._logarithm(answer, name.split(" ")[0])
+                own = self._logarithm(answer, self._fields[name].quantity)
                 part = float(np.mean(zone.share)) * weight * rough.of(self._where(name, zone, own))
                 found[name] = found.get(name, 0.0) + part
         return found
 
     def _where(self, name: str, zone: Zone, values: Array) -> Array:
         """A zone's values of a quantity where a field of it is; NaN elsewhere."""
-        _, _, label = name.partition(" ")
-        if not label:
-            return values
-        assert self.data.labels is not None  # fields of labels have seen to it
-        return np.where(self.data.labels[zone.points] == int(label), values, np.nan)
+        labels = None if self.data.labels is None else self.data.labels[zone.points]
+        return np.where(self._fields[name].within(labels), values, np.nan)
 
     @cached_property
     def determined(self) -> dict[str, float]:
@@ -128,7 +126,7 @@ class Together:
         """Quantity → κ: numbers determined for each point, over half the square of the disagreement."""
         found = {}
         for quantity, off in self.disagreement.items():
-            numbers = sum(number for name, number in self.determined.items() if name.split(" ")[0] == quantity)
+            numbers = sum(number for name, number in self.determined.items() if self._fields[name].quantity == quantity)
             known = int(np.isfinite(self.logarithms[quantity]).sum())
             found[quantity] = float(2 * numbers / known / max(off, CLOSEST) ** 2)
         return found
@@ -167,6 +165,10 @@ class Together:
 
     def _logarithm(self, answer: Answer, quantity: str) -> Array:
         return np.log(answer.maps[quantity] - self._floors[quantity])
+
+    @cached_property
+    def _fields(self) -> dict[str, PropertyField]:
+        return property_fields(self._floors, self.data.labels)
 
     @cached_property
     def _floors(self) -> dict[str, float]:

@@ -85,7 +85,8 @@ class Uncertainty:
         They interpolate: of first order at the vertices, of higher order between them too.
         Raises `InputError` for another name.
         """
-        known = {each: q for q in self._sought.values() for each in self.experiment.composition.fields(q.name)}
+        composition = self.experiment.composition
+        known = {each.name: q for q in self._sought.values() for each in composition.fields(q.name)}
         if field not in known:
             raise InputError("field", repr(field), "one of " + ", ".join(known))
         space, found = self.experiment.space, {}
@@ -240,7 +241,7 @@ class Uncertainty:
         at = evaluation(self.experiment.space, self.experiment.model.points)
         one, composition, rows = np.ones(at.shape[0]), self.experiment.composition, {}
         for quantity in self._sought:
-            names = composition.fields(quantity)
+            names = [field.name for field in composition.fields(quantity)]
             shares = {name: composition.at_points({each: one * (each == name) for each in names}) for name in names}
             parts = [self._values(name, sp.csr_array(sp.diags_array(share) @ at)) for name, share in shares.items()]
             rows[quantity] = sp.csr_array(sum(parts[1:], parts[0]))

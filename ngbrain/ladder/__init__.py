@@ -3,8 +3,8 @@
     result = ngbrain.simulate(ngbrain.Scene.from_toml("palpation.toml"))
     result["answers"], result["model"], result["left_out"]
 
-`rungs` has the axes as data, `climb` the loop, `estimates` what a step up would change; `bodies`, `waves` and `maps`
-what a model is.
+`Question` asks an observable of one's own beside what the scene asks. `rungs` has the axes as data, `climb` the loop,
+`described` what comes of it as data, `estimates` what a step up would change; `bodies`, `waves` and `maps` what a model is.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from ngsolve import ngsglobals
 from ngbrain import parallel
 from ngbrain.io import versions, write_json
 from ngbrain.ladder.bodies import Bench
-from ngbrain.ladder.climb import Climb, Rung, climb, described, stand
+from ngbrain.ladder.climb import Climb, Rung, climb, stand
+from ngbrain.ladder.described import AskedFor, described
+from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.rungs import Model, axes_of
 from ngbrain.progress import logged, reporting
 from ngbrain.result import Status
@@ -27,7 +29,7 @@ from ngbrain.scene.result import SceneResult
 from ngbrain.scene.tissues import DENSITY
 from ngbrain.threads import threads as using
 
-__all__ = ["Bench", "Climb", "Rung", "answered", "climb", "solve"]
+__all__ = ["AskedFor", "Bench", "Climb", "Question", "Rung", "answered", "climb", "solve"]
 
 
 @reporting()
@@ -39,6 +41,7 @@ def solve(
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
+    questions: Sequence[Question] = (),
 ) -> SceneResult:
     """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -49,9 +52,11 @@ def solve(
     tell      called after every rung
     executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
               at rest without memory are solved here in any case: estimates go on from their states
+    questions  observables of one's own, asked beside what the scene asks
 
-    `answers` (SI units) and `error`, the relative change that all steps left would make together, by the question's name; `model`;
-    `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger than it says; `rungs`: the way.
+    `answers` lists what was asked with value, unit (SI), tolerance and estimated error, the relative change that all steps left
+    would make together; `model`; `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger
+    than it says; `rungs`: the way.
     `warnings`: what is assumed of the tissues, and what to know of published constants.
     Raises `InputError` for a scene that means nothing, `SolverError` if the cheapest model has no answer.
 
@@ -67,11 +72,17 @@ def solve(
     >>> force["quantity"], result["model"]["strain"], force["error_estimate"] < 0.5
     ('force on top, end', 'linear', True)
     """
+    asked: list[Asked] = [*scene.quantities, *questions]
     return answered(
         scene,
         folder,
         threads,
-        lambda: climb(scene, richest, tell, executor=executor) if model is None else stand(scene, model, executor),
+        lambda: (
+            climb(scene, richest, tell, executor=executor, questions=questions)
+            if model is None
+            else stand(scene, model, executor, questions)
+        ),
+        [AskedFor.of(quantity) for quantity in asked],
         _assumed_density(scene),
     )
 
@@ -89,6 +100,7 @@ def answered(
     folder: str | Path | None,
     threads: int,
     find: Callable[[], Climb],
+    questions: Sequence[AskedFor],
     warnings: Sequence[str] = (),
 ) -> SceneResult:
     """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own."""
@@ -104,7 +116,7 @@ def answered(
         "threads": threads,
         "scene": scene.to_dict(),
         "warnings": [*scene.warnings, *warnings],
-        **described(found, scene.quantities),
+        **described(found, questions),
         "time_s": time.perf_counter() - started,
     }
     if folder is not None:

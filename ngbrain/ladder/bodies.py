@@ -6,8 +6,8 @@ import math
 import re
 import time
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +28,7 @@ from ngbrain.ladder.edges import torn
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
-from ngbrain.ladder.quantities import State, along, answer, embedded, in_axes, scale_of
+from ngbrain.ladder.quantities import Asked, Question, State, along, answer, embedded, in_axes, scale_of
 from ngbrain.ladder.rungs import PART, Model, not_in_section
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
@@ -56,18 +56,21 @@ FIRM = 3e3
 class Bench:
     """A scene's meshes, kept, and its bodies for any model."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, questions: Sequence[Question] = ()) -> None:
         self.scene, part = scene, near(scene.geometry)
-        self._meshes = {"whole": Meshes(scene.geometry, scene.mesh.largest)} | (
-            {"near": Meshes(part, scene.mesh.largest)} if part else {}
-        )
+        self.made_of = (scene, tuple(questions))
+        """What another process makes the same of."""
+        self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
+        _check_questions(self.questions, scene, questions)
+        size = scene.mesh.largest
+        self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
-        if plane and (beyond := not_in_section(self.scene)):
+        if plane and (beyond := not_in_section(self.scene, self.made_of[1])):
             raise InputError("space", "'plane'", f"'solid': {beyond}")
         level = int(model["mesh"].removesuffix(PART))
         if not model["mesh"].endswith(PART):
@@ -83,7 +86,7 @@ class Bench:
         place = {"extent": extent, "space": "plane" if plane else "solid", "mesh": str(level)}
         model = {**place, "strain": "linear", "time": time, "fibres": "all", "order": "1"}
         body, rich = (self.static({**model, "order": order}, self.time("end")) for order in ("1", "2"))
-        return shares(self.state(model, body, linear_state(body)), rich, self.scene.quantities)
+        return shares(self.state(model, body, linear_state(body)), rich, self.questions)
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """See `solve`."""
@@ -293,7 +296,7 @@ class Solution:
 
 def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -> Solution:
     """The model's answers, from states near its own if they are known. Raises `SolverError` where it has none."""
-    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.scene.quantities))
+    begun, states, scales = time.process_time(), dict[str, State](), np.zeros(len(bench.questions))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if bench.scene.time.frequency is not None:
@@ -309,22 +312,31 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
             answers, scales, ndof = _through_time(bench, model)
         else:
             states = _at_rest(bench, model, near or {})
-            answers = answers_of(bench.scene, states)
-            scales = np.array([scale_of(quantity, states[quantity.when]) for quantity in bench.scene.quantities])
+            answers = answers_of(bench.questions, states)
+            scales = np.array([scale_of(quantity, states[quantity.when]) for quantity in bench.questions])
             ndof = next(iter(states.values())).body.fes.ndof
     doubts = (*bench.torn, *dict.fromkeys(str(warning.message) for warning in caught))
     return Solution(answers, states, ndof, time.process_time() - begun, doubts, scales)
 
 
-def answers_of(scene: Scene, states: Mapping[str, State]) -> Array:
+def answers_of(questions: Sequence[Asked], states: Mapping[str, State]) -> Array:
     """Of all questions."""
-    return np.array([answer(quantity, states[quantity.when]) for quantity in scene.quantities])
+    return np.array([answer(quantity, states[quantity.when]) for quantity in questions])
+
+
+def _check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question]) -> None:
+    labels = [quantity.label for quantity in asked]
+    for i, label in enumerate(labels):
+        if label in labels[:i]:
+            raise InputError("questions", repr(label), "a question that is not asked already")
+    if own and scene.time.frequency is not None:
+        raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
 
 
 def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
     found: dict[str, State] = {}
     alike = model.get("time", "instantaneous") == "instantaneous"
-    for when in dict.fromkeys(quantity.when for quantity in bench.scene.quantities):
+    for when in dict.fromkeys(quantity.when for quantity in bench.questions):
         if found and alike:
             found[when] = next(iter(found.values()))
             continue
@@ -352,15 +364,21 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
     """Answers and their scales are found on the way, as the body does not keep its past."""
     scene = bench.scene
     size = SMALL if model["strain"] == "linear" else 1.0
-    answers, scales, ndof = np.zeros(len(scene.quantities)), np.zeros(len(scene.quantities)), 0
-    moments = dict.fromkeys(bench.time(quantity.when) for quantity in scene.quantities)
+    asked = bench.questions
+    answers, scales, ndof = np.zeros(len(asked)), np.zeros(len(asked)), 0
+    moments = dict.fromkeys(bench.time(quantity.when) for quantity in asked)
     for last in moments if model.get("time") == "relaxed" else [max(moments)]:  # else one run is good for all
         body = bench.relaxing(model, last)
+        still = (
+            bench.static(model, last)
+            if size < 1 and any(isinstance(quantity, Question) for quantity in asked)
+            else None
+        )
 
-        def seen(t: float, body: Problem = body) -> None:
-            for i, quantity in enumerate(scene.quantities):
+        def seen(t: float, body: Problem = body, still: Problem | None = still) -> None:
+            for i, quantity in enumerate(asked):
                 if abs(t - bench.time(quantity.when)) < 1e-9 * t:
-                    state = bench.state(model, body, body.x)
+                    state = replace(bench.state(model, body, body.x), still=still)
                     answers[i], scales[i] = answer(quantity, state), scale_of(quantity, state)
 
         times = _times(bench, model, last)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,10 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model
 from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
 from ngbrain.ladder.keeper import Keeper
+from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
 from ngbrain.result import Result, Status
-from ngbrain.scene import Quantity, Scene
+from ngbrain.scene import Scene
 
 Array = np.ndarray
 NARROW = 0.8
@@ -98,10 +98,16 @@ def climb(
     tell: Callable[[Rung], None] = lambda _: None,
     keeper: Keeper | None = None,
     executor: parallel.AnyExecutor = None,
+    questions: Sequence[Question] = (),
 ) -> Climb:
-    """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer."""
-    tolerances = np.array([quantity.tolerance for quantity in scene.quantities])
-    return ascend(axes_of(scene, richest), keeper or Keeper(Bench(scene), executor), tolerances, tell)
+    """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer.
+
+    `questions` are asked beside the scene's own.
+    """
+    asked: list[Asked] = [*scene.quantities, *questions]
+    tolerances = np.array([quantity.tolerance for quantity in asked])
+    axes = axes_of(scene, richest, questions)
+    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, tell)
 
 
 def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Callable[[Rung], None]) -> Climb:
@@ -159,9 +165,11 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     return _judge(rung, above)
 
 
-def stand(scene: Scene, model: Model, executor: parallel.AnyExecutor = None) -> Climb:
+def stand(
+    scene: Scene, model: Model, executor: parallel.AnyExecutor = None, questions: Sequence[Question] = ()
+) -> Climb:
     """The same for a model that is given: one rung, with estimates of what it leaves out, and no climb."""
-    return stay(axes_of(scene), Keeper(Bench(scene), executor), model)
+    return stay(axes_of(scene, questions=questions), Keeper(Bench(scene, questions), executor), model)
 
 
 def stay(axes: Mapping[str, Axis], keeper: Keeper, model: Model) -> Climb:
@@ -342,58 +350,3 @@ def _nothing(rung: Rung) -> list[str]:
         for i, (value, scale) in enumerate(zip(rung.answers, scales, strict=True), 1)
         if abs(value) < NOTHING * scale
     ]
-
-
-def described(climb: Climb, quantities: Sequence[Quantity]) -> dict[str, Any]:
-    """The climb as plain data: answers, model, what was left out and how much it matters, every rung."""
-    return {
-        "answers": [
-            {
-                "quantity": quantity.label,
-                "name": quantity.name,
-                "where": quantity.where,
-                "when": quantity.moment,
-                "value": value,
-                "unit": quantity.unit,
-                "tolerance": quantity.tolerance,
-                "error_estimate": error,
-                "model": climb.chosen.model,
-                "warnings": list(climb.warnings),
-            }
-            for quantity, value, error in zip(
-                quantities, climb.chosen.answers.tolist(), _plain(climb.error), strict=True
-            )
-        ],
-        "model": climb.chosen.model,
-        "left_out": [
-            {
-                "what": climb.axes[name].left_out[climb.axes[name].levels.index(climb.chosen.model[name])],
-                "axis": name,
-                "change": _plain(each.change),
-                "how": each.how,
-                "doubt": each.doubt,
-            }
-            for name, each in climb.chosen.estimates.items()
-        ],
-        "flags": climb.warnings,
-        "rungs": [
-            {
-                "model": rung.model,
-                "answers": rung.answers.tolist(),
-                "ndof": rung.ndof,
-                "missing": _plain(rung.missing),
-                "taken": " and ".join(rung.taken),
-                "cost_s": rung.cost_s,
-                "estimates": {
-                    name: {"change": _plain(each.change), "how": each.how, "doubt": each.doubt}
-                    for name, each in rung.estimates.items()
-                },
-            }
-            for rung in climb.history
-        ],
-    }
-
-
-def _plain(values: Array) -> list[float | None]:
-    """As JSON has them: what is not known is null."""
-    return [float(value) if np.isfinite(value) else None for value in values]

@@ -21,14 +21,14 @@ import numpy as np
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
-from ngbrain.ladder.quantities import State, embedded
+from ngbrain.ladder.quantities import Question, State, embedded
 from ngbrain.solvers.linear import Solve
 
 Array = np.ndarray
 Solved = Callable[[Model], Solution]
 """Gives a model's solution, kept from before or made now."""
 Estimator = Callable[[Any, Model, Model, Solved], "Estimate"]
-"""Of a step from a model to a richer one, on a `Bench` or, for those that only ask for solutions, anything that has some."""
+"""Of a step from a model to a richer one, on a `Bench` or, for those that only quantity for solutions, anything that has some."""
 TRUSTED = 0.3
 """Length of the second step, over the first, up to which the first order is believed."""
 SOLVED = "solved"
@@ -90,9 +90,9 @@ def step(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate:
                 doubts.append(f"the second step is {share:.2g} of the first")
             best = x + first + second if share < 1 and body.min_det(x + first + second) > 0 else x + first
         except (FloatingPointError, SolverError) as error:
-            return Estimate(np.full(len(bench.scene.quantities), np.inf), f"two Newton steps{where}", str(error))
+            return Estimate(np.full(len(bench.questions), np.inf), f"two Newton steps{where}", str(error))
         moved[when] = bench.state(richer, body, best)
-    change = relative(solved(model).answers, answers_of(bench.scene, moved), solved(model).scales)
+    change = relative(solved(model).answers, answers_of(bench.questions, moved), solved(model).scales)
     return Estimate(change, f"residual weighted by adjoints{where}", "; ".join(dict.fromkeys(doubts)))
 
 
@@ -234,7 +234,7 @@ def order(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimate
 
     In a stiff ball those of the least order are 5.2 % off where the section says 1.5.
     """
-    strains = any(quantity.name == "strain" for quantity in bench.scene.quantities)
+    strains = any(isinstance(quantity, Question) or quantity.name == "strain" for quantity in bench.questions)
     if strains and model.get("space") == "solid" and not _moves(model):
         return finer(bench, model, richer, solved)
     return in_section(finer)(bench, model, richer, solved)
@@ -250,7 +250,7 @@ def coarse(bench: Bench, model: Model, richer: Model, solved: Solved) -> Estimat
     try:
         change = between(solved(before), solved(after))
     except SolverError as error:
-        return Estimate(np.full(len(bench.scene.quantities), np.inf), how, str(error))
+        return Estimate(np.full(len(bench.questions), np.inf), how, str(error))
     return Estimate(change, how)
 
 
@@ -266,7 +266,7 @@ def neighbour(bench: Bench, model: Model, richer: Model, solved: Solved) -> Esti
     try:
         return Estimate(between(solved(model), solved(richer)), SOLVED)
     except SolverError as error:
-        return Estimate(np.full(len(bench.scene.quantities), np.inf), SOLVED, str(error))
+        return Estimate(np.full(len(bench.questions), np.inf), SOLVED, str(error))
 
 
 BY: Mapping[str, Estimator] = {

@@ -24,9 +24,9 @@ Result = TypeVar("Result")
 
 
 class Solving(Protocol):
-    """What a keeper asks for models' solutions, such as a `Bench`; made of its scene alone, so that other processes make it too."""
+    """What a keeper asks for models' solutions, such as a `Bench`; made of what it says, so that other processes make it too."""
 
-    scene: Any
+    made_of: tuple[Any, ...]
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """The model's answers, from states near its own if they are known. `SolverError` where it has none."""
@@ -99,7 +99,7 @@ class Keeper:
         return self(model)
 
     def _fetch(self, models: Mapping[Key, Model]) -> None:
-        sent = pickle.dumps(self.bench.scene)
+        sent = pickle.dumps(self.bench.made_of)
         tasks = [
             parallel.Task(", ".join(map(" ".join, key)), _solve, (type(self.bench), sent, model))
             for key, model in models.items()
@@ -127,12 +127,12 @@ def _key(model: Model) -> Key:
     return tuple(sorted(model.items()))
 
 
-def _solve(kind: Callable[[Any], Solving], scene: bytes, model: Model, *, tell: parallel.Tell) -> Solution:
-    return _bench(kind, scene).solve(model)
+def _solve(kind: Callable[..., Solving], made_of: bytes, model: Model, *, tell: parallel.Tell) -> Solution:
+    return _bench(kind, made_of).solve(model)
 
 
 @lru_cache(maxsize=1)
-def _bench(kind: Callable[[Any], Solving], scene: bytes) -> Solving:
+def _bench(kind: Callable[..., Solving], made_of: bytes) -> Solving:
     """Made once in each process, with its meshes."""
     ngsglobals.msg_level = 0
-    return kind(pickle.loads(scene))
+    return kind(*pickle.loads(made_of))

@@ -16,8 +16,7 @@ import numpy as np
 
 from ngbrain.forward.common.material import stiffness
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.quantities import State, answer, embedded, slope
-from ngbrain.scene import Quantity
+from ngbrain.ladder.quantities import Asked, State, answer, embedded, slope
 
 Array = np.ndarray
 SHARE = {2: 0.8, 3: 0.5}
@@ -25,7 +24,7 @@ SHARE = {2: 0.8, 3: 0.5}
 TINY = 1e-300
 
 
-def shares(cheap: State, rich: Problem, asks: Sequence[Quantity]) -> Array:
+def shares(cheap: State, rich: Problem, asks: Sequence[Asked]) -> Array:
     """What each element leaves out, relative to the answers, the largest over the questions (ne,).
 
     cheap   a linear body at rest

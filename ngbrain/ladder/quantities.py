@@ -1,7 +1,8 @@
-"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain."""
+"""What is asked of a body at rest in a state: forces, displacements, percentiles of strain, and any observable of one's own."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -11,11 +12,14 @@ from ngbrain.errors import InputError
 from ngbrain.forward.observables import Displacements, Force, Observable, StrainPercentile
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials.base import checked
 from ngbrain.scene import Quantity
 
 Array = np.ndarray
 BAND = 0.1
 """Of the volume, to both sides of a percentile."""
+KINDS: Mapping[str, type[Observable]] = {"force": Force, "displacement": Displacements, "strain": StrainPercentile}
+"""Quantity of a scene's question → what it is."""
 PLANE = (0, 2)
 """Axes of the body that a section has."""
 
@@ -29,6 +33,7 @@ class State:
     factor     the load factor that they belong to; small and linear strains are 1/factor times as large
     linear     whether strains count as small
     thickness  of a section (m), else 1
+    still      the same without memory, which is stressed at rest once it has moved
     """
 
     body: Problem
@@ -36,6 +41,7 @@ class State:
     factor: float
     linear: bool
     thickness: float = 1.0
+    still: Problem | None = None
 
     @property
     def plane(self) -> bool:
@@ -52,6 +58,75 @@ class State:
         return self.body.u / self.factor
 
 
+WHEN = ("end", "ramp")
+"""When a question is asked: see `scene.Quantity`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An observable that a ladder is asked of every model of a scene's, beside the questions that the scene asks itself.
+
+    It is asked of bodies in space alone: a section has no y. Of small strains it counts linearly: Q(0) + Q'(0) u.
+
+    Parameters
+    ----------
+    observable : Observable
+        Of one number, with a gradient: those of `ngbrain.forward.observables`, or one's own.
+    tolerance : float
+        The relative error that its answer may have.
+    when : str
+        "end", or "ramp": when the loads have just got their size.
+
+    Raises
+    ------
+    InputError
+        For what is no observable, a tolerance that makes no sense or another time.
+
+    Examples
+    --------
+    >>> from ngbrain.forward.observables import region_volume
+    >>> Question(region_volume(), tolerance=0.01).label
+    'volume of .*, end'
+    """
+
+    observable: Observable
+    tolerance: float = 0.05
+    when: str = "end"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.observable, Observable):
+            raise InputError("Question.observable", type(self.observable).__name__, "an Observable")
+        checked(self.tolerance, "Question.tolerance", lambda t: 1e-4 <= t <= 1, "a relative error of 0.0001 to 1")
+        if self.when not in WHEN:
+            raise InputError("Question.when", repr(self.when), " or ".join(map(repr, WHEN)))
+
+    @property
+    def label(self) -> str:
+        """In words, as those of a scene."""
+        return f"{self.observable.name}, {self.when}"
+
+    def value(self, state: State) -> float:
+        """At full load: of small strains as far as it is linear."""
+        state.stand()
+        here = self._number(state.body)
+        if state.factor == 1:
+            return here
+        still = state.still or state.body
+        still.x = np.zeros_like(state.x)
+        rest = self._number(still)
+        state.stand()
+        return rest + (here - rest) / state.factor
+
+    def _number(self, body: Problem) -> float:
+        value = self.observable.value(body)
+        if np.size(value) != 1:
+            raise InputError("Question.observable", f"of {np.size(value)} numbers", "an observable of one")
+        return float(value[0])
+
+
+Asked = Quantity | Question
+
+
 def embedded(state: State, body: Problem, factor: float) -> Array:
     """A state's displacements, and the pressures that go with them, as unknowns of another body in the same place."""
     state.stand()
@@ -66,8 +141,10 @@ def embedded(state: State, body: Problem, factor: float) -> Array:
     return body.load(body.x, factor)
 
 
-def observable(quantity: Quantity, state: State) -> Observable:
-    """What a quantity is of a body: without the load factor, and for a metre of a section."""
+def observable(quantity: Asked, state: State) -> Observable:
+    """What a question asks of a body: without the load factor, and for a metre of a section."""
+    if isinstance(quantity, Question):
+        return quantity.observable
     if quantity.name == "force":
         return Force(str(quantity.boundary), along(quantity.unit_vector, state.plane))
     if quantity.name == "displacement":
@@ -82,22 +159,31 @@ def observable(quantity: Quantity, state: State) -> Observable:
     )
 
 
-def answer(quantity: Quantity, state: State) -> float:
+def unit_of(quantity: Asked) -> str:
+    """Of SI."""
+    return quantity.observable.unit if isinstance(quantity, Question) else quantity.unit
+
+
+def answer(quantity: Asked, state: State) -> float:
     """The number that is asked for, in SI units."""
+    if isinstance(quantity, Question):
+        return quantity.value(state)
     state.stand()
     observed = observable(quantity, state).on(state.body)
     return observed.raw if isinstance(observed, Percentile) else float(observed.value()[0]) * _times(quantity, state)
 
 
-def slope(quantity: Quantity, state: State) -> Array:
+def slope(quantity: Asked, state: State) -> Array:
     """How the number changes with the free unknowns of a body (ndof,); of a percentile, its mean over a band."""
     state.stand()
     gradient = observable(quantity, state).gradient(state.body) * _times(quantity, state)
     return np.where(state.body.weights > 0, gradient, 0.0)
 
 
-def _times(quantity: Quantity, state: State) -> float:
+def _times(quantity: Asked, state: State) -> float:
     """What an observable is multiplied by: a percentile has the load factor in it."""
+    if isinstance(quantity, Question):
+        return 1.0 / state.factor
     if quantity.name == "strain":
         return 1.0
     return (state.thickness if quantity.name == "force" else 1.0) / state.factor
@@ -118,11 +204,11 @@ def in_axes(direction: tuple[float, float, float], plane: bool) -> tuple[float, 
     return (x, z, y) if plane else direction
 
 
-def scale_of(quantity: Quantity, state: State) -> float:
+def scale_of(quantity: Asked, state: State) -> float:
     """What an answer is measured by where it is nearly nothing, as by symmetry: the largest component of the forces that hold and
-    load the body (N), the largest displacement (m). A strain is measured by itself.
+    load the body (N), the largest displacement (m). A strain is measured by itself, and so is an observable of one's own.
     """
-    if quantity.name == "strain":
+    if isinstance(quantity, Question) or quantity.name == "strain":
         return 0.0
     state.stand()
     body = state.body

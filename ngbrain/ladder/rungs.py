@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
@@ -18,6 +18,14 @@ from ngbrain.scene import Scene
 
 Model = Mapping[str, str]
 """Axis → level."""
+
+
+class Labelled(Protocol):
+    """What has a label, as quantities that are asked do."""
+
+    @property
+    def label(self) -> str:
+        """In words."""
 
 
 PART = "+"
@@ -129,13 +137,16 @@ OF_WAVES = {
 """Of bodies that are shaken."""
 
 
-def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
-    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none."""
+def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labelled] = ()) -> dict[str, Axis]:
+    """The axes that mean something for a scene, up to the levels of `richest`; `InputError` for names that are none.
+
+    `questions` are those that are asked beside the scene's.
+    """
     waves = scene.time.frequency is not None
     known = OF_WAVES if waves else AXES
     bounds = richest or {}
     check("richest", bounds, known)
-    laws, beyond = [tissue.law() for tissue in scene.tissues], not_in_section(scene)
+    laws, beyond = [tissue.law() for tissue in scene.tissues], not_in_section(scene, questions)
     idle = {
         "fibres": all(tissue.fibre_stiffness is None for tissue in scene.tissues),
         "time": not any(law.branches for law in laws),
@@ -143,7 +154,7 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
         "contact": all(bc.contact == "bonded" for bc in scene.displacement_bcs),
         "inertia": not waves and scene.time.ramp > SLOW * _crossing(scene),
         "space": scene.geometry.kind != "block" or beyond is not None,
-        "extent": _uncuttable(scene),
+        "extent": _uncuttable(scene) or bool(questions),
     }
     if bounds.get("space") == "plane" and idle["space"]:
         raise InputError("richest['space']", "'plane'", f"'solid': {beyond or 'only a block has a section'}")
@@ -198,7 +209,7 @@ def _tissues(scene: Scene) -> tuple[int, int]:
     return int(len(scene.tissues) < 2), 3 if any(tissue.shear_modulus_map for tissue in scene.tissues) else 2
 
 
-def not_in_section(scene: Scene) -> str | None:
+def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | None:
     """What the section y = 0 does not have: a loaded face, or a vector with a part along y; None where it has everything.
 
     A fibre may lie in the section or along y: an oblique one shears the body out of the plane.
@@ -213,6 +224,8 @@ def not_in_section(scene: Scene) -> str | None:
     >>> not_in_section(scene)
     "the displacement of 'top' has a part along y"
     """
+    for question in questions:
+        return f"what is asked, {question.label!r}, is of a body in space"
     patterns = [each.boundary for each in scene.tractions]
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     for pattern in patterns:

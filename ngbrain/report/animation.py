@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import require
 from ngbrain.report import style as looks
 from ngbrain.report.figures import pressures, spans
@@ -18,7 +19,6 @@ from ngbrain.report.state import State
 from ngbrain.report.style import StrainScale, bar_mm, colour, direction, figure, png, style
 from ngbrain.report.surface import Floats
 from ngbrain.report.tables import moment
-from ngbrain.surgery.injury import curve
 
 MOST = 48
 """Moments that are shown."""
@@ -114,7 +114,7 @@ def _now(answer: Mapping[str, Any], t: float) -> tuple[str, float]:
     steps = np.array(series["t_s"], float)
     at = float(np.clip(t, steps[0], steps[-1]))
     opened, pressure = (
-        float(curve(steps, np.array(series[name], float), answer.get("events_s", steps))(at))
+        float(TimeCurve(steps, np.array(series[name], float), answer.get("events_s", steps))(at))
         for name in ("opening_mm", "pressure_mmHg")
     )
     ended = f" (ended, {moment(at)})" if t > at * (1 + 1e-9) else ""

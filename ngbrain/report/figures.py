@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import require
 from ngbrain.report.section import Section
 from ngbrain.report.space import head
@@ -25,7 +26,6 @@ from ngbrain.report.style import (
     viewed_from,
 )
 from ngbrain.report.surface import Floats
-from ngbrain.surgery.injury import curve
 
 __all__ = ["head", "pressure", "strain_slice"]
 
@@ -118,11 +118,11 @@ def _look(name: str, answers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def course(answer: Mapping[str, Any], name: str) -> tuple[Floats, Floats]:
-    """Times (s) and values of a series as doses take it, a cubic between events (`injury.curve`), where those are given."""
+    """Times (s) and values of a series as doses take it, a cubic between events (`TimeCurve`), where those are given."""
     t, values = (np.array(answer["series"][key], float) for key in ("t_s", name))
     steps = len(t) - 1
     fine = np.interp(np.linspace(0, steps, SAMPLES * steps + 1), np.arange(len(t)), t)
-    return fine, curve(t, values, answer.get("events_s", t))(fine)
+    return fine, TimeCurve(t, values, answer.get("events_s", t))(fine)
 
 
 def strain_slice(peak: State, scale: StrainScale) -> bytes:

@@ -12,8 +12,19 @@ import numpy as np
 from ngbrain.report.page import write_page
 from ngbrain.report.style import figure, png, style
 
-UNITS = {"force": ("N", 1.0), "displacement": ("mm", 1e3), "strain": ("%", 100.0)}
-"""Name of a quantity → unit in which it is shown, and how many of it are one SI unit; others are shown in their own."""
+SHOWN = {"m": ("mm", 1e3), "": ("%", 100.0)}
+"""Unit → how it is shown, and how many of that are one of it; others as they are."""
+
+
+def shown_in(unit: str) -> tuple[str, float]:
+    """What a unit is shown in, and how many of that are one of it.
+
+    >>> shown_in("m"), shown_in("N")
+    (('mm', 1000.0), ('N', 1.0))
+    """
+    return SHOWN.get(unit, (unit, 1.0))
+
+
 LEAST, MOST = 1e-3, 10.0
 """Per cent below which, and times above which changes are drawn there."""
 
@@ -34,9 +45,9 @@ def answers(result: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """Quantity, value with its unit, estimated error, tolerance."""
     rows = []
     for each in result["answers"]:
-        unit, per_si = UNITS.get(each["name"], (each["unit"], 1.0))
-        value = f"{each['value'] * per_si:.4g} {unit}".strip()
-        rows.append((each["quantity"], value, percent(each["error_estimate"]), percent(each["tolerance"])))
+        unit, factor = shown_in(each["unit"])
+        shown = f"{each['value'] * factor:.4g} {unit}".strip()
+        rows.append((each["quantity"], shown, percent(each["error_estimate"]), percent(each["tolerance"])))
     return rows
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ngbrain import parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import answered
+from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Rung, ascend, stay
 from ngbrain.ladder.keeper import Keeper
@@ -99,10 +99,11 @@ def solve(
     operation = Operation(scene)
     axes, keeper = axes_of(scene, richest), Keeper(operation, executor)
     check_moduli(operation.made({"mesh": "0"}))
-    tolerances = np.array([quantity.tolerance for quantity in operation.quantities])
+    tolerances = np.array([quantity.tolerance for quantity in operation.questions])
+    asked = [AskedFor.of(quantity) for quantity in operation.questions]
     if model is None:
-        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell))
-    return answered(scene, folder, threads, lambda: stay(axes, keeper, model))
+        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell), asked)
+    return answered(scene, folder, threads, lambda: stay(axes, keeper, model), asked)
 
 
 class Operation:
@@ -111,20 +112,21 @@ class Operation:
     def __init__(self, scene: Scene) -> None:
         if not scene.quantities:
             raise InputError("quantity", "missing", "one or more tables [[quantity]], each with a tolerance")
-        self.scene, self.quantities, self._made = scene, scene.quantities, dict[str, Made]()
+        self.scene, self.questions, self._made = scene, scene.quantities, dict[str, Made]()
+        self.made_of = (scene,)
 
     def solve(self, model: Model, near: Mapping[str, State] | None = None) -> Solution:
         """The numbers that are asked for. Raises `SolverError` where a run gives up."""
         begun = time.process_time()
         made = self.made(model)
         scene = made.scene
-        names = {quantity.protocol or scene.protocols[0].name for quantity in self.quantities}
+        names = {quantity.protocol or scene.protocols[0].name for quantity in self.questions}
         found, ndof = dict[str, dict[str, Any]](), 0
         for program in (made.program(scene, asked) for asked in scene.protocols if asked.name in names):
             elastic = made.elastic(scene.time.ramp) if model.get("time") == "relaxed" else None
             run = ProtocolRun(made, program, None, materials=elastic).go()
             found[program.name], ndof = answers.answer(run.result(), scene.patient), run.transient.problem.fes.ndof
-        values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.quantities]
+        values = [found[quantity.protocol or scene.protocols[0].name][quantity.name] for quantity in self.questions]
         return Solution(np.array(values, float), {}, ndof, time.process_time() - begun)
 
     def has_states(self, model: Model) -> bool:

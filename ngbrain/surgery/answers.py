@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
-from ngbrain.surgery.injury import curve, dose, times_above
+from ngbrain.surgery.injury import dose
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
 from ngbrain.surgery.protocols import Force, Protocol
+from ngbrain.surgery.quantities import QUANTITIES, Scaling, of_pressure, of_run
 from ngbrain.surgery.response import infarct
 from ngbrain.surgery.runs import ProtocolResult
-from ngbrain.surgery.sampling import Spread
-from ngbrain.units import to_kPa, to_ml, to_mm, to_mmHg
+from ngbrain.units import to_ml, to_mm, to_mmHg
 
 Runs = dict[str, ProtocolResult]
 Answer = dict[str, Any]
 """A protocol's numbers by name (`answer`)."""
-
-THRESHOLDS_MMHG = (20.0, 30.0)
-"""Retraction pressures of Rosenorn & Diemer 1985: infarcts in 1 of 6, and in 5 of 6, after 15 minutes in the rat."""
 
 DENSITY = 1040.0
 """Of brain (kg/m³), about, for the speed of shear waves."""
@@ -42,30 +39,10 @@ LEFT_OUT = (
 def answer(run: ProtocolResult, patient: Patient) -> Answer:
     """A protocol's numbers and its series over time."""
     t, pressure = run.column("t"), to_mmHg(run.column("pressure"))
-    peak, stress, rate = run.peak, run.largest["von_mises"], run.largest["rate"]
     return {
         **borne(t, pressure, run.events, patient),
-        "peak_tip_pressure_mmHg": float(to_mmHg(run.column("tip_pressure").max())),
-        "peak_centre_pressure_mmHg": float(to_mmHg(run.column("centre_pressure").max())),
-        "peak_force_N": float(run.column("force").max()),
-        "largest_contact_area_mm2": float(1e6 * run.column("area").max()),
-        "min_net_reaction_N": float(run.column("net_reaction").min()),
-        **_spread("mps", peak.mps),
-        **_spread("oss", peak.oss),
-        "strain_peak_at_s": peak.t,
-        **_spread("von_mises", stress, "_kPa", to_kPa),
-        "von_mises_peak_at_s": stress.t,
-        **_spread("strain_rate", rate, "_per_s"),
-        "strain_rate_peak_at_s": rate.t,
-        "volume_mps_above": {threshold: sum(parts.values()) for threshold, parts in peak.volume_mps_above.items()},
-        "volume_mps_above_by_region_ml": _by_region(peak.volume_mps_above),
-        "beyond_fit_ml": sum(peak.beyond_fit.values()),
-        "beyond_fit_by_region_ml": peak.beyond_fit,
-        "compressed_by_35_percent_ml": sum(peak.creased.values()),
-        "region_ml": peak.tissue,
-        "volumes_ml": peak.volume,
-        "min_det_F": float(run.column("min_det_F").min()),
-        "working_s": run.working_s,
+        **of_run(run),
+        "volume_mps_above_by_region_ml": _by_region(run.peak.volume_mps_above),
         "events_s": list(run.events),
         "series": {
             "t_s": t.tolist(),
@@ -82,20 +59,9 @@ def answer(run: ProtocolResult, patient: Patient) -> Answer:
 
 
 def borne(t: np.ndarray, pressure: np.ndarray, events: Sequence[float], patient: Patient) -> Answer:
-    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `injury.curve`."""
-    over_time, times = curve(t, pressure, events), {}
-    for threshold in THRESHOLDS_MMHG:
-        total, longest = times_above(over_time, threshold)
-        times[f"s_above_{threshold:.0f}_mmHg"] = total
-        times[f"longest_s_above_{threshold:.0f}_mmHg"] = longest
-    return {
-        "peak_pressure_mmHg": float(pressure.max()),
-        "dose_mmHg_min": dose(over_time),
-        **times,
-        "margin_to_20_mmHg": float(THRESHOLDS_MMHG[0] - pressure.max()),
-        **perfusion(patient, over_time),
-        **infarct(over_time),
-    }
+    """What follows from the pressure (mmHg) at times t (s) alone, with `events` as in `TimeCurve`."""
+    over_time = TimeCurve(t, pressure, events)
+    return {**of_pressure(over_time), **perfusion(patient, over_time), **infarct(over_time)}
 
 
 def stiffer(found: Answer, factor: float, patient: Patient) -> Answer:
@@ -106,9 +72,9 @@ def stiffer(found: Answer, factor: float, patient: Patient) -> Answer:
     """
     t, pressure, events = course(found)
     loads = {
-        key: factor * value
-        for key, value in found.items()
-        if re.match("peak_.*|min_net_reaction|von_mises_(?!peak)", key)
+        each.key: factor * found[each.key]
+        for each in QUANTITIES.values()
+        if each.scaling is Scaling.MODULI and each.key in found
     }
     return found | loads | borne(t, factor * pressure, events, patient)
 
@@ -117,12 +83,6 @@ def course(found: Answer) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """What `borne` takes of an answer: times (s), pressure (mmHg), events (s)."""
     series = found["series"]
     return np.array(series["t_s"]), np.array(series["pressure_mmHg"]), found["events_s"]
-
-
-def _spread(name: str, spread: Spread, unit: str = "", to_unit: Callable[[float], float] = float) -> dict[str, float]:
-    """Percentiles and the largest mean over `AMOUNT`, 0.5 ml, by key."""
-    shown = {"p50": spread.p50, "p95": spread.p95, "p99": spread.p99, "max_over_0_5_ml": spread.largest}
-    return {f"{name}_{key}{unit}": to_unit(value) for key, value in shown.items()}
 
 
 def _by_region(volumes: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
@@ -207,7 +167,7 @@ def comparison(runs: Runs, numbers: dict[str, Answer]) -> dict[str, Any]:
         until = t[-1] - (continuous.working_s - working)  # it works from the end of its ramp on
         equal = {
             "working_s": working,
-            "continuous": dose(curve(t, pressure, continuous.events), until),
+            "continuous": dose(TimeCurve(t, pressure, continuous.events), until),
             "intermittent": numbers["intermittent"]["dose_mmHg_min"],
         }
         result["dose_at_equal_working_time_mmHg_min"] = equal

@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PPoly
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.materials import Law, Viscous, lab
 from ngbrain.materials.points import number
 from ngbrain.materials.viscous import viscous
-from ngbrain.surgery.injury import curve
 from ngbrain.surgery.protocols import Protocol
 from ngbrain.units import to_minutes, to_mmHg
 
@@ -42,9 +41,9 @@ class Course:
     events: tuple[float, ...]
 
     @property
-    def curve(self) -> PPoly:
-        """Pressure (mmHg) over time, for `injury.dose` and `injury.times_above`."""
-        return curve(self.t, to_mmHg(self.pressure), self.events)
+    def curve(self) -> TimeCurve:
+        """Pressure (mmHg) over time."""
+        return TimeCurve(self.t, to_mmHg(self.pressure), self.events)
 
     def peaks(self) -> np.ndarray:
         """The largest pressure (Pa) of each time that the blade presses."""
@@ -118,20 +117,20 @@ class Column:
         return t
 
 
-def dose_left(pressure: PPoly, recovery: float) -> float:
-    """Largest dose ∫ p dt (unit of p, minutes) of a `curve` if what has come together decays while the blade is released.
+def dose_left(pressure: TimeCurve, recovery: float) -> float:
+    """Largest dose ∫ p dt (unit of p, minutes) if what has come together decays while the blade is released.
 
     recovery   time (s) in which it falls to 1/e; no such time has been measured for brain under a blade: an assumption.
                With ∞ it is `injury.dose`
 
     >>> t = np.array([0.0, 60.0, 61.0, 119.0, 120.0, 180.0])
-    >>> pressed = curve(t, np.array([9.0, 9.0, 0.0, 0.0, 9.0, 9.0]), t)
+    >>> pressed = TimeCurve(t, np.array([9.0, 9.0, 0.0, 0.0, 9.0, 9.0]), t)
     >>> round(dose_left(pressed, 1e9), 2), round(dose_left(pressed, 1e-9), 2)
     (18.15, 9.08)
     """
     if not recovery > 0:
         raise InputError("recovery", recovery, "a time > 0 (s)")
-    x, whole = pressure.x, pressure.antiderivative()
+    x, whole = pressure.polynomial.x, pressure.polynomial.antiderivative()
     released = np.maximum(pressure(x[:-1]), pressure((x[1:] + x[:-1]) / 2)) <= RELEASED * pressure(x).max()
     now = largest = 0.0
     for length, part, free in zip(np.diff(x), np.diff(whole(x)), released, strict=True):

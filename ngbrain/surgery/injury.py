@@ -1,14 +1,12 @@
-"""What a retraction does to tissue: strain, stress and their rate at points, pressure doses and times above thresholds."""
+"""What a retraction does to tissue: strain, stress and their rate at points, and the dose of a pressure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator, PPoly
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.tensors import octahedral_shear
 from ngbrain.units import to_minutes
 
@@ -65,40 +63,10 @@ def stretching_rate(before: np.ndarray, after: np.ndarray, dt: float) -> np.ndar
     return np.asarray(np.log(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", f, f))[:, 2]) / (2 * dt))
 
 
-def curve(t: np.ndarray, pressure: np.ndarray, events: Sequence[float]) -> PPoly:
-    """Pressure at steps as a function of time: a monotone cubic between events (s), where it may bend.
+def dose(pressure: TimeCurve, until: float | None = None) -> float:
+    """∫ p dt in (unit of p) minutes, to the curve's end or to a time (s).
 
-    Steps have to end on the events, from first to last. Long steps of a hold are followed to a part of a percent, where
-    straight lines would lie above.
-
-    Source: Fritsch & Butland 1984, 10.1137/0905021.
-    """
-    at = np.searchsorted(t, events)
-    pieces = [PchipInterpolator(t[i : j + 1], pressure[i : j + 1]) for i, j in pairwise(at)]
-    return PPoly(np.concatenate([piece.c for piece in pieces], axis=1), t[at[0] : at[-1] + 1])
-
-
-def dose(pressure: PPoly, until: float | None = None) -> float:
-    """∫ p dt in (unit of p) minutes, of a `curve` to its end or to a time (s).
-
-    >>> dose(curve(np.array([0.0, 60.0, 120.0]), np.array([10.0, 10.0, 10.0]), [0.0, 120.0]))
+    >>> dose(TimeCurve([0.0, 60.0, 120.0], [10.0, 10.0, 10.0]))
     20.0
     """
-    start, end = pressure.x[[0, -1]]
-    return to_minutes(float(pressure.integrate(start, end if until is None else until)))
-
-
-def times_above(pressure: PPoly, threshold: float) -> tuple[float, float]:
-    """Total and longest uninterrupted time (s) that a `curve` spends above a threshold.
-
-    >>> times_above(curve(np.array([0.0, 10.0, 20.0]), np.array([0.0, 40.0, 0.0]), [0.0, 10.0, 20.0]), 20.0)
-    (10.0, 10.0)
-    """
-    crossings = pressure.solve(threshold, discontinuity=False, extrapolate=False)
-    ends = np.unique([*pressure.x[[0, -1]], *crossings[np.isfinite(crossings)]])
-    lengths = np.where(pressure((ends[1:] + ends[:-1]) / 2) > threshold, np.diff(ends), 0.0)
-    total = longest = current = 0.0
-    for length in lengths.tolist():
-        current = current + length if length else 0.0
-        total, longest = total + length, max(longest, current)
-    return total, longest
+    return to_minutes(pressure.integral(until))

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact, current_normal_area
+from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
+from ngbrain.forward.observables import Force, Observable
+from ngbrain.forward.observables.wall import (
+    ContactArea,
+    ContactForce,
+    DrivingForce,
+    Patch,
+    PatchDisplacement,
+    WallPass,
+    mean_depth,
+    patch_pressure,
+)
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.blades import Blade, patch
@@ -60,9 +71,18 @@ class Observer:
     """
 
     def __init__(self, body: Problem, blades: Mapping[str, Blade], fixed: str) -> None:
-        self.body = body
-        self._faces = [Face(body, blade, wall) for wall, blade in blades.items()]
+        self.body, self.asked = body, retraction_observables(body, blades)
+        """Columns of a `Row` that are of any problem with these contacts, as `Observable`s by name."""
+        contacts, reaction = _under(body, blades), self.asked["net_reaction"]
+        driving = DrivingForce([Patch(each) for each in contacts.values()])
+        on_walls = {name: each for name, each in self.asked.items() if each is not reaction} | {"driving": driving}
+        self._names, self._pass = list(on_walls), WallPass(body, list(on_walls.values()))
+        assert isinstance(reaction, Force)
+        self._reaction = reaction.on(body)
         displacement = body.fes.components[0]
+        pushes = {wall: _nodal(displacement, ngs.CF(_across(blade))) for wall, blade in blades.items()}
+        self._push = next(iter(pushes.values()))
+        self._along = sum(push * _mask(displacement, wall) for wall, push in pushes.items()) / len(pushes)
         self._on_fixed = _mask(displacement, fixed)
         self._forces = np.zeros(displacement.ndof)
         self._u = np.zeros(displacement.ndof)
@@ -71,36 +91,26 @@ class Observer:
 
     def __call__(self, t: float, advance: float, min_det: float) -> Row:
         """The body as it stands at time t with the blades at `advance` (m)."""
-        seen = [face() for face in self._faces]
-        opening, area, *pressures, driving, pressed, sunk = np.sum(seen, axis=0)
+        seen = dict(zip(self._names, self._pass().tolist(), strict=True))
         tissue, contact = self.body.tissue_forces(), self.body.contact_forces()
-        reaction = float(np.mean([face.push[face.nodes] @ tissue[face.nodes] for face in self._faces]))
-        felt = [-float(face.push[face.nodes] @ contact[face.nodes]) for face in self._faces]
-        force = max(0.0, float(np.mean(felt)))
-        push = self._faces[0].push
-        supports = float(push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
-        left = abs(supports - push @ contact)
-        self._add_work(tissue, driving + self.body.friction_driving(), advance)
-        patch, tip, centre = (f / a for f, a in np.reshape(pressures, (3, 2)))
+        driving = seen.pop("driving") + self.body.friction_driving()
+        seen["force"] = max(0.0, seen["force"] - float(self._along @ self.body.friction_forces()))
+        supports = float(self._push[self._on_fixed] @ (tissue + contact)[self._on_fixed])
+        left = abs(supports - self._push @ contact)
+        self._add_work(tissue, driving, advance)
         return Row(
-            t,
-            advance,
-            opening,
-            force,
-            reaction,
-            area,
-            patch,
-            tip,
-            centre,
-            self.body.min_gap(),
-            sunk / pressed if pressed else 0.0,
-            min_det,
-            left / force if force else 0.0,
-            self.blade_work,
-            self.body.contact_energy(),
-            self.tissue_work,
-            self.tissue_work_size,
-            self.friction_work,
+            t=t,
+            advance=advance,
+            net_reaction=float(self._reaction.value(tissue)[0]),
+            gap=self.body.min_gap(),
+            min_det_F=min_det,
+            balance=left / seen["force"] if seen["force"] else 0.0,
+            blade_work=self.blade_work,
+            contact_energy=self.body.contact_energy(),
+            tissue_work=self.tissue_work,
+            tissue_work_size=self.tissue_work_size,
+            friction_work=self.friction_work,
+            **seen,
         )
 
     def checkpoint(self) -> dict[str, object]:
@@ -124,38 +134,66 @@ class Observer:
         self._u, self._forces, self._advance, self._driving = u, tissue, advance, driving
 
 
-class Face:
-    """A wall under a blade, and what is integrated over it.
+def retraction_observables(body: Problem, blades: Mapping[str, Blade]) -> dict[str, Observable]:
+    """What is asked of a body that blades press, by column of a `Row`: as data of a run's model, or a ladder's question.
 
-    push     unit vector of the blade's way at every displacement unknown; nodes: those of the wall
+    Parameters
+    ----------
+    body : Problem
+        With a `Contact` on each wall.
+    blades : mapping
+        Wall → what presses it.
+
+    Returns
+    -------
+    dict
+        `opening`, `area`, `force` (without friction), `pressure`, `tip_pressure`, `centre_pressure`, `depth`, `net_reaction`; all
+        but the area have a gradient.
     """
+    contacts = _under(body, blades)
+    across = [_across(blade) for blade in blades.values()]
 
-    def __init__(self, body: Problem, blade: Blade, wall: str) -> None:
-        self.mesh, self._wall = body.mesh, body.mesh.Boundaries(wall)
-        (contact,) = [c for c in body.contacts if isinstance(c, Contact) and c.wall == wall]
-        u = body.u
-        push = ngs.CF(tuple(map(float, blade.cleft.across)))
-        pressure = contact.pressure(u, body.offset)
-        area = ngs.Norm(current_normal_area(u))
-        whole, tip = patch(blade, PATCH_MARGIN), patch(blade, PATCH_MARGIN, FACED)
-        x = ngs.CF((ngs.x, ngs.y, ngs.z))
-        size, *middle = self._integrate(ngs.CF((whole, whole * x)))
-        off = x - ngs.CF(tuple(moment / size for moment in middle))
-        centre = whole * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
-        parts = [part * value for part in (whole, tip, centre) for value in (pressure, area)]
-        moved = whole * ngs.InnerProduct(u, push) / size
-        # One pass over the wall for all of them.
-        driving, depth = contact.driving(u, body.offset), pressure * -contact.gap(u)
-        self._integrals = ngs.CF((moved, ngs.IfPos(pressure, area, 0), *parts, driving, pressure, depth)).Compile()
-        displacement = body.fes.components[0]
-        self.push, self.nodes = _nodal(displacement, push), _mask(displacement, wall)
+    def patches(name: str, where: Callable[[Contact, Blade], ngs.CoefficientFunction]) -> list[Patch]:
+        return [
+            Patch(contacts[wall], where(contacts[wall], each), f"{name} on {wall}") for wall, each in blades.items()
+        ]
 
-    def __call__(self) -> np.ndarray:
-        """Way of the patch (m), area in touch (m²), force (N) and area of patch, tip and centre; ∂energy/∂way; ∫ p, ∫ p d."""
-        return np.array(self._integrate(self._integrals))
+    whole = [Patch(each) for each in contacts.values()]
+    under = patches("the blade's face", lambda _, blade: patch(blade, PATCH_MARGIN))
+    tip = patches("the blade's tip", lambda _, blade: patch(blade, PATCH_MARGIN, FACED))
+    centre = patches("the middle of the blade's face", lambda contact, blade: _centre(body, contact, blade))
+    motion = body.mesh.BoundaryCF(
+        {wall: ngs.CF(_across(blade)) / len(blades) for wall, blade in blades.items()}, default=ngs.CF((0.0, 0.0, 0.0))
+    )
+    return {
+        "opening": PatchDisplacement(under, across),
+        "area": ContactArea(whole),
+        "pressure": patch_pressure(under),
+        "tip_pressure": patch_pressure(tip),
+        "centre_pressure": patch_pressure(centre),
+        "depth": mean_depth(whole),
+        "force": ContactForce(whole, across),
+        "net_reaction": Force("|".join(blades), motions=[motion]),
+    }
 
-    def _integrate(self, values: ngs.CoefficientFunction) -> tuple[float, ...]:
-        return tuple(ngs.Integrate(values, self.mesh, definedon=self._wall, order=SURFACE_ORDER))
+
+def _under(body: Problem, blades: Mapping[str, Blade]) -> dict[str, Contact]:
+    """Wall → its contact."""
+    contacts = {each.wall: each for each in body.contacts if isinstance(each, Contact)}
+    return {wall: contacts[wall] for wall in blades}
+
+
+def _across(blade: Blade) -> tuple[float, ...]:
+    return tuple(map(float, blade.cleft.across))
+
+
+def _centre(body: Problem, contact: Contact, blade: Blade) -> ngs.CoefficientFunction:
+    """1 in the middle of a blade's patch, 0 elsewhere."""
+    x, where = ngs.CF((ngs.x, ngs.y, ngs.z)), patch(blade, PATCH_MARGIN)
+    on = body.mesh.Boundaries(contact.wall)
+    size, *middle = ngs.Integrate(ngs.CF((where, where * x)), body.mesh, definedon=on, order=SURFACE_ORDER)
+    off = x - ngs.CF(tuple(moment / size for moment in middle))
+    return where * ngs.IfPos(CENTRE**2 - ngs.InnerProduct(off, off), 1, 0)
 
 
 def _nodal(space: ngs.FESpace, field: ngs.CoefficientFunction) -> np.ndarray:

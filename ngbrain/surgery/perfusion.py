@@ -4,34 +4,28 @@ from __future__ import annotations
 
 from typing import Any
 
-from scipy.interpolate import PPoly
-
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
-from ngbrain.surgery.injury import times_above
 
 LOW_MMHG = 10.0
 """Local perfusion pressure MAP - BRP below which, for more than 6 to 8 minutes, 5 of 6 patients had infarcts: Rosenorn 1987,
 10.1007/BF01402364."""
 
 
-def perfusion(patient: Patient, pressure: PPoly) -> dict[str, Any]:
+def perfusion(patient: Patient, pressure: TimeCurve) -> dict[str, Any]:
     """Time with MAP - BRP below 10 mmHg, in all and the longest without a break (s), and the smallest reserve (mmHg).
 
     The reserve is MAP - max(BRP, ICP), with the mean arterial pressure MAP and the intracranial pressure ICP of the patient
-    (0 if it is not given) and the pressure of the retractor on the brain BRP, a `curve` in mmHg. Nothing without a MAP.
+    (0 if it is not given) and the pressure of the retractor on the brain BRP in mmHg. Nothing without a MAP.
 
-    >>> import numpy as np
-    >>> from ngbrain.surgery.injury import curve
-    >>> pressed = curve(np.array([0.0, 10.0, 20.0]), np.array([0.0, 40.0, 0.0]), [0.0, 10.0, 20.0])
+    >>> pressed = TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0])
     >>> perfusion(Patient(mean_arterial_pressure=30.0, intracranial_pressure=12.0), pressed)["min_perfusion_reserve_mmHg"]
     -10.0
     """
     if patient.mean_arterial_pressure is None:
         return {}
-    total, longest = times_above(pressure, patient.mean_arterial_pressure - LOW_MMHG)
-    highest = max(
-        float(pressure(pressure.x).max()), patient.intracranial_pressure or 0.0
-    )  # a monotone cubic: largest at a step
+    total, longest = pressure.above(patient.mean_arterial_pressure - LOW_MMHG)
+    highest = max(pressure.peak, patient.intracranial_pressure or 0.0)
     return {
         f"s_perfusion_below_{LOW_MMHG:.0f}_mmHg": total,
         f"longest_s_perfusion_below_{LOW_MMHG:.0f}_mmHg": longest,

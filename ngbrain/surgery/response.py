@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from scipy.interpolate import PPoly
 from scipy.stats import binomtest
 
-from ngbrain.surgery.injury import times_above
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.units import MINUTE
 
 CONFIDENCE = 0.95
@@ -48,25 +47,23 @@ def at_most(mmHg: float) -> float:  # noqa: N803
     return min((interval(*counts)[1] for dose, counts in COUNTS.items() if dose >= mmHg), default=1.0)
 
 
-def held(pressure: PPoly, seconds: float) -> float:
-    """The largest pressure that a `curve` stays above for a time (s) without a break; 0 if it never presses that long.
+def held(pressure: TimeCurve, seconds: float) -> float:
+    """The largest pressure that a curve stays above for a time (s) without a break; 0 if it never presses that long.
 
-    >>> import numpy as np
-    >>> from ngbrain.surgery.injury import curve
-    >>> round(held(curve(np.array([0.0, 10.0, 20.0]), np.array([0.0, 40.0, 0.0]), [0.0, 10.0, 20.0]), 5.0), 6)
+    >>> round(held(TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0]), 5.0), 6)
     30.0
     """
 
-    low, high = 0.0, float(pressure(pressure.x).max())
+    low, high = 0.0, pressure.peak
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        longest = times_above(pressure, middle)[1]
+        longest = pressure.above(middle)[1]
         low, high = (middle, high) if longest >= seconds * (1 - 1e-9) else (low, middle)
     return low
 
 
-def infarct(pressure: PPoly) -> dict[str, Any]:
-    """The range of probabilities that the counts leave for a course of pressure (a `curve`, mmHg).
+def infarct(pressure: TimeCurve) -> dict[str, Any]:
+    """The range of probabilities that the counts leave for a course of pressure (mmHg).
 
     One thing is assumed: what presses less, for a shorter time, or with breaks does no more harm. So the probability is at
     least that of the pressure held for 15 minutes (less 5 %) without a break, and at most that of 15 minutes at the peak, if the
@@ -74,9 +71,9 @@ def infarct(pressure: PPoly) -> dict[str, Any]:
     the interval is one of 95 % or more; what differs between rat and patient is not in it. `_at_held` is the interval of
     15 minutes at the pressure held alone, None where none is held for so long.
     """
-    minutes = times_above(pressure, 0.0)[0] / MINUTE
+    minutes = pressure.above(0.0)[0] / MINUTE
     even = held(pressure, (1 - MISSING) * HELD_MINUTES * MINUTE)
-    peak = float(pressure(pressure.x).max())
+    peak = pressure.peak
     high = at_most(peak) if minutes <= HELD_MINUTES else 1.0
     return {
         "pressure_held_15_min_mmHg": even,

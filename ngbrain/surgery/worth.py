@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,12 @@ import numpy as np
 from ngbrain.scene import Patient, Scene
 from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
+from ngbrain.surgery.quantities import QUANTITIES, ProtocolNumber
 from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.units import to_mm
 
 APART = 1e-9
 """Gap (m) from which a blade counts as off: tissue that does not relax goes back with it, and touches to the last bits."""
-NOT_ASKED = r".*_at_s|working_s|min_det_F|region_ml/.*|pressed_min"
-"""Numbers that describe a run rather than answer a question."""
 COMPUTED, FAILED, UNDER_WAY, NOT_COMPUTED = "computed", "failed", "under way", "not computed"
 """How it stands with a check: not computed is one that was left out on request."""
 
@@ -47,7 +45,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     """
     if own is None:
         return {}
-    values = _numbers(own)
+    values, units = _numbers(own), {name: quantity.unit for name, (quantity, _) in _known(own).items()}
     moves = {
         "mesh": _apart(_pair(checked[MESH], own)),
         "order": _apart(checked[ORDER]) | _order_of_pressure(own, checked[ORDER], patient),
@@ -62,6 +60,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
         all_of_it = [value, *(other[name] for other in others if name in other)]
         result[name] = {
             "value": value,
+            "unit": units[name],
             **by,
             "numerics": sum(known) if known else None,
             "material": [min(all_of_it), max(all_of_it)],
@@ -69,15 +68,22 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     return result
 
 
-def _numbers(found: Answer, under: str = "") -> dict[str, float]:
-    """The numbers of an answer by name; times of events, series and counts of tissue apart."""
-    result: dict[str, float] = {}
-    for key, value in found.items():
-        if isinstance(value, dict) and key != "series":
-            result |= _numbers(value, f"{under}{key}/")
-        elif isinstance(value, int | float) and not re.fullmatch(NOT_ASKED, under + key):
-            result[under + key] = float(value)
-    return result
+def _numbers(found: Answer) -> dict[str, float]:
+    """The numbers of an answer that are known quantities and no descriptions of a run; parts as NAME/PART."""
+    return {name: value for name, (_, value) in _known(found).items()}
+
+
+def _known(found: Answer) -> dict[str, tuple[ProtocolNumber, float]]:
+    known = [each for each in QUANTITIES.values() if each.key in found and not each.describes]
+    return {name: (each, value) for each in known for name, value in _parts(each.key, found[each.key])}
+
+
+def _parts(name: str, value: Any) -> Iterator[tuple[str, float]]:
+    if isinstance(value, dict):
+        for part, each in value.items():
+            yield from _parts(f"{name}/{part}", each)
+    elif isinstance(value, int | float):
+        yield name, float(value)
 
 
 def _pair(pair: tuple[Answer | None, Answer] | None, own: Answer) -> tuple[Answer, Answer] | None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ngbrain import ladder, parallel
 from ngbrain.errors import InputError
-from ngbrain.ladder import rungs
+from ngbrain.ladder import Question, rungs
 from ngbrain.ladder.rungs import Model
 from ngbrain.progress import logged
 from ngbrain.scene import Scene
@@ -32,6 +32,7 @@ def simulate(
     tell: Callback = logged,
     callback: Callable[[dict[str, Any]], None] | None = None,
     executor: parallel.AnyExecutor = None,
+    questions: Sequence[Question] = (),
 ) -> SceneResult:
     """Compute a scene: a body under loads, or an operation.
 
@@ -61,6 +62,8 @@ def simulate(
         Called with the result's data when the protocols of an operation as described are done, and after each check.
     executor : optional
         Who computes what is independent (`ngbrain.parallel`).
+    questions : sequence of Question
+        Observables of one's own, asked of a body beside the scene's quantities.
 
     Returns
     -------
@@ -89,10 +92,13 @@ def simulate(
         return retraction.solve(scene, folder, threads, resume, tell, checks, callback, executor)
     if resume:
         raise InputError("resume", resume, "False: only an operation as described can be resumed")
-    solve = adequate.solve if scene.is_operation else ladder.solve
+    if scene.is_operation:
+        if questions:
+            raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
+        return adequate.solve(scene, folder, model, richest, threads, tell, executor)
     if as_described:
         model = described(scene)
-    return solve(scene, folder, model, richest, threads, tell, executor)
+    return ladder.solve(scene, folder, model, richest, threads, tell, executor, questions)
 
 
 def described(scene: Scene) -> Model:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ngbrain.report.ladder import UNITS
+from ngbrain.report.ladder import shown_in
 from ngbrain.report.parameters import PARAMETERS
 
 OPERATION = (
@@ -134,9 +134,8 @@ def _spread(name: str, answer: Mapping[str, float], region: str = "") -> Iterato
 
 def _asked(result: Mapping[str, Any]) -> Iterator[Number]:
     for each in result["answers"]:
-        unit, per_si = UNITS.get(each["name"], (each["unit"], 1.0))
-        name, value = each["quantity"], each["value"] * per_si
-        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, value)
+        name, (unit, factor) = each["quantity"], shown_in(each["unit"])
+        yield Number(f"{name} ({unit})" if unit else name, name[:1].upper() + name[1:], unit, each["value"] * factor)
 
 
 def _operation(result: Mapping[str, Any]) -> Iterator[Number]:

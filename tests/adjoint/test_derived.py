@@ -4,10 +4,12 @@ import ngsolve as ngs
 import numpy as np
 import pytest
 from differentiable import waves
+from scipy.interpolate import PchipInterpolator
 
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.adjoint.derived import Amplitude, Derived, Dose, Phase, TimeAbove
 from ngbrain.adjoint.reduced import Reduced
+from ngbrain.adjoint.time_curve import Interpolation, TimeCurve, monotone_slopes
 from ngbrain.errors import InputError
 from ngbrain.forward import Contact, Material, Problem, RunModel
 from ngbrain.forward.observables import Force, patch_pressure
@@ -71,6 +73,36 @@ def test_dose_and_time_above_of_a_run(rng):
     check(Derived(model, above), theta, direction, rng, second=False)
     with pytest.raises(InputError, match="second derivatives"):
         Derived(model, above).at(theta).second(np.ones(2), direction)
+
+
+def test_dose_and_time_above_of_the_cubic_of_a_report(rng):
+    """The curve of a retraction's report, which bends at events, with derivatives; slopes of it are scipy's."""
+    model = pressed()
+    theta = model.theta
+    direction, cubic = theta * np.array([1.0, -0.4]), (Interpolation.MONOTONE_CUBIC, [0.0, 2.0, 8.0])
+    data = model.at(theta).data
+    dose, peak = Dose(model.times, *cubic), data[:, 0].max()
+    check(Derived(model, dose), theta, direction, rng, second=False)
+    check(Derived(model, TimeAbove(model.times, 0.8 * peak, 0.1 * peak, *cubic)), theta, direction, rng, second=False)
+    curve = TimeCurve(GRID, [0.0, *data[:, 0]], [0.0, 2.0, 8.0])
+    assert dose.value(data)[0] == curve.integral() != Dose(model.times).value(data)[0]
+    narrow = TimeAbove(model.times, 0.8 * peak, 1e-3 * peak, *cubic)
+    assert narrow.value(data)[0] == pytest.approx(narrow.raw(data)[0], rel=0.01)
+    assert narrow.raw(data)[0] == curve.above(0.8 * peak)[0]
+    with pytest.raises(InputError, match="second derivatives"):
+        dose.bend(data, np.ones(2), data)
+
+
+@pytest.mark.parametrize("n", [2, 3, 9])
+def test_slopes_of_a_monotone_cubic(n, rng):
+    """Scipy's to the last digits, also where values turn or an end would overshoot; their changes by differences."""
+    for _ in range(20):
+        t, values = np.cumsum(rng.uniform(0.1, 1, n)), rng.normal(size=n)
+        slopes, change = monotone_slopes(t, values)
+        assert slopes == pytest.approx(PchipInterpolator(t, values).derivative()(t), rel=1e-9, abs=1e-12)
+        direction = rng.normal(size=n)
+        ahead, behind = (monotone_slopes(t, values + h * direction)[0] for h in (1e-6, -1e-6))
+        assert change @ direction == pytest.approx((ahead - behind) / 2e-6, rel=1e-5, abs=1e-6)
 
 
 def test_a_ramp_in_closed_form():

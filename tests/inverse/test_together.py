@@ -1,5 +1,7 @@
 """What zones say together: one weight of their regulariser, in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planewaves import grid, waves
@@ -24,7 +26,7 @@ def bar():
     return data, Lattice(tuple(lines), np.ones((12, 4, 4), bool), "P3")
 
 
-def together(data, cells, logarithm, weights, alone=None):
+def together(data, cells, logarithm, weights, alone=None, fields=("storage", "loss")):
     """Two zones of 8 cells that share the 4 in the middle; they agree on a map, and each has a weight of its own."""
     zones = cut(data, cells, np.full(3, 8), np.full(3, 4))
     assert len(zones) == 2
@@ -33,7 +35,7 @@ def together(data, cells, logarithm, weights, alone=None):
         maps = dict.fromkeys(("storage", "loss"), np.exp(logarithm(data.points[zone.points])))
         u = data.displacement[:, zone.points]
         names = {"n_elements": 1, "n_unknowns": 1, "n_parameters": 1}
-        both = dict.fromkeys(maps, weight), dict.fromkeys(maps, 10.0)
+        both = dict.fromkeys(fields, weight), dict.fromkeys(fields, 10.0)
         answers.append(Answer(maps, u, *both, 1.0, 1, 0.0, True, "P3", names, {}, Solves(), []))
     return Together(data, zones, [Rough(zone.cells, data.points[zone.points]) for zone in zones], answers, alone)
 
@@ -44,6 +46,25 @@ def test_a_slope_along_the_bar_counts_by_length(bar):
     share = [float(np.mean(zone.share)) for zone in found.zones]
     assert share == pytest.approx([0.75, 0.75], abs=0.02)
     assert found.weights["storage"] == pytest.approx(2 / 3 * np.dot(share, (3.0, 6.0)), rel=0.02)
+
+
+def test_fields_of_labels_are_of_their_quantity_and_of_their_places(bar):
+    """Of one label for all it is the field of all; of a label that is on one half alone, what is rough there."""
+    data, cells = bar
+    whole = together(data, cells, lambda x: 30 * x[:, 0], (3.0, 6.0))
+    labels = np.full(len(data.points), 7)
+    one = together(
+        replace(data, labels=labels), cells, lambda x: 30 * x[:, 0], (3.0, 6.0), fields=("storage 7", "loss")
+    )
+    assert one.weights["storage 7"] == whole.weights["storage"] and one.weights["loss"] == whole.weights["loss"]
+    assert one.strength == whole.strength
+    labels = np.where(data.points[:, 0] > LENGTH / 2, 3, 7)
+
+    def bumpy(x):
+        return np.where(x[:, 0] > LENGTH / 2, 0.0, np.sin(300 * x[:, 0]))
+
+    halves = together(replace(data, labels=labels), cells, bumpy, (3.0, 6.0), fields=("storage 3", "storage 7"))
+    assert halves.wanted["storage 7"] > 100 * halves.wanted["storage 3"]
 
 
 def test_what_both_see_counts_once(bar):

@@ -21,7 +21,7 @@ class Odd:
     asked: list[str] = []  # noqa: RUF012
 
     def __init__(self, scene: Any) -> None:
-        self.scene = scene
+        self.made_of = (scene,)
 
     def solve(self, model: Model, near: Any = None) -> Solution:
         self.asked.append(model["number"])

@@ -5,6 +5,7 @@ import pytest
 from pressing import force
 from scipy.integrate import solve_ivp
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
@@ -14,7 +15,7 @@ from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.materials import Branch, NeoHooke, Viscous, constants, lab
 from ngbrain.mesh import block
 from ngbrain.surgery.column import Column, Course, dose_left
-from ngbrain.surgery.injury import curve, dose, times_above
+from ngbrain.surgery.injury import dose
 from ngbrain.surgery.protocols import Drive, Protocol, continuous, intermittent
 from ngbrain.units import to_minutes, to_mmHg
 
@@ -88,7 +89,8 @@ def test_a_blade_that_lets_go_against_springs_and_dashpots(name):
     assert np.abs(found - wanted).max() < 4e-3 * wanted.max()
     back = wanted > 1e-3
     assert dose(course.curve) == pytest.approx(
-        dose(curve(course.t, np.where(back, wanted, 0), MANY.times)) * to_mmHg(3e-4 * entry.initial_modulus), rel=2e-3
+        dose(TimeCurve(course.t, np.where(back, wanted, 0), MANY.times)) * to_mmHg(3e-4 * entry.initial_modulus),
+        rel=2e-3,
     )
 
 
@@ -119,7 +121,7 @@ def test_rests_lower_later_peaks_but_raise_the_dose_of_equal_work(name):
 def test_longest_time_above_a_threshold_ends_with_the_hold():
     column = Column(constants("griffiths2024:white_matter").law(), OPENING / 0.2, "planar", steps=8)
     protocols = continuous(OPENING, 10.0, 610.0), intermittent(OPENING, 10.0, 3 * 310, 300.0, 310.0)
-    (whole, one), (whole_with_rests, many) = (times_above(column.push(each).curve, 20.0) for each in protocols)
+    (whole, one), (whole_with_rests, many) = (column.push(each).curve.above(20.0) for each in protocols)
     assert one > 595 and 300 < many < 306 and whole_with_rests > whole
 
 
@@ -196,7 +198,7 @@ def test_a_block_in_space_has_the_order_and_nearly_the_ratios_of_the_column():
 def test_a_dose_that_decays_while_released():
     """Two equal holds of one minute at 10 mmHg, two minutes apart, edges of a second."""
     t = np.array([0, 1, 60, 61, 180, 181, 240, 241.0])
-    pressed = curve(t, np.array([0, 10, 10, 0, 0, 10, 10, 0.0]), t)
+    pressed = TimeCurve(t, np.array([0, 10, 10, 0, 0, 10, 10, 0.0]), t)
     for recovery in (30.0, 120.0, 1e9):
         assert dose_left(pressed, recovery) == pytest.approx(10 * (1 + np.exp(-119 / recovery)), rel=1e-9)
     assert dose_left(pressed, 1e12) == pytest.approx(dose(pressed))
@@ -225,7 +227,7 @@ def test_under_a_given_force_tissue_creeps_and_comes_back():
         (lambda law: Column(law, 1.0, steps=0), "Column.steps is 0"),
         (lambda law: Column(law, OPENING).push(ONE), "advance is 0.005 m; wanted: less than the depth of 0.005 m"),
         (lambda law: Column(law, 1.0).load((0.0, 1.0), (0.0, -1.0)), "a blade does not pull"),
-        (lambda law: dose_left(curve(np.array([0.0, 1.0]), np.ones(2), [0.0, 1.0]), 0.0), "recovery is 0.0"),
+        (lambda law: dose_left(TimeCurve(np.array([0.0, 1.0]), np.ones(2), [0.0, 1.0]), 0.0), "recovery is 0.0"),
     ],
 )
 def test_refuses(make, says):

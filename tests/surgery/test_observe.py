@@ -1,17 +1,26 @@
 """Pressures on the parts of a blade's face, of a wall that is pressed unevenly in a known way."""
 
+from dataclasses import replace
+
 import ngsolve as ngs
 import numpy as np
 import pytest
 
+from ngbrain.adjoint.check import taylor
+from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.observables import Patch
+from ngbrain.forward.observables.wall import DrivingForce, WallPass
+from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
-from ngbrain.scene import FACED
+from ngbrain.scene import FACED, Scene
 from ngbrain.surgery.blades import Spatula, Tube
-from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer, retraction_observables
+from ngbrain.surgery.protocols import Protocol
 
 SIZE = (0.02, 0.04, 0.01)
 TIP, WIDTH, DEPTH = 4e-3, 12e-3, 32e-3
@@ -89,9 +98,9 @@ def test_of_two_blades_pressures_are_of_both_patches_and_the_force_is_of_one():
 @pytest.mark.parametrize("sides", [("top",), ("top", "bottom")])
 def test_what_moving_blades_takes_is_the_slope_of_the_contacts_energy(blade, sides):
     """Whatever the shape: a tube presses on all sides, which no force along the push knows of."""
-    body, blades, way = pressed_between(blade, sides)
+    body, _, way = pressed_between(blade, sides)
     way.Set(2e-4)
-    driving = sum(face()[-3] for face in Observer(body, blades, "back")._faces)
+    driving = WallPass(body, [DrivingForce([Patch(contact) for contact in body.contacts])])()[0]
     energies = []
     for at in (2.01e-4, 1.99e-4):
         way.Set(at)
@@ -110,3 +119,53 @@ def test_a_blades_surface_moves_with_its_distance(blade, rng):
     rest = distance.Diff(advance) + ngs.InnerProduct(distance.Diff(x), made.moves(x, advance).Diff(advance))
     places = mesh(*(rng.uniform(0, 1, (3, 200)) * np.array([[0.01], [0.03], [0.01]])))
     assert np.abs(rest(places)).max() < 1e-9 < 0.9 < np.abs(distance.Diff(advance)(places)).max()
+
+
+def test_columns_of_a_row_are_observables_with_gradients(rng):
+    """A column and its observable are one number, and the observable has a slope by the state; an area in touch jumps."""
+    body, blades, _ = pressed_between(spatula, ("top", "bottom"))
+    row, asked = Observer(body, blades, "back")(0.0, 0.0, 1.0), retraction_observables(body, blades)
+    names = {"opening", "area", "force", "pressure", "tip_pressure", "centre_pressure", "depth", "net_reaction"}
+    assert set(asked) == names and {each.unit for each in asked.values()} == {"m", "m²", "N", "Pa"}
+    assert len({each.name for each in asked.values()}) == len(asked)
+    x = body.x
+    dx = 1e-5 * rng.normal(size=len(x)) * (body.weights > 0) * body.is_u[: len(x)]
+    for name, each in asked.items():
+        assert each.value(body)[0] == getattr(row, name), name
+        if name == "area":
+            with pytest.raises(InputError, match="smoothed"):
+                each.gradient(body)
+            continue
+        observed = each.on(body)
+
+        def value(at, observed=observed):
+            body.x = at
+            return float(observed.value()[0])
+
+        gradient = observed.gradient(np.ones(1))
+        assert taylor(value, gradient, x, dx, 3, 0.1)[-1] == pytest.approx(2, abs=0.1) or value(x + dx) == (
+            pytest.approx(value(x) + gradient @ dx, rel=1e-10)
+        ), name  # an opening is linear
+        body.x = x
+
+
+@pytest.mark.slow
+def test_pressures_of_a_retraction_are_data_of_a_model():
+    """By how stiff the cortex is, which a blade opens and holds: rate 2, and twice as stiff means more under the blade."""
+    scene = Scene.shipped("idealised_fast")
+    body = replace(scene.body, site=8e-3, near=20e-3, far=45e-3)
+    model = Model.of(replace(scene, body=body, retraction=replace(scene.retraction, opening=1e-3)))
+    factor, press = ngs.Parameter(1.0), Protocol("press", (0.0, 1.0, 2.0), (0.0, 5e-4, 5e-4))
+    run = model.run(press, materials=model.scaled({"cortex": factor}))
+    asked = retraction_observables(run.problem, model.blades)
+    seen = [asked[name] for name in ("pressure", "tip_pressure", "force", "net_reaction")]
+    of = RunModel(run.problem, run.motion, [0.0, 0.05, 0.2, 0.5, 1.0, 2.0], {"cortex": factor}, seen, [1.0, 2.0])
+    theta = of.theta
+    there = of.at(theta)
+    rows = there.data
+    assert rows[:, 2] == pytest.approx(rows[:, 3], rel=1e-6)  # the blade's force and the tissue's, which balance
+    slopes = np.array([there.gradient(np.eye(rows.size)[i].reshape(rows.shape))[0] for i in range(rows.size)])
+    assert np.all(slopes > 0)
+    for i in range(2):
+        rates = taylor(lambda at, i=i: float(of.at(at).data[1, i]), slopes[[4 + i]], theta, np.ones(1), 3, 0.04)
+        assert rates[-1] == pytest.approx(2, abs=0.1), rates

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from netgen.occ import unit_cube
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft
 from ngbrain.surgery.blades import Spatula, Tube
-from ngbrain.surgery.injury import Strain, curve, dose, times_above
+from ngbrain.surgery.injury import Strain, dose
 from ngbrain.surgery.protocols import CLEAR, Protocol, continuous, intermittent, staged
 
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
@@ -92,9 +93,9 @@ def test_protocols_that_cannot_be_are_refused(make):
 
 def test_times_above_and_dose():
     t, p = np.array([0, 10, 20, 30, 40, 50.0]), np.array([0, 40, 40, 0, 40, 0.0])
-    pressed = curve(t, p, t)
-    assert times_above(pressed, 20) == pytest.approx((30.0, 20.0))
-    assert times_above(pressed, 50) == (0.0, 0.0) and times_above(pressed, 40) == (0.0, 0.0)
+    pressed = TimeCurve(t, p, t)
+    assert pressed.above(20) == pytest.approx((30.0, 20.0))
+    assert pressed.above(50) == (0.0, 0.0) and pressed.above(40) == (0.0, 0.0)
     assert dose(pressed) == pytest.approx((200 + 400 + 200 + 200 + 200) / 60)
     assert dose(pressed, 15.0) == pytest.approx((200 + 200) / 60)
 
@@ -104,12 +105,12 @@ def test_a_hold_in_few_steps_has_its_dose():
     t = np.concatenate([[0, 5], 10 + 600 * np.linspace(0, 1, 9) ** 2])
     p = np.where(t <= 10, 5 * t, 20 + 30 * np.exp(-(t - 10) / 60))
     exact = (250 + 600 * 20 + 30 * 60 * -np.expm1(-10)) / 60
-    pressed = curve(t, p, [0.0, 10.0, 610.0])
+    pressed = TimeCurve(t, p, [0.0, 10.0, 610.0])
     assert dose(pressed) == pytest.approx(exact, rel=1e-3)
-    assert abs(dose(curve(t, p, [0.0, 610.0])) / exact - 1) > 1e-3
+    assert abs(dose(TimeCurve(t, p, [0.0, 610.0])) / exact - 1) > 1e-3
     assert abs(np.trapezoid(p, t) / 60 / exact - 1) > 5e-3
     above = 4 + 60 * np.log(3)  # from 30 at 6 s to 20 + 10 at 10 + 60 ln 3
-    assert times_above(pressed, 30) == pytest.approx((above, above), rel=0.02)
+    assert pressed.above(30) == pytest.approx((above, above), rel=0.02)
 
 
 def test_strain_measures_of_a_known_stretch():

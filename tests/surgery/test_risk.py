@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
-from ngbrain.surgery.injury import curve
 from ngbrain.surgery.perfusion import perfusion
 from ngbrain.surgery.response import COUNTS, at_least, at_most, decides, evidence, held, infarct, interval, points
 
@@ -14,7 +14,7 @@ NOTHING = "nothing: not held at 20 mmHg or more for 15 minutes on end, and press
 def course(*corners):
     """Pressure (mmHg) straight between (minute, value)s."""
     t, p = np.array(corners, float).T
-    return curve(60 * t, p, 60 * t)
+    return TimeCurve(60 * t, p, 60 * t)
 
 
 def test_perfusion_of_a_patient_under_a_triangle_of_pressure():

@@ -58,8 +58,14 @@ class Place:
 
     def area(self, u: CoefficientFunction, boundary: str) -> CoefficientFunction:
         """cof F N, in the mesh's dimensions: current outward normal times current over reference area."""
+        return self._area(u, outward(self.mesh, boundary))
+
+    def area_ratio(self, u: CoefficientFunction) -> CoefficientFunction:
+        """|cof F N|: current over reference area, of whatever boundary it is integrated over."""
+        return ngs.Norm(self._area(u, ngs.specialcf.normal(self.mesh.dim)))
+
+    def _area(self, u: CoefficientFunction, normal: CoefficientFunction) -> CoefficientFunction:
         F = self.kinematics.gradient(u, self.slope(u))
-        normal = outward(self.mesh, boundary)
         if self.mesh.dim == 3:
             # The cofactor's normal column holds tangential derivatives only, which is all that a boundary knows.
             return ngs.Cof(F) * normal

@@ -178,11 +178,3 @@ def surface_rules(mesh: ngs.Mesh) -> dict[ngs.ET, ngs.IntegrationRule]:
 def displacements(form: ngs.BilinearForm) -> ngs.FESpace:
     """The displacements' part of a form's space."""
     return form.space if form.space.type == "VectorH1" else form.space.components[0]
-
-
-def current_normal_area(u: ngs.GridFunction) -> CoefficientFunction:
-    """cof(F) N on a boundary: the current normal times current over reference area.
-
-    On a boundary the gradient of a GridFunction is the tangential one, which is all that this needs.
-    """
-    return ngs.Cof(ngs.Id(3) + ngs.Grad(u)) * ngs.specialcf.normal(3)

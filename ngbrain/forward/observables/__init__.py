@@ -2,7 +2,8 @@
 
 `base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
 `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
-`StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`, `patch_pressure`.
+`StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, of what rigid bodies press: `patch_pressure`, `NormalForce`,
+`ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`, each on a `Patch` or several.
 
     Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
@@ -17,20 +18,37 @@ from ngbrain.forward.observables.force import Force, Moment
 from ngbrain.forward.observables.integrals import Functional, StrainEnergy, region_volume
 from ngbrain.forward.observables.percentiles import StrainPercentile, StressPercentile
 from ngbrain.forward.observables.points import Displacements, Unknowns
-from ngbrain.forward.observables.ratio import Ratio, patch_pressure
+from ngbrain.forward.observables.ratio import Ratio
+from ngbrain.forward.observables.wall import (
+    ContactArea,
+    ContactForce,
+    CurrentArea,
+    NormalForce,
+    Patch,
+    PatchDisplacement,
+    mean_depth,
+    patch_pressure,
+)
 
 __all__ = [
+    "ContactArea",
+    "ContactForce",
+    "CurrentArea",
     "Displacements",
     "Force",
     "Functional",
     "Moment",
+    "NormalForce",
     "Observable",
     "Observed",
+    "Patch",
+    "PatchDisplacement",
     "Ratio",
     "StrainEnergy",
     "StrainPercentile",
     "StressPercentile",
     "Unknowns",
+    "mean_depth",
     "patch_pressure",
     "region_volume",
 ]

@@ -58,6 +58,10 @@ class Reactions(Discretisation):
         """Energy (J) stored in the penalties of contacts and sliding walls, and in loads, at the current state."""
         return float(self.external.form.Energy(self.gfu.vec))
 
+    def friction_forces(self) -> Array:
+        """Nodal forces (N) of friction alone, one for each displacement unknown."""
+        return np.broadcast_to(self.friction.forces(), self.is_u.shape)[self.is_u]
+
     def friction_work(self) -> float:
         """What went into friction (J) since the present time step began."""
         return self.friction.work()

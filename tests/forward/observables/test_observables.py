@@ -15,21 +15,28 @@ from ngbrain.forward.common.loads import Pressure, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables import (
+    ContactArea,
+    ContactForce,
+    CurrentArea,
     Displacements,
     Force,
     Functional,
     Moment,
+    NormalForce,
     Observable,
+    Patch,
     Ratio,
     StrainEnergy,
     StrainPercentile,
     StressPercentile,
     Unknowns,
+    mean_depth,
     patch_pressure,
     region_volume,
 )
 from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.observables.percentiles import Percentile
+from ngbrain.forward.observables.wall import WallIntegral, WallPass
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -245,6 +252,68 @@ def test_the_pressure_under_a_plate_passes_taylors_test(rng):
         return float(observed.value()[0])
 
     assert taylor(value, observed.gradient(np.ones(1)), x, dx, first=0.1)[-1] == pytest.approx(2, abs=0.1)
+
+
+@dataclass(frozen=True)
+class Unevenness(WallIntegral):
+    """One of a user's own: the square of how far a wall is from a plate (m⁴)."""
+
+    plate: Contact
+    name = "unevenness"
+    unit = "m⁴"
+
+    def densities(self, problem):
+        return {self.plate.wall: lambda at: self.plate.gap(at.u) ** 2}
+
+
+def test_what_is_seen_of_a_wall_in_one_pass(rng):
+    """The force is that of the body's supports; with half of a plate in touch the area is half of the wall's, smoothed or not."""
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    plate = Contact("top", lambda x: 0.96 * SIDE - x[2], 1e6, 2e-5, 0.9)
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 2e4)}, {"bottom": 0}, contacts=[plate], element="P2/P1")
+    LoadPath(body).solve()
+    patches = [Patch(plate)]
+    asked = [ContactForce(patches, (0, 0, -1)), NormalForce(patches), ContactArea(patches), ContactArea(patches, True)]
+    asked += [CurrentArea(patches), Unevenness(plate), patch_pressure(plate), mean_depth(patches)]
+    force, normal, area, soft, current, uneven, pressure, depth = WallPass(body, asked)()
+    assert [each.value(body)[0] for each in asked] == pytest.approx([*WallPass(body, asked)()], rel=1e-12)
+    assert force == pytest.approx(normal) == pytest.approx(Force("bottom", (0, 0, 1)).value(body)[0], rel=1e-6)
+    assert ContactForce(patches, (0, 3, -2)).value(body)[0] == pytest.approx(2 * normal)  # without friction
+    assert area == pytest.approx(current) == pytest.approx(soft) and pressure == pytest.approx(normal / current)
+    assert uneven == pytest.approx(depth**2 * SIDE**2, rel=0.1)
+    body.u.Interpolate(ngs.CF((0, 0, ngs.IfPos(ngs.x - SIDE / 2, 0.0, -0.05 * ngs.z))))
+    half = [each.value(body)[0] / SIDE**2 for each in asked[2:4]]
+    assert half == pytest.approx([0.5, 0.5], abs=0.1)
+    with pytest.raises(InputError, match="smoothed=True"):
+        ContactArea(patches).gradient(body)
+    with pytest.raises(InputError, match="integral over walls"):
+        WallPass(body, [Force("bottom")])
+    for bad in ([], patches * 2):
+        with pytest.raises(InputError, match="patches"):
+            NormalForce(bad)
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda patches: ContactForce(patches, (1, 0.2, 0.1)),
+        NormalForce,
+        lambda patches: ContactArea(patches, True),
+        CurrentArea,
+        mean_depth,
+        lambda patches: Unevenness(patches[0].contact),
+    ],
+)
+def test_gradients_of_what_is_seen_of_a_wall(of, rng):
+    body = pressed_and_loaded()
+    observed, x, dx = of([Patch(body.contacts[0])]).on(body), body.x, moved(body, rng, 1e-4 * SIDE)
+
+    def value(at):
+        body.x = at
+        return float(observed.value()[0])
+
+    gradient = observed.gradient(np.ones(1))
+    assert taylor(value, gradient, x, dx, first=0.1)[-1] == pytest.approx(2, abs=0.1)
 
 
 @dataclass(frozen=True)

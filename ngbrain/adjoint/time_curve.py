@@ -1,0 +1,204 @@
+"""A quantity over time, known where steps end: its integral, how long it is above a threshold, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, PPoly
+
+from ngbrain.errors import InputError
+
+Array = np.ndarray
+
+
+class Interpolation(StrEnum):
+    """How a quantity goes between two steps."""
+
+    LINEAR = "linear"
+    MONOTONE_CUBIC = "monotone cubic"
+
+
+@dataclass(frozen=True, eq=False)
+class TimeCurve:
+    """Values at the ends of steps as a function of time.
+
+    Long steps of a hold are followed to a part of a percent by a monotone cubic, where straight lines would lie above.
+
+    Parameters
+    ----------
+    times : array (n,)
+        Increasing (s).
+    values : array (n,)
+        In any unit.
+    events : sequence of float, optional
+        Times (s) where a cubic may bend: steps end on them, and the first and the last are the curve's ends; None: only these.
+    interpolation : Interpolation
+
+    Raises
+    ------
+    InputError
+        For times that do not increase, or are not as many as the values.
+
+    References
+    ----------
+    Fritsch & Butland 1984, 10.1137/0905021.
+
+    Examples
+    --------
+    >>> pressed = TimeCurve([0.0, 10.0, 20.0], [0.0, 40.0, 0.0], [0.0, 10.0, 20.0])
+    >>> pressed.integral(), pressed.above(20.0), pressed.peak
+    (400.0, (10.0, 10.0), 40.0)
+    """
+
+    times: Sequence[float] | Array
+    values: Sequence[float] | Array
+    events: Sequence[float] | Array | None = None
+    interpolation: Interpolation = Interpolation.MONOTONE_CUBIC
+
+    def __post_init__(self) -> None:
+        times, values = np.asarray(self.times, float), np.asarray(self.values, float)
+        if times.ndim != 1 or len(times) < 2 or times.shape != values.shape or not np.all(np.diff(times) > 0):
+            found = f"of shape {times.shape} with values of shape {values.shape}"
+            raise InputError("times", found, "two or more increasing times, with a value of each")
+
+    def __call__(self, t: float | Array) -> Array:
+        """The value at times (s)."""
+        return np.asarray(self.polynomial(t))
+
+    @cached_property
+    def pieces(self) -> list[slice]:
+        """Steps from one event to the next, with both ends."""
+        ends = np.asarray(self.times)[[0, -1]] if self.events is None else self.events
+        return [slice(i, j + 1) for i, j in pairwise(np.searchsorted(self.times, ends))]
+
+    @cached_property
+    def polynomial(self) -> PPoly:
+        """Between steps."""
+        t, values, first, last = *self._arrays, self.pieces[0].start, self.pieces[-1].stop
+        if self.interpolation is Interpolation.LINEAR:
+            t, values = t[first:last], values[first:last]
+            return PPoly(np.array([np.diff(values) / np.diff(t), values[:-1]]), t)
+        pieces = [PchipInterpolator(t[piece], values[piece]) for piece in self.pieces]
+        return PPoly(np.concatenate([piece.c for piece in pieces], axis=1), t[first:last])
+
+    @property
+    def _arrays(self) -> tuple[Array, Array]:
+        return np.asarray(self.times, float), np.asarray(self.values, float)
+
+    @property
+    def peak(self) -> float:
+        """The largest value: at a step, as nothing between is beyond its ends."""
+        return float(self.polynomial(self.polynomial.x).max())
+
+    def integral(self, until: float | None = None) -> float:
+        """∫ dt from the start to the end, or to a time (s)."""
+        start, end = self.polynomial.x[[0, -1]]
+        return float(self.polynomial.integrate(start, end if until is None else until))
+
+    def above(self, threshold: float) -> tuple[float, float]:
+        """Total and longest uninterrupted time (s) above a threshold."""
+        curve = self.polynomial
+        crossings = curve.solve(threshold, discontinuity=False, extrapolate=False)
+        ends = np.unique([*curve.x[[0, -1]], *crossings[np.isfinite(crossings)]])
+        lengths = np.where(curve((ends[1:] + ends[:-1]) / 2) > threshold, np.diff(ends), 0.0)
+        total = longest = current = 0.0
+        for length in lengths.tolist():
+            current = current + length if length else 0.0
+            total, longest = total + length, max(longest, current)
+        return total, longest
+
+    def integral_slope(self) -> Array:
+        """How the integral changes with each value (n,)."""
+        h = np.diff(self._arrays[0])[:, None]
+        return self._gather(h / 2, h / 2, h**2 / 12, -(h**2) / 12)[:, 0]
+
+    def counted(self, count: tuple[Array, Array], threshold: float, width: float) -> tuple[float, Array]:
+        """∫ 1/(1 + exp(-(c - threshold)/width)) dt, by Gauss' points in each step, and how it changes with each value (n,).
+
+        `count` are points and weights in [0, 1].
+        """
+        s, weights = count
+        t, values = self._arrays
+        h, d = np.diff(t)[:, None], self._slopes[0]
+        s2, s3 = s**2, s**3
+        basis = 1 - 3 * s2 + 2 * s3, 3 * s2 - 2 * s3, h * (s - 2 * s2 + s3), h * (s3 - s2)
+        begin, end = d
+        at = basis[0] * values[:-1, None] + basis[1] * values[1:, None]
+        at = at + basis[2] * begin[:, None] + basis[3] * end[:, None]
+        part = 1 / (1 + np.exp(-np.clip((at - threshold) / width, -700, 700)))
+        slope = h * weights * part * (1 - part) / width
+        by = [np.sum(slope * each, axis=1, keepdims=True) for each in basis]
+        return float(np.sum(h * weights * part)), self._gather(*by)[:, 0]
+
+    def _gather(self, begin: Array, end: Array, rise_begin: Array, rise_end: Array) -> Array:
+        """By the values, from what each step (m, 1) has of those at its ends and of the slopes there."""
+        found = np.zeros((len(self.times), 1))
+        for piece in self.pieces:
+            steps = slice(piece.start, piece.stop - 1)
+            found[steps] += begin[steps]
+            found[steps.start + 1 : piece.stop] += end[steps]
+        if self.interpolation is Interpolation.MONOTONE_CUBIC:
+            by_begin, by_end = self._slopes[1]
+            found += by_begin.T @ rise_begin + by_end.T @ rise_end
+        return found
+
+    @cached_property
+    def _slopes(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Slopes at the beginning and the end of each step (n - 1,), and how they change with the values (n - 1, n)."""
+        t, values = self._arrays
+        n = len(t)
+        slopes, by = (np.zeros(n - 1), np.zeros(n - 1)), (np.zeros((n - 1, n)), np.zeros((n - 1, n)))
+        for piece in self.pieces:
+            steps = slice(piece.start, piece.stop - 1)
+            if self.interpolation is Interpolation.LINEAR:
+                for each in slopes:
+                    each[steps] = np.diff(values[piece]) / np.diff(t[piece])
+                continue
+            found, change = monotone_slopes(t[piece], values[piece])
+            slopes[0][steps], slopes[1][steps] = found[:-1], found[1:]
+            by[0][steps, piece], by[1][steps, piece] = change[:-1], change[1:]
+        return slopes, by
+
+
+def monotone_slopes(t: Array, values: Array) -> tuple[Array, Array]:
+    """Slopes (n,) that a monotone cubic has at its points, and how they change with the values (n, n).
+
+    Where values turn the slope is 0 and stays so. It is the one of `scipy.interpolate.PchipInterpolator`, which has no derivative.
+    """
+    h, n = np.diff(t), len(t)
+    secant = np.diff(values) / h
+    by = np.zeros((n, n - 1))  # the secants' part
+    if n == 2:
+        slopes, by[:] = np.repeat(secant, 2), 1.0
+    else:
+        slopes = np.zeros(n)
+        before, after = secant[:-1], secant[1:]
+        same = before * after > 0
+        one, other = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
+        safe = [np.where(same, each, 1.0) for each in (before, after)]
+        mean = (one + other) / (one / safe[0] + other / safe[1])
+        slopes[1:-1] = np.where(same, mean, 0.0)
+        inner = np.arange(1, n - 1)
+        for k, weight in enumerate((one, other)):
+            by[inner, inner - 1 + k] = np.where(same, mean**2 * weight / (one + other) / safe[k] ** 2, 0.0)
+        slopes[0], by[0, :2] = _end_slope(h[0], h[1], secant[0], secant[1])
+        slopes[-1], last = _end_slope(h[-1], h[-2], secant[-1], secant[-2])
+        by[-1, -2:] = last[::-1]
+    to_secants = (np.eye(n - 1, n, 1) - np.eye(n - 1, n)) / h[:, None]
+    return slopes, by @ to_secants
+
+
+def _end_slope(near: float, next_to: float, secant: float, following: float) -> tuple[float, Array]:
+    """At an end, from the steps and secants next to it: of three points, held to the sign of the first secant and thrice it."""
+    by = np.array([2 * near + next_to, -near]) / (near + next_to)
+    slope = float(by @ [secant, following])
+    if np.sign(slope) != np.sign(secant):
+        return 0.0, np.zeros(2)
+    if np.sign(secant) != np.sign(following) and abs(slope) > 3 * abs(secant):
+        return 3 * secant, np.array([3.0, 0.0])
+    return slope, by
