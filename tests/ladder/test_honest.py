@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -124,7 +123,7 @@ def test_a_fibre_along_the_load_is_not_lost():
 
 def test_a_judge_that_fails_is_an_unknown_error():
     class Failing:
-        scene = SimpleNamespace(quantities=[None])
+        questions = (None,)
 
         def solve(self, model, near=None):
             if model["contact"] == "all":

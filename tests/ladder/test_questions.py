@@ -73,7 +73,8 @@ SWELLING = Functional(lambda at: (at.F[0, 0] + at.F[1, 1] + at.F[2, 2] - 3) * at
 def test_forces_of_finite_strain_and_through_time():
     force, own = Quantity(name="force", boundary="plate"), Question(Force("plate", (0, 0, 1)))
     relaxing = Scene(
-        geometry=SCENE.piece,
+        geometry=SCENE.geometry,
+        mesh=SCENE.mesh,
         tissues=(Tissue(mu=(1e3, 500.0), eta=(500.0,), poissons_ratio=0.45),),
         displacement_bcs=PRESSED,
         time=Time(ramp=1.0, end=5.0),
@@ -99,11 +100,12 @@ def test_what_is_no_question_is_refused():
         with pytest.raises(InputError, match=r"question|Question|space"):
             of()
     wave = Scene(
-        tissues=SCENE.stuff,
+        tissues=SCENE.tissues,
         displacement_bcs=PRESSED,
-        geometry=SCENE.piece,
+        geometry=SCENE.geometry,
+        mesh=SCENE.mesh,
         time=Time(frequency=50.0),
-        quantities=SCENE.ask,
+        quantities=SCENE.quantities,
     )
     with pytest.raises(InputError, match="shaken"):
         Bench(wave, [Question(region_volume())])

@@ -46,14 +46,14 @@ def test_axes_are_those_that_an_operation_has() -> None:
 
 
 def test_elements_get_smaller_down_to_the_scenes_own() -> None:
-    fine = asked(PEAK, site=3e-3, near=8e-3, far=24e-3)
+    fine = asked(PEAK, wall=3e-3, craniotomy=8e-3, largest=24e-3)
     assert axes_of(fine)["mesh"].levels == ("0", "1", "2")
     assert axes_of(fine, {"mesh": "0"})["mesh"].levels == ("0",)
     assert axes_of(asked(PEAK))["mesh"].levels == ("0", "1")  # √2 times 4 mm is as good as the largest, 6 mm
-    assert axes_of(asked(PEAK, site=8e-3, near=14e-3, far=36e-3))["mesh"].levels == ("0",)
+    assert axes_of(asked(PEAK, wall=8e-3, craniotomy=14e-3, largest=36e-3))["mesh"].levels == ("0",)
     coarse, own = (_sizes(fine, factor) for factor in (2.0, 1.0))
-    assert coarse == {"site": 6e-3, "near": 14e-3, "far": 36e-3}
-    assert own == {"site": 3e-3, "near": 8e-3, "far": 24e-3}
+    assert coarse == {"wall": 6e-3, "craniotomy": 14e-3, "largest": 36e-3}
+    assert own == {"wall": 3e-3, "craniotomy": 8e-3, "largest": 24e-3}
 
 
 def test_models_leave_out_what_they_say() -> None:

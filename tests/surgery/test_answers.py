@@ -51,7 +51,7 @@ def test_a_run_says_its_peaks_and_what_it_took():
 
 
 def test_an_answer_in_the_units_of_its_keys():
-    found = answer(run([0.0, 34.0, 24.0]), Patient(map_mmHg=40.0, icp_mmHg=5.0))
+    found = answer(run([0.0, 34.0, 24.0]), Patient(mean_arterial_pressure=40.0, intracranial_pressure=5.0))
     assert found["peak_centre_pressure_mmHg"] == pytest.approx(12.0)
     assert found["series"]["centre_pressure_mmHg"] == pytest.approx([0.0, 12.0, 5.0])
     assert (found["von_mises_p95_kPa"], found["von_mises_max_over_0_5_ml_kPa"]) == pytest.approx((0.4, 2.2))
@@ -68,7 +68,7 @@ def test_an_answer_in_the_units_of_its_keys():
 
 
 def test_stiffer_tissue_presses_more_and_longer_and_strains_as_much():
-    patient = Patient(map_mmHg=40.0)
+    patient = Patient(mean_arterial_pressure=40.0)
     soft = answer(run([0.0, 20.0, 15.0]), patient)
     found, real = stiffer(soft, 2.0, patient), answer(run([0.0, 40.0, 30.0]), patient)
     assert soft["s_above_20_mmHg"] == 0 and real["s_above_20_mmHg"] > 900
@@ -182,7 +182,7 @@ def test_friction_is_left_out_where_there_is_none():
 
 def test_one_fast_piece_of_one_protocol_is_enough_for_inertia():
     """Here in letting go, 4 mm in 0.02 s."""
-    pieces = {"times": (0.0, 20.0, 20.02, 100.0), "opening": (0.0, 4e-3, 0.0, 0.0)}
+    pieces = {"times": (0.0, 20.0, 20.02, 100.0), "travel": (0.0, 4e-3, 0.0, 0.0)}
     text = inertia(10.0, Protocol(kind="program", name="sudden", **pieces))
     assert text.startswith(
         "inertia, which matters here: the blade moves at up to 200 mm/s, at which its 5 mm take 0.025 s"

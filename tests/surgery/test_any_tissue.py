@@ -38,7 +38,7 @@ class Bar:
 
 
 def scene_of(grey, white="griffiths2024:white_matter", **more):
-    tissues = (Tissue(region="grey", constants=grey, **more), Tissue(region="white", constants=white))
+    tissues = (Tissue(region="grey", material=grey, **more), Tissue(region="white", material=white))
     return replace(Scene.shipped("idealised_fast"), tissues=tissues)
 
 
@@ -142,7 +142,7 @@ def test_what_is_assumed_of_a_tissue_is_said():
         "tissue#2 (white): budday2017:cortex:gent:tension (human cortex): no state beyond I₁ = 3.08 has an energy; "
         "measured in tension alone",
         "tissue#3 (ventricle.*): bulk_to_shear_ratio is not given: 1000 is assumed, nearly incompressible",
-        "no tissue relaxes: pressures do not fall while the blade holds",
+        "no tissue relaxes: pressures do not fall while the tool holds",
     ]
     assert tissues[0].bulk == 148e3 and not Scene.shipped("demo").warnings
 

@@ -14,7 +14,7 @@ class Model:
 
     def __init__(self, target, approach=None, head="idealised"):
         self.cleft = cleft_to(np.array(target), approach=approach)
-        self.head, self.scene = object(), type("S", (), {"body": type("B", (), {"head": head})})
+        self.head, self.scene = object(), type("S", (), {"geometry": type("G", (), {"kind": head})})
 
 
 def test_a_target_on_the_mid_plane_is_not_taken_without_a_word():

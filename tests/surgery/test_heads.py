@@ -41,7 +41,7 @@ def volume_ml(mesh, region):
 
 def test_volumes_are_those_of_the_labels(model):
     told = model.head.describe(model.mesh)
-    slot = 1e6 * model.cleft.gap * model.cleft.width * model.cleft.depth
+    slot = 1e6 * model.cleft.opening * model.cleft.width * model.cleft.depth
     assert volume_ml(model.mesh, "brain") == pytest.approx(told["label_brain_ml"] - slot, rel=1e-3)
     assert volume_ml(model.mesh, "ventricles") == pytest.approx(told["label_volumes_ml"]["ventricle"], rel=1e-2)
     assert told["min_dihedral_deg"] > 3
@@ -56,7 +56,7 @@ def test_the_template_lies_in_itself(model):
 def test_coarser_elements_elsewhere_leave_the_ventricles_as_they_are(model):
     # Where large triangles do not close around a horn, finer ones are tried: then coarser sizes gave more elements.
     where = model.scene.cleft
-    other = model.head.opened(model.cleft, where.craniotomy, Sizes(4e-3, 10e-3, 20e-3))
+    other = model.head.opened(model.cleft, where.craniotomy_diameter, Sizes(4e-3, 10e-3, 20e-3))
     assert other.ne > model.mesh.ne
     numbers = [sum(el.mat == "ventricle_wall" for el in mesh.Elements(ngs.BND)) for mesh in (model.mesh, other)]
     assert numbers[0] == numbers[1] > 200

@@ -153,8 +153,8 @@ def test_columns_of_a_row_are_observables_with_gradients(rng):
 def test_pressures_of_a_retraction_are_data_of_a_model():
     """By how stiff the cortex is, which a blade opens and holds: rate 2, and twice as stiff means more under the blade."""
     scene = Scene.shipped("idealised_fast")
-    body = replace(scene.body, site=8e-3, near=20e-3, far=45e-3)
-    model = Model.of(replace(scene, body=body, retraction=replace(scene.retraction, opening=1e-3)))
+    mesh = replace(scene.mesh, wall=8e-3, craniotomy=20e-3, largest=45e-3)
+    model = Model.of(replace(scene, mesh=mesh, tools=(replace(scene.tool, travel=1e-3),)))
     factor, press = ngs.Parameter(1.0), Protocol("press", (0.0, 1.0, 2.0), (0.0, 5e-4, 5e-4))
     run = model.run(press, materials=model.scaled({"cortex": factor}))
     asked = retraction_observables(run.problem, model.blades)

@@ -19,20 +19,22 @@ def course(*corners):
 
 def test_perfusion_of_a_patient_under_a_triangle_of_pressure():
     pressed = course((0, 0), (10, 90), (20, 0))
-    found = perfusion(Patient(map_mmHg=70.0, icp_mmHg=15.0), pressed)
+    found = perfusion(Patient(mean_arterial_pressure=70.0, intracranial_pressure=15.0), pressed)
     above = 2 * 60 * 10 * (90 - 60) / 90  # MAP - BRP < 10 above 60 mmHg
     assert found["s_perfusion_below_10_mmHg"] == found["longest_s_perfusion_below_10_mmHg"] == pytest.approx(above)
     assert found["min_perfusion_reserve_mmHg"] == pytest.approx(70 - 90)
     twice = course((0, 0), (10, 90), (20, 0), (30, 90), (40, 0))
-    found = perfusion(Patient(map_mmHg=70.0), twice)
+    found = perfusion(Patient(mean_arterial_pressure=70.0), twice)
     assert found["s_perfusion_below_10_mmHg"] == pytest.approx(2 * above)
     assert found["longest_s_perfusion_below_10_mmHg"] == pytest.approx(above)
 
 
 def test_where_the_blade_presses_less_than_the_head_the_reserve_is_that_without_it():
-    found = perfusion(Patient(map_mmHg=70.0, icp_mmHg=15.0), course((0, 0), (10, 12), (20, 0)))
+    found = perfusion(
+        Patient(mean_arterial_pressure=70.0, intracranial_pressure=15.0), course((0, 0), (10, 12), (20, 0))
+    )
     assert found["min_perfusion_reserve_mmHg"] == 55.0 and found["s_perfusion_below_10_mmHg"] == 0.0
-    found = perfusion(Patient(map_mmHg=70.0), course((0, 0), (10, 12), (20, 0)))
+    found = perfusion(Patient(mean_arterial_pressure=70.0), course((0, 0), (10, 12), (20, 0)))
     assert found["min_perfusion_reserve_mmHg"] == 58.0
 
 
