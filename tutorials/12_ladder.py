@@ -122,9 +122,9 @@ plt.show()
 
 # %% [markdown]
 # ## A question of one's own
-# A scene asks forces, displacements and strains. Whatever else is a number of a body's state is a class of ten lines, an observable:
-# how far a side bulges, of how far a plate goes down. The ladder asks it beside the scene's questions. Of a
-# section it cannot be asked, as this has no y, so that the climb starts in space.
+# A scene asks forces, displacements and strains. Whatever else is a number of a body's state is a class of ten lines, an
+# observable: how far a side bulges, of how far a plate goes down. The ladder asks it beside the scene's questions. Of a section it
+# cannot be asked, as this has no y, so that the climb starts in space.
 
 
 # %%
@@ -158,8 +158,8 @@ for each in own["quantities"]:
     print(f"{each['quantity']}: {each['value']:.3g} {each['unit']} (± {each['error_estimate']:.0%})")
 
 # %% [markdown]
-# The same object is data. How far tissue bulges says how compressible it is: shear and bulk modulus from the force and this number at
-# two heights, each with 1 % of noise, drawn anew each time. The ladder's coarsest mesh will do.
+# The same object is data. How far tissue bulges says how compressible it is: shear and bulk modulus from the force and this
+# number at two heights, each with 1 % of noise, drawn anew each time. The ladder's coarsest mesh will do.
 
 # %%
 mu, bulk = ngs.Parameter(1000.0), ngs.Parameter(14e3 / 3)
