@@ -15,7 +15,6 @@ from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.inverse import stiffness
 from ngbrain.inverse.stiffness import StiffnessMap, read_stiffness
@@ -126,7 +125,7 @@ def _cube(size: float) -> ngs.Mesh:
 
 def head(maps: tuple[str, str] | None = None) -> Head:
     """The brain of MNI152, with the moduli of two files if there are some."""
-    return Head(LabelMap(tissues(mni152()), TISSUES), read_stiffness(*maps) if maps else None)
+    return Head(tissues(mni152()).labels, read_stiffness(*maps) if maps else None)
 
 
 def _normal(voxel: Array) -> Array:

@@ -36,7 +36,7 @@ from ngbrain.errors import InputError, require
 from ngbrain.image import read_scan
 from ngbrain.image.niftifile import on_grid
 from ngbrain.image.segment import CSF, GREY, VENTRICLE, WHITE
-from ngbrain.image.tissues import grey_white_contrast, template_place, tissues
+from ngbrain.image.tissues import template_place, tissues
 from ngbrain.io import write_json
 from ngbrain.scene import Scene
 
@@ -80,8 +80,8 @@ def measure(path: Path) -> Record:
         found["voxel_mm"] = [round(1e3 * float(s), 2) for s in np.linalg.norm(scan.file_affine[:3, :3], axis=0)]
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            labels = tissues(scan)
-            found["contrast"] = round(grey_white_contrast(scan), 2)
+            segmented = tissues(scan)
+            labels, found["contrast"] = segmented.volume, round(segmented.contrast, 2)
         found["recognised"] = True
         found["warnings"] = sorted({str(each.message) for each in caught})
         found["cpu_s"] = round(time.process_time() - begun, 1)

@@ -27,7 +27,6 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh.elements import Elements
@@ -185,7 +184,7 @@ def records_of(
 
 def measure(quick: bool) -> list[dict]:
     """All records; `quick` stays under a minute."""
-    labels = LabelMap(tissues(mni152()), TISSUES)
+    labels = tissues(mni152()).labels
     brain = outlines(labels).brain
     middles = brain.outline().mean(axis=1)
     site = middles[np.linalg.norm(middles - SITE_FROM, axis=1).argmin()]

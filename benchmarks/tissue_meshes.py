@@ -23,7 +23,6 @@ from ngbrain import parallel
 from ngbrain.errors import require
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.mesh.conforming import named
 from ngbrain.mesh.elements import Elements
@@ -111,7 +110,7 @@ def case(route: str, size: float | None) -> dict:
 
 @cache
 def _labels() -> LabelMap:
-    return LabelMap(tissues(mni152()), TISSUES)
+    return tissues(mni152()).labels
 
 
 def chart(records: list[dict], path: str) -> None:

@@ -69,6 +69,35 @@ def curves(lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x: str,
     return page
 
 
+def slices(data: np.ndarray, names: Sequence[str]) -> Any:
+    """The three middle slices of labels (nx, ny, nz) that number `names` from 0, which is outside, as a matplotlib Figure."""
+    colours = require("matplotlib", "report").colormaps["tab10"](np.arange(len(names)) % 10)
+    colours[0] = 1.0
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(7.2, 2.8)
+        for i, axes in enumerate(page.subplots(1, 3)):
+            axes.imshow(colours[np.take(data, data.shape[i] // 2, axis=i).T], origin="lower", interpolation="nearest")
+            axes.set_axis_off()
+        marks = [page.axes[0].plot([], [], "s", color=colours[i], label=names[i])[0] for i in range(1, len(names))]
+        page.legend(handles=marks, loc="outside lower center", ncols=len(marks), frameon=False)
+    return page
+
+
+def places(points: np.ndarray, names: Sequence[str]) -> Any:
+    """Points of the plane (n, 2) m, coloured by name, as a matplotlib Figure."""
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(4.8, 4.4)
+        axes = page.subplots()
+        of = np.array(names)
+        for name in dict.fromkeys(names):
+            axes.plot(*(1e3 * points[of == name].T), "o", ms=2.5, label=name)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x, mm")
+        axes.set_ylabel("y, mm")
+        axes.legend(frameon=False, markerscale=3)
+    return page
+
+
 def maps(points: np.ndarray, values: Mapping[str, np.ndarray], moduli: Sequence[str]) -> Any:
     """Maps on points of the plane (n, 2), or on the slice of points in space (n, 3) nearest to their middle, side by side.
 

@@ -24,7 +24,6 @@ import ngbrain
 from ngbrain import viz
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.tissues import tissues
 from ngbrain.image.volume import Volume
@@ -111,7 +110,7 @@ print(
 # The template's labels by the route that is chosen for surgery, and where things are in it.
 
 # %%
-brain = LabelMap(tissues(mni152()), TISSUES)
+brain = tissues(mni152()).labels
 head = meshed(brain, "hull", Graded(9e-3, 9e-3) if FAST else None)
 print(len(head.tets), "tetrahedra", {name: round(ml, 1) for name, ml in volumes_ml(head).items()}, "ml")
 places = landmarks(brain)

@@ -16,8 +16,8 @@ from ngbrain.image.labelmap import LabelMap
 from ngbrain.image.volume import Volume
 from ngbrain.io.foreign import is_mesh
 from ngbrain.io.surfacefile import is_surface
-from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.imported import write_imported
 from ngbrain.mesh.opening import Opening
 from ngbrain.mesh.routes import ROUTES
@@ -77,7 +77,7 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
     tell("meshing")
     try:
         opening = Opening(floor, **shape) if floor else None
-        result, mesh = write_subject(
+        made = write_subject(
             subject, arguments.output, arguments.route, size, arguments.curve, opening, arguments.surfaces
         )
     except InputError as wrong:
@@ -86,15 +86,15 @@ def _meshed(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[
             raise
         option = "--cut" if name == "target" else f"--{name}"
         raise InputError(option, wrong.value, wrong.wanted, wrong.file) from wrong
-    return _reported(arguments, result, mesh, subject.labels, subject.t1, tell)
+    return _reported(arguments, made, subject.labels, subject.t1, tell)
 
 
 def _imported(arguments: argparse.Namespace, tell: Callable[[str], None]) -> dict[str, Any]:
     """A mesh of another program as it is: what would change it or needs labels is refused."""
     _alone(arguments, "a mesh", (*LABELS_OF, "route", "size", "site", "cut", "curve", "surfaces", "landmark", "radius"))
     tell("reading")
-    result, mesh = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
-    return _reported(arguments, result, mesh, None, None, tell)
+    made = write_imported(arguments.images[0], arguments.output, arguments.unit or UNIT)
+    return _reported(arguments, made, None, None, tell)
 
 
 def _subject(arguments: argparse.Namespace) -> Subject:
@@ -138,8 +138,7 @@ def _part(text: str) -> tuple[str, Path]:
 
 def _reported(
     arguments: argparse.Namespace,
-    result: dict[str, Any],
-    mesh: Elements,
+    made: HeadMesh,
     labels: LabelMap | None,
     t1: Volume | None,
     tell: Callable[[str], None],
@@ -147,9 +146,9 @@ def _reported(
     tell("report")
     from ngbrain.report import anatomy
 
-    shown = 1e-3 * np.array(result["shown_mm"])
-    anatomy.build(arguments.output.with_name("report.html"), result, mesh, labels, t1, shown)
-    return result
+    shown = 1e-3 * np.array(made["shown_mm"])
+    anatomy.build(arguments.output.with_name("report.html"), made.data, made.elements, labels, t1, shown)
+    return made.data
 
 
 def summary(result: dict[str, Any]) -> list[str]:

@@ -6,6 +6,7 @@ import hashlib
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +27,14 @@ from ngbrain.image import (
 )
 from ngbrain.image import structures as structures_module
 from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.midsurface import MidSurface
 from ngbrain.image.rim import lifted
 from ngbrain.image.structures import NAMES, Structures, on_black, structures
 from ngbrain.image.volume import Scan, Volume, mni152
 from ngbrain.io.cache import Arrays, kept
+from ngbrain.look import slices
+from ngbrain.result import Result, Status
 
 LEAST_CONTRAST = 3.0
 """From grey to white matter in standard deviations of one tissue's grey values, below which their borders are guesses.
@@ -45,11 +49,52 @@ class TissueWarning(UserWarning):
     """Labels of tissues that are not to be trusted without a look."""
 
 
-def tissues(scan: Scan) -> Volume:
+@dataclass(repr=False, eq=False)
+class Segmentation(Result):
+    """Tissue of every voxel of a scan.
+
+    Parameters
+    ----------
+    volume
+        uint8, numbers of `ngbrain.image.segment.NAMES`.
+    contrast
+        From grey to white matter in standard deviations of one tissue's grey values; below `LEAST_CONTRAST` borders are guesses.
+    """
+
+    volume: Volume
+    contrast: float
+
+    @property
+    def labels(self) -> LabelMap:
+        """The tissues by name, as meshes take them."""
+        return LabelMap(self.volume, TISSUES)
+
+    @property
+    def value(self) -> dict[str, float]:
+        """Tissue → ml."""
+        counts = np.bincount(self.volume.data.ravel(), minlength=len(segment.NAMES)) * self.volume.voxel_volume * 1e6
+        return {name: float(counts[i]) for i, name in enumerate(segment.NAMES) if i != segment.OUTSIDE}
+
+    @property
+    def headline(self) -> str:
+        """Volumes, in ml."""
+        return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """The contrast."""
+        return {"spreads_from_grey_to_white": round(self.contrast, 1)}
+
+    def plot(self) -> Any:
+        """The three middle slices."""
+        return slices(self.volume.data, segment.NAMES)
+
+
+def tissues(scan: Scan) -> Segmentation:
     """Tissue of every voxel: stripped of its skull, freed of the coil's field and segmented (`ngbrain.image.segment`).
 
-    Raises `InputError` for a scan that is no T1 of a whole head or brain. Warns (`TissueWarning`) where grey and white matter
-    differ too little to be told apart, and of volumes that people hardly have.
+    Raises `InputError` for a scan that is no T1 of a whole head or brain. Warns (`TissueWarning`, and in the result's `warnings`)
+    where grey and white matter differ too little to be told apart, and of volumes that people hardly have.
     """
     with naming(scan.source):  # the file, which a picture and a mask do not know
         return _looked_at(*_tissues(_brain(scan)))
@@ -189,23 +234,24 @@ def _tissues(of: _Brain) -> tuple[Volume, float]:
     return Volume(found["labels"], of.picture.affine), float(found["contrast"])
 
 
-def _looked_at(labels: Volume, contrast: float) -> Volume:
+def _looked_at(labels: Volume, contrast: float) -> Segmentation:
     """The labels, with a warning if they are to be looked at first."""
+    found = Segmentation(labels, contrast, status=Status.CONVERGED)
     if contrast < LEAST_CONTRAST:
         text = f"grey and white matter differ by {contrast:.1f} times the spread of one tissue's grey values"
-        wanted = f"below {LEAST_CONTRAST:g}, their borders are guesses"
-        warnings.warn(f"low contrast: {text}; {wanted}", TissueWarning, stacklevel=3)
-    for label, name in enumerate(segment.NAMES):
+        found.warnings.append(f"low contrast: {text}; below {LEAST_CONTRAST:g}, their borders are guesses")
+    for name, millilitres in found.value.items():
         low, high = _ADULT.get(name, (0.0, np.inf))
-        millilitres = float((labels.data == label).sum() * labels.voxel_volume * 1e6)
         if not low <= millilitres <= high:
             text = f"{millilitres:.1f} ml of {name} found, where people have {low:g} to {high:g} ml"
-            warnings.warn(f"{text}: look at the labels", TissueWarning, stacklevel=3)
-    return labels
+            found.warnings.append(f"{text}: look at the labels")
+    for text in found.warnings:
+        warnings.warn(text, TissueWarning, stacklevel=3)
+    return found
 
 
 def _structured(of: _Brain) -> Structures:
-    labels = _looked_at(*_tissues(of))
+    labels = _looked_at(*_tissues(of)).volume
 
     def make() -> Arrays:
         even = _even(of)

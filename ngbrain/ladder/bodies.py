@@ -25,11 +25,12 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.edges import torn
+from ngbrain.ladder.levels import Mesh, Order, Time
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import Asked, Question, State, along, answer, embedded, in_axes, scale_of
-from ngbrain.ladder.rungs import PART, Model, not_in_section
+from ngbrain.ladder.rungs import Model, not_in_section
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
 from ngbrain.materials.base import Law, Value
@@ -45,8 +46,6 @@ RAMP, HOLD = 6, 8
 """Steps of time in a ramp, and in a hold, which get longer."""
 CROSSING, LONGER = 12, 1.15
 """Steps of time in which a shear wave crosses a body with mass; and how much longer they get, one after the other, in a hold."""
-REMEMBERS = ("prony", "flowing")
-"""Levels of time that have a memory."""
 
 
 FIRM = 3e3
@@ -72,8 +71,9 @@ class Bench:
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
         if plane and (beyond := not_in_section(self.scene, self.made_of[1])):
             raise InputError("space", "'plane'", f"'solid': {beyond}")
-        level = int(model["mesh"].removesuffix(PART))
-        if not model["mesh"].endswith(PART):
+        mesh = Mesh(model["mesh"])
+        level = mesh.halvings
+        if not mesh.part:
             return self._meshes[extent].at(level, plane)
         key = extent, plane, level
         if key not in self._cut:
@@ -94,7 +94,7 @@ class Bench:
 
     def has_states(self, model: Model) -> bool:
         """Whether its solution has states: it is of a body at rest without memory."""
-        through_time = model.get("time") in REMEMBERS or model.get("inertia") == "all"
+        through_time = remembers(model) or model.get("inertia") == "all"
         return self.scene.time.frequency is None and not through_time
 
     @property
@@ -260,9 +260,14 @@ class Bench:
         return mesh, materials, supports, loads
 
 
+def remembers(model: Model) -> bool:
+    """Whether it has a memory."""
+    return Time(model.get("time", Time.INSTANTANEOUS)).remembers
+
+
 def form_of(model: Model) -> str:
     """Displacements of the order alone, or one order higher over pressures of the order."""
-    k = int(model["order"])
+    k = Order(model["order"]).degree
     return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
 
 

@@ -14,8 +14,9 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model
 from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
 from ngbrain.ladder.keeper import Keeper
+from ngbrain.ladder.levels import Mesh
 from ngbrain.ladder.quantities import Asked, Question
-from ngbrain.ladder.rungs import ELEMENTS, PART, Axis, axes_of, cheapest, check
+from ngbrain.ladder.rungs import ELEMENTS, Axis, axes_of, cheapest, check
 from ngbrain.result import Result, Status
 from ngbrain.scene import Scene
 
@@ -156,7 +157,7 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
     estimates = keeper.at_once({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
-    if set(ELEMENTS) <= set(estimates) and not model["mesh"].endswith(PART):
+    if set(ELEMENTS) <= set(estimates) and not Mesh(model["mesh"]).part:
         estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
     for name in ELEMENTS if "pressure" in estimates else ():
         if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):
@@ -191,9 +192,7 @@ def _doubts(keeper: Keeper, rung: Rung) -> list[str]:
 def estimate(keeper: Keeper, model: Model, axis: Axis, solved: Solved | None = None) -> Estimate:
     """What the axis would change, by solutions of `solved`, else the keeper's; a large change is doubted until it is solved for."""
     to = axis.judged(model[axis.name])
-    found = BY[axis.by[axis.levels.index(model[axis.name])]](
-        keeper.bench, model, {**model, axis.name: to}, solved or keeper
-    )
+    found = BY[axis.by[axis.at(model[axis.name])]](keeper.bench, model, {**model, axis.name: to}, solved or keeper)
     largest = float(np.max(np.abs(found.change)))
     large = "" if largest <= LARGE or found.how == SOLVED else f"a change of {largest:.0%} is not one of first order"
     return replace(found, to=to, doubt=found.doubt or large)
@@ -310,7 +309,7 @@ def _towards(axis: Axis, rung: Rung, tolerances: Array) -> str:
     As `_learnt` counts it, of all that is climbed at once: else the next step would be climbed too, and the part for nothing.
     """
     whole, part = rung.estimates[axis.name].to, axis.above(rung.model[axis.name])
-    if not part or not part.endswith(PART):
+    if not part or not part.part:
         return whole
     told = sum(np.abs(rung.estimates[name].change) for name in rung.taken)
     return part if np.all(LEFT ** len(rung.taken) * told * axis.tail <= tolerances) else whole
@@ -324,7 +323,7 @@ def _worth(axis: Axis, rung: Rung, tolerances: Array) -> float:
 
 def _growth(axis: Axis, rung: Rung) -> float:
     """By how much its next step is dearer."""
-    return axis.growth[axis.levels.index(rung.model[axis.name])]
+    return axis.growth[axis.at(rung.model[axis.name])]
 
 
 def _at_the_top(axes: Mapping[str, Axis], rungs: list[Rung], tolerances: Array) -> tuple[Array, list[str]]:

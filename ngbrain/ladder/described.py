@@ -58,7 +58,7 @@ def described(climb: Climb, questions: Sequence[AskedFor]) -> dict[str, Any]:
         "model": climb.chosen.model,
         "left_out": [
             {
-                "what": climb.axes[name].left_out[climb.axes[name].levels.index(climb.chosen.model[name])],
+                "what": climb.axes[name].left_out[climb.axes[name].at(climb.chosen.model[name])],
                 "axis": name,
                 "change": _plain(each.change),
                 "how": each.how,

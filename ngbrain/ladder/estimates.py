@@ -20,7 +20,7 @@ import numpy as np
 
 from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.ladder.bodies import REMEMBERS, SMALL, Bench, Model, Solution, answers_of
+from ngbrain.ladder.bodies import SMALL, Bench, Model, Solution, answers_of, remembers
 from ngbrain.ladder.quantities import Question, State, embedded
 from ngbrain.solvers.linear import Solve
 
@@ -140,7 +140,7 @@ def plain(model: Model, **levels: str) -> dict[str, str]:
 
 def _forgetful(model: Model) -> dict[str, str]:
     """Levels to replace for a model without memory."""
-    return {"time": "relaxed"} if model.get("time") in REMEMBERS else {}
+    return {"time": "relaxed"} if remembers(model) else {}
 
 
 def _at_rest(model: Model) -> dict[str, str]:
@@ -275,7 +275,7 @@ BY: Mapping[str, Estimator] = {
     "roughly": roughly,
     "coarse": coarse,
     "moving": moving,
-    "frictionless": touching,
+    "touching": touching,
     "order": order,
     "mesh": in_section(finer),
     "section": in_section(neighbour),

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.ladder.levels import HALVINGS, Extent, Level, Mesh, Order, Present, Pressure, Space, Strain, Time, Tissues
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
 from ngbrain.scene import Scene
 
@@ -28,15 +29,11 @@ class Labelled(Protocol):
         """In words."""
 
 
-PART = "+"
-"""Ends the name of a level that is a part of the step to the next."""
-
-
 @dataclass(frozen=True)
 class Axis:
     """One way to model more.
 
-    levels   from cheap to rich; one that ends with `PART` is a part of the step to the next
+    levels   from cheap to rich
     left_out what the level below the next one leaves out, in words, one for each step
     by       how a step is estimated: see `estimates`
     at_once  whether the estimate is of the step to the richest level, as the next one may change little and the last one much
@@ -45,22 +42,26 @@ class Axis:
     """
 
     name: str
-    levels: tuple[str, ...]
+    levels: tuple[Level, ...]
     left_out: tuple[str, ...]
     by: tuple[str, ...]
     growth: tuple[float, ...]
     tail: float = 1.0
     at_once: tuple[bool, ...] = ()
 
-    def judged(self, level: str) -> str:
+    def judged(self, level: str) -> Level:
         """The level that the estimate at this one is of."""
-        i = self.levels.index(level)
-        whole = (each for each in self.levels[i + 1 :] if not each.endswith(PART))
+        i = self.at(level)
+        whole = (each for each in self.levels[i + 1 :] if not each.part)
         return self.levels[-1] if self.at_once and self.at_once[i] else next(whole, self.levels[-1])
 
-    def above(self, level: str) -> str | None:
+    def at(self, level: str) -> int:
+        """Its place among the levels."""
+        return [str(each) for each in self.levels].index(level)
+
+    def above(self, level: str) -> Level | None:
         """The next richer level."""
-        i = self.levels.index(level) + 1
+        i = self.at(level) + 1
         return self.levels[i] if i < len(self.levels) else None
 
 
@@ -69,36 +70,36 @@ AXES = {
     for axis in (
         Axis(
             "tissue",
-            ("one", "each", "map"),
+            tuple(Tissues),
             ("that tissues differ", "how stiffness varies within a tissue"),
             ("step", "step"),
             (1.2, 1.2),
         ),
-        Axis("fibres", ("none", "all"), ("fibres",), ("step",), (1.5,)),
-        Axis("strain", ("linear", "finite"), ("that strains and turns are finite",), ("strained",), (5.0,)),
+        Axis("fibres", tuple(Present), ("fibres",), ("step",), (1.5,)),
+        Axis("strain", tuple(Strain), ("that strains and turns are finite",), ("strained",), (5.0,)),
         Axis(
             "time",
-            ("instantaneous", "relaxed", "prony", "flowing"),
+            tuple(Time),
             ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
             ("step", "coarse", "coarse"),
             (1.0, 30.0, 3.0),
             at_once=(False, True, True),
         ),
-        Axis("inertia", ("none", "all"), ("inertia",), ("moving",), (10.0,)),
+        Axis("inertia", tuple(Present), ("inertia",), ("moving",), (10.0,)),
         Axis(
             "pressure",
-            ("none", "unknown"),
+            tuple(Pressure),
             ("pressures of their own in nearly incompressible tissue",),
             ("step",),
             (2.0,),
         ),
-        Axis("contact", ("none", "all"), ("that tissue slides and parts",), ("frictionless",), (2.0,)),
-        Axis("extent", ("near", "whole"), ("what lies around the region of interest",), ("roughly",), (2.0,)),
-        Axis("space", ("plane", "solid"), ("what happens out of the plane",), ("roughly",), (20.0,)),
-        Axis("order", ("1", "2", "3"), ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
+        Axis("contact", tuple(Present), ("that tissue slides and parts",), ("touching",), (2.0,)),
+        Axis("extent", tuple(Extent), ("what lies around the region of interest",), ("roughly",), (2.0,)),
+        Axis("space", tuple(Space), ("what happens out of the plane",), ("roughly",), (20.0,)),
+        Axis("order", tuple(Order)[:3], ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
         Axis(
             "mesh",
-            ("0", "0+", "1", "1+", "2"),
+            tuple(Mesh),
             ("elements half as large", "elements half as large where less is asked of them") * 2,
             ("mesh",) * 4,
             (4.0, 3.0, 4.0, 3.0),
@@ -127,11 +128,18 @@ OF_WAVES = {
     for axis in (
         _solved(AXES["tissue"]),
         replace(_solved(AXES["inertia"]), growth=(1.0,)),
-        Axis("loss", ("none", "all"), ("loss",), ("solve",), (1.5,)),
+        Axis("loss", tuple(Present), ("loss",), ("solve",), (1.5,)),
         _solved(AXES["pressure"]),
         AXES["space"],
-        Axis("order", ("1", "2", "3", "4"), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
-        Axis("mesh", ("0", "1", "2"), ("elements half as large",) * 2, ("section",) * 2, (10.0, 10.0), 1.6),
+        Axis("order", tuple(Order), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
+        Axis(
+            "mesh",
+            HALVINGS,
+            ("elements half as large",) * 2,
+            ("section",) * 2,
+            (10.0, 10.0),
+            1.6,
+        ),
     )
 }
 """Of bodies that are shaken."""
@@ -163,10 +171,10 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
     for name, axis in known.items():
         if idle.get(name):
             continue
-        last = axis.levels.index(bounds.get(name, axis.levels[-1])) + 1
+        last = axis.at(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
         if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
-            last = min(last, axis.levels.index("prony") + 1)
+            last = min(last, axis.at(Time.PRONY) + 1)
         if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
     if scene.geometry.kind == "idealised":  # its curved elements cannot be cut one by one
@@ -191,7 +199,7 @@ def between(axis: Axis, first: int, last: int) -> Axis:
 
 def _whole_steps(axis: Axis) -> Axis:
     """The axis without levels that are parts of steps."""
-    kept = [i for i, level in enumerate(axis.levels) if not level.endswith(PART)]
+    kept = [i for i, level in enumerate(axis.levels) if not level.part]
     parts: dict[str, Any] = {
         part: tuple(getattr(axis, part)[i] for i in kept[:-1]) for part in ("left_out", "by", "growth")
     }

@@ -5,20 +5,17 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 from ngbrain.io.foreign import read_mesh
 from ngbrain.mesh import files
-from ngbrain.mesh.elements import Elements
+from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.quality import Quality, volumes_ml
 from ngbrain.mesh.routes import min_jacobian
 
 ROUTE = "imported"
 
 
-def write_imported(
-    source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str = "mm"
-) -> tuple[dict[str, Any], Elements]:
+def write_imported(source: str | os.PathLike[str], path: str | os.PathLike[str], unit: str = "mm") -> HeadMesh:
     """Read a mesh, write it in the format of the path's suffix, and result.json beside it.
 
     Parameters
@@ -32,8 +29,8 @@ def write_imported(
 
     Returns
     -------
-    tuple[dict[str, Any], Elements]
-        The result and the mesh.
+    HeadMesh
+        Reads as `result.json` does.
 
     Raises
     ------
@@ -58,4 +55,4 @@ def write_imported(
         quality={**Quality.of(made).summary(), "min_jacobian": min_jacobian(made.mesh())},
         shown_mm=(500 * (low + high)).round(2).tolist(),
     )
-    return result, made
+    return HeadMesh.of(result, made)

@@ -20,7 +20,7 @@ from ngbrain.mesh.grading import Along
 from ngbrain.mesh.guard import guarded
 from ngbrain.mesh.levelset import LevelSet
 from ngbrain.mesh.outline import outlines
-from ngbrain.mesh.routes import ROUTES, Made, meshed_by, told
+from ngbrain.mesh.routes import ROUTES, LabelMesh, meshed_by, told
 from ngbrain.mesh.shapes import Sizes
 
 ALIGNED = 0.5
@@ -101,7 +101,7 @@ def cleft_in(
     return Cleft(target, out, across, depth, opening, width)
 
 
-def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: float) -> tuple[LabelMap, Made]:
+def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: float) -> tuple[LabelMap, LabelMesh]:
     """What is left of labels when a head is opened, and its mesh by a route, from the cache if it was made before.
 
     By `hull` the walls are exact planes and the craniotomy's rim a circle; lesions that the cleft touches are no regions of it.
@@ -124,9 +124,9 @@ def opened(labels: LabelMap, opening: Opening, route: str, near: float, far: flo
 
     def make() -> dict[str, np.ndarray]:
         done = from_labels.head(outlines(labels), cleft, opening.craniotomy, Sizes(near, far, far))
-        return Made(done.elements, repairs=done.repairs).arrays()
+        return LabelMesh(done.elements, repairs=done.repairs).arrays()
 
-    return left, Made.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make))
+    return left, LabelMesh.from_arrays(kept("opened", [*made_from, version("netgen-mesher")], modules, make))
 
 
 def carved(labels: LabelMap, cleft: Cleft) -> LabelMap:

@@ -41,15 +41,17 @@ from ngbrain.mesh import (
 )
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Along, Graded, Sizes
+from ngbrain.mesh.head_mesh import middle_slice
 from ngbrain.mesh.outline import BRAIN, Repair
 from ngbrain.mesh.quality import Quality, volumes_ml
+from ngbrain.result import Result, Status
 
 _REST = "rest"
 
 
-@dataclass(frozen=True, eq=False)
-class Made:
-    """A mesh, and what came of it.
+@dataclass(repr=False, eq=False)
+class LabelMesh(Result):
+    """A mesh of labels, and what came of it.
 
     snaps     of a lattice: how many points of interfaces are `snapped` onto these and how many snaps were `rejected`
     repairs   of a hull: where its surfaces are not those of the labels
@@ -58,6 +60,26 @@ class Made:
     elements: Elements
     snaps: Mapping[str, int] = field(default_factory=dict)
     repairs: tuple[Repair, ...] = ()
+    status: Status = field(default=Status.CONVERGED, kw_only=True)
+
+    @property
+    def value(self) -> dict[str, float]:
+        """Region → ml."""
+        return volumes_ml(self.elements)
+
+    @property
+    def headline(self) -> str:
+        """Volumes, in ml."""
+        return ", ".join(f"{name} {ml:.4g} ml" for name, ml in self.value.items())
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Elements, and repairs or snaps of points."""
+        return {"tetrahedra": len(self.elements.tets), "repairs": len(self.repairs), **self.snaps}
+
+    def plot(self) -> Any:
+        """Regions of the tetrahedra about the middle, seen from above."""
+        return middle_slice(self.elements)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """For a file; `from_arrays` gives the same back."""
@@ -65,7 +87,7 @@ class Made:
         return {**self.elements.arrays(), _REST: np.array(json.dumps(rest))}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Made:
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> LabelMesh:
         """From what `arrays` gave."""
         rest = json.loads(str(arrays[_REST]))
         repairs = tuple(Repair(**{**repair, "at": tuple(repair["at"])}) for repair in rest["repairs"])
@@ -84,7 +106,7 @@ class Route:
     modules   source files that decide its result
     """
 
-    make: Callable[[LabelMap, Sizes], Made]
+    make: Callable[[LabelMap, Sizes], LabelMesh]
     size: float
     radius: float
     left_out: str
@@ -107,7 +129,7 @@ ROUTES: Mapping[str, Route] = {
         (lattice, guard, indicators, net, octree, shares, snapping, zones),
     ),
     "conforming": Route(
-        lambda labels, size: Made(conforming.conforming(labels, size)),
+        lambda labels, size: LabelMesh(conforming.conforming(labels, size)),
         4e-3,
         20e-3,
         "folds and films thinner than elements",
@@ -116,12 +138,12 @@ ROUTES: Mapping[str, Route] = {
 }
 
 
-def _hulled(done: from_labels.Hull) -> Made:
-    return Made(done.elements, repairs=done.repairs)
+def _hulled(done: from_labels.Hull) -> LabelMesh:
+    return LabelMesh(done.elements, repairs=done.repairs)
 
 
-def _latticed(done: lattice.Lattice) -> Made:
-    return Made(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
+def _latticed(done: lattice.Lattice) -> LabelMesh:
+    return LabelMesh(done.elements, {"snapped": done.snapped, "rejected": done.rejected})
 
 
 def meshed(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Elements:
@@ -129,7 +151,7 @@ def meshed(labels: LabelMap, route: str = "hull", size: Graded | Along | None = 
     return meshed_by(labels, route, size).elements
 
 
-def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> Made:
+def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None = None) -> LabelMesh:
     """A mesh of labels by a route, from the cache if the same labels were meshed to the same size before.
 
     size   None: as fine everywhere as the route takes by itself
@@ -149,7 +171,7 @@ def meshed_by(labels: LabelMap, route: str = "hull", size: Graded | Along | None
     made_from = [route, labels.volume.digest(), cut, names, told(size), version("netgen-mesher")]
     modules = (labelmap, volume, elements, grading, *way.modules)
 
-    return Made.from_arrays(kept("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
+    return LabelMesh.from_arrays(kept("meshed", made_from, modules, lambda: way.make(labels, size).arrays()))
 
 
 def told(size: Graded | Along) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from ngbrain.image.enclosed import enclosed
 from ngbrain.image.fluid import fluid_in_sulci, ventricles_in_fluid
 from ngbrain.image.labelfile import read_labels, read_named
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.landmarks import landmarks
 from ngbrain.image.niftifile import on_grid, write_nifti
 from ngbrain.image.tissues import by_atlas, grey_white_contrast, structured, tissues
@@ -31,6 +30,7 @@ from ngbrain.mesh.curving import Curving, bent
 from ngbrain.mesh.detail import needs
 from ngbrain.mesh.elements import Elements
 from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.head_mesh import HeadMesh
 from ngbrain.mesh.opening import Opening, opened
 from ngbrain.mesh.outline import LESION, VENTRICLES, Repair, excessive
 from ngbrain.mesh.routes import ROUTES, described, meshed_by, min_jacobian
@@ -91,7 +91,7 @@ class Subject:
     def of_scan(cls, path: str | os.PathLike[str]) -> Subject:
         """From a T1; raises what `read_scan` and `tissues` raise."""
         scan = read_scan(path)
-        return cls._of_scan(LabelMap(tissues(scan), TISSUES), scan)
+        return cls._of_scan(tissues(scan).labels, scan)
 
     @classmethod
     def of_structures(cls, path: str | os.PathLike[str]) -> Subject:
@@ -186,7 +186,7 @@ def write_subject(
     curve: bool = False,
     opening: Opening | None = None,
     cortex: bool = False,
-) -> tuple[dict[str, Any], Elements]:
+) -> HeadMesh:
     """Mesh a subject, and write the mesh, its labels (NAME_labels.nii.gz, on the grid of the file) and result.json beside it.
 
     Small islands and holes of the labels go first (`ngbrain.image.topology`); the labels written are those that were meshed.
@@ -197,7 +197,7 @@ def write_subject(
     cortex  write the white and pial surfaces too (`ngbrain.mesh.corticalfiles`), of the labels before they are cut
     opening  cut it open first (`ngbrain.mesh.opening`), with elements of `size.near` at the walls
 
-    Returns the result and the mesh, with straight edges. Raises `InputError` for another suffix, for a curved mesh that is not
+    The result reads as `result.json` does. Raises `InputError` for another suffix, for a curved mesh that is not
     .vtkhdf, has an opening or is by the route `hull`, which has no tissues' interfaces, and what `meshed_by`, `opened` and
     `curved` raise.
     """
@@ -267,7 +267,7 @@ def write_subject(
             "changed_ml": excessive(done.repairs, {n: r["label_volume_ml"] for n, r in told["regions"].items()}),
         },
     )
-    return result, made
+    return HeadMesh.of(result, made)
 
 
 def _placed(repair: Repair) -> dict[str, Any]:

@@ -2,34 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ngbrain.look import curves
-from ngbrain.result import Result
+from ngbrain.result_file import FileResult
 
 COUNTED = {"unknowns": "n_unknowns", "time_steps": "n_steps", "Newton_iterations": "newton"}
 """What is counted of an operation, by its key in `result.json`."""
 
 
 @dataclass(repr=False, eq=False)
-class SceneResult(Result, Mapping[str, Any]):
-    """Answers of a scene, which read as `result.json` does: `result["answers"]`.
-
-    data    what `result.json` holds
-    """
-
-    data: dict[str, Any]
-
-    def __getitem__(self, key: str) -> Any:
-        return self.data[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.data)
-
-    def __len__(self) -> int:
-        return len(self.data)
+class SceneResult(FileResult):
+    """Answers of a scene, which read as `result.json` does: `result["answers"]`."""
 
     @property
     def value(self) -> dict[str, Any]:
@@ -55,10 +41,6 @@ class SceneResult(Result, Mapping[str, Any]):
         model = self.data.get("model", {})
         counted = {told: model[name] for told, name in COUNTED.items() if name in model}
         return counted | {"s": round(self.data.get("time_s", 0.0), 1)}
-
-    def to_dict(self) -> dict[str, Any]:
-        """What `result.json` holds."""
-        return self.data
 
     def plot(self) -> Any:
         """Pressure over time of an operation's protocols."""

@@ -25,6 +25,7 @@ from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Rung, ascend, stay
 from ngbrain.ladder.keeper import Keeper
+from ngbrain.ladder.levels import HALVINGS, Mesh, Present, Time, Tissues
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import Axis, Model, between, check
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
@@ -47,11 +48,20 @@ ALIKE = 0.85
 AXES = {
     axis.name: axis
     for axis in (
-        Axis("tissue", ("one", "each"), ("that tissues differ",), ("coarse",), (1.2,)),
-        Axis("stiffening", ("none", "all"), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
-        Axis("time", ("relaxed", "flowing"), ("how tissue relaxes after the first opening",), ("coarse",), (3.0,)),
-        Axis("friction", ("none", "all"), ("friction between blade and tissue",), ("coarse",), (1.5,)),
-        Axis("mesh", ("0", "1", "2"), ("smaller elements",) * 2, ("forgetful",) * 2, (2.5, 2.5), 1.6),
+        Axis("tissue", (Tissues.ONE, Tissues.EACH), ("that tissues differ",), ("coarse",), (1.2,)),
+        Axis("stiffening", tuple(Present), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
+        Axis(
+            "time", (Time.RELAXED, Time.FLOWING), ("how tissue relaxes after the first opening",), ("coarse",), (3.0,)
+        ),
+        Axis("friction", tuple(Present), ("friction between blade and tissue",), ("coarse",), (1.5,)),
+        Axis(
+            "mesh",
+            HALVINGS,
+            ("smaller elements",) * 2,
+            ("forgetful",) * 2,
+            (2.5, 2.5),
+            1.6,
+        ),
     )
 }
 
@@ -67,7 +77,7 @@ def axes_of(scene: Scene, richest: Model | None = None) -> dict[str, Axis]:
     }
     found = {}
     for name, axis in AXES.items():
-        last = axis.levels.index((richest or {}).get(name, axis.levels[-1])) + 1
+        last = axis.at((richest or {}).get(name, axis.levels[-1])) + 1
         if not idle.get(name):
             found[name] = between(axis, 0, min(last, len(_factors(scene))) if name == "mesh" else last)
     return found
@@ -137,7 +147,7 @@ class Operation:
         """Mesh and laws of a model."""
         level = model["mesh"]
         if level not in self._made:
-            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[int(level)]))
+            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[Mesh(level).halvings]))
             self._made[level] = Made.of(replace(self.scene, mesh=sizes), self._head)
         made = self._made[level]
         tissues, tool = made.scene.tissues, made.scene.tool

@@ -108,7 +108,7 @@ class Scanned:
     @classmethod
     def of(cls, scan: Scan) -> Scanned:
         """Of any T1 of a whole head or brain (see `tissues`); raises `InputError` for another picture."""
-        return cls(scan, tissues(scan))
+        return cls(scan, tissues(scan).volume)
 
     def point(self, voxel: Sequence[float]) -> np.ndarray:
         """The middle of a voxel of the file, counted from 0."""

@@ -150,6 +150,6 @@ def _brain() -> Array:
     from ngbrain.image import mni152
     from ngbrain.image.tissues import tissues
 
-    labels = tissues(mni152()).data
+    labels = tissues(mni152()).volume.data
     low, high = (int(f * labels.shape[2]) for f in (0.35, 0.7))
     return labels[:, :, low:high:3]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError
+from ngbrain.result import Result, Status
 from ngbrain.workflows.gate import LEAST_ROWS, LEVEL, Outlier, Spread
 from ngbrain.workflows.rows import EXCLUDED, FAILED
 from ngbrain.workflows.summary import Number
@@ -70,8 +71,8 @@ class Row:
         return f"{ROWS}/{self.name}/{REPORT}" if self.numbers and there.exists() else ""
 
 
-@dataclass(frozen=True)
-class Cohort:
+@dataclass(repr=False, eq=False)
+class Cohort(Result):
     """The rows of a list with their verdicts, and the statistics of those that are usable.
 
     Attributes
@@ -94,21 +95,39 @@ class Cohort:
     left_out: list[str]
     folder: Path
     group: str = ""
+    status: Status = field(default=Status.CONVERGED, kw_only=True)
 
-    def __repr__(self) -> str:
-        counts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items() if count)
-        return f"Cohort({len(self.rows)} row{'s' if len(self.rows) > 1 else ''}: {counts}; {self.folder})"
+    @property
+    def value(self) -> dict[str, int]:
+        """Verdict → rows, of those that there are."""
+        return {verdict: count for verdict, count in self.counts.items() if count}
+
+    @property
+    def headline(self) -> str:
+        """Rows of each verdict, and where they are."""
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in self.value.items())
+        return f"{counts}; {self.folder}"
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Rows, and those that were computed in this call."""
+        return {"rows": len(self.rows), "computed_now": sum(row.computed for row in self.rows)}
+
+    @property
+    def reasons(self) -> list[str]:
+        """Rows whose numbers do not count."""
+        unusable = [f"{row.name}: {row.verdict}: {row.reason}" for row in self.rows if not row.usable]
+        return [*super().reasons, *unusable]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As `result.json` has it, but for the run itself."""
+        return summarise(self)
 
     @property
     def counts(self) -> dict[str, int]:
         """How many rows have which verdict."""
         found = Counter(row.verdict for row in self.rows)
         return {verdict: found[verdict] for verdict in VERDICTS}
-
-    @property
-    def usable(self) -> bool:
-        """Whether every row is."""
-        return all(row.usable for row in self.rows)
 
     def values(self, key: str) -> dict[str, float]:
         """A number of the usable rows that have it, by row.

@@ -17,7 +17,7 @@ def bent():
     """The template on voxels of 4 mm and its tissue, and both stretched by 5 % and bent by 6 mm."""
     scan = mni152()
     every, affine = (slice(None, None, 4),) * 3, scan.volume.affine @ np.diag([4, 4, 4, 1.0])
-    t1, labels = scan.volume.data[every].copy(), tissues(scan).data[every].astype(np.int32)
+    t1, labels = scan.volume.data[every].copy(), tissues(scan).volume.data[every].astype(np.int32)
     x, y, z = np.indices(t1.shape) - np.array(t1.shape).reshape(3, 1, 1, 1) / 2
     moved = [x * 0.95 + 1.5 * np.sin(y / 7), y * 0.97 + 1.5 * np.cos(z / 7), z + np.sin(x / 7)]
     where = [each + size / 2 for each, size in zip(moved, t1.shape, strict=True)]

@@ -85,7 +85,9 @@ def test_without_a_cerebellum_there_is_no_tentorium():
 def found():
     scan = mni152()
     every, affine = (slice(None, None, 2),) * 3, scan.volume.affine @ np.diag([2, 2, 2, 1.0])
-    return structures(Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).data[every].copy(), affine))
+    return structures(
+        Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).volume.data[every].copy(), affine)
+    )
 
 
 @pytest.mark.parametrize("sheet", [falx, tentorium])

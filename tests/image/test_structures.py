@@ -20,7 +20,7 @@ def coarse():
     scan = mni152()
     every = (slice(None, None, 2),) * 3
     affine = scan.volume.affine @ np.diag([2, 2, 2, 1.0])
-    return Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).data[every].copy(), affine)
+    return Volume(scan.volume.data[every].copy(), affine), Volume(tissues(scan).volume.data[every].copy(), affine)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,15 @@ def brain(grey=600, white=500, ventricle=20):
 def test_an_ordinary_brain_is_no_matter_for_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert _looked_at(labels := brain(), LEAST_CONTRAST) is labels
+        found = _looked_at(labels := brain(), LEAST_CONTRAST)
+    assert found.volume is labels and found.labels.regions == ("csf", "grey", "white", "ventricles")
+    assert found.usable and found.value == pytest.approx(
+        {"csf": 200.0, "grey": 600.0, "white": 500.0, "ventricle": 20.0}
+    )
+    assert repr(found) == (
+        "Segmentation: csf 200 ml, grey 600 ml, white 500 ml, ventricle 20 ml; converged; 3 spreads from grey to white"
+    )
+    assert [len(axes.images) for axes in found.plot().axes] == [1, 1, 1]
 
 
 @pytest.mark.parametrize(
@@ -33,4 +41,5 @@ def test_an_ordinary_brain_is_no_matter_for_a_warning():
 )
 def test_warns_of_low_contrast_and_of_volumes_that_people_hardly_have(labels, contrast, said):
     with pytest.warns(TissueWarning, match=said):
-        _looked_at(labels, contrast)
+        found = _looked_at(labels, contrast)
+    assert len(found.warnings) == 1 and said in found.warnings[0]

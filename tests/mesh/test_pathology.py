@@ -7,7 +7,6 @@ from phantoms import nested
 from ngbrain.errors import InputError
 from ngbrain.image import mni152
 from ngbrain.image.labelmap import LabelMap
-from ngbrain.image.labelschemes import TISSUES
 from ngbrain.image.tissues import tissues
 from ngbrain.image.topology import tidied
 from ngbrain.image.volume import Volume
@@ -131,7 +130,7 @@ def test_a_cavity_that_is_closed_stays_hollow_or_is_said_to_be_filled(route, hea
 
 def operated():
     """The MNI152 brain with a lesion of 20 mm in white matter on the left and a cavity of 24 mm on the right."""
-    labels = LabelMap(tissues(mni152()), TISSUES)
+    labels = tissues(mni152()).labels
     labels = painted(labels, (-28 * MM, -10 * MM, 28 * MM), 10 * MM, 5, within=[3])
     return painted(labels, (42 * MM, 20 * MM, 40 * MM), 12 * MM, 0)
 

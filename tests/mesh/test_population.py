@@ -33,7 +33,7 @@ def written(volume, path):
 
 def check(subject, path, route="hull", size=None):
     """A mesh within its promises."""
-    result, _ = write_subject(subject, path, route, size)
+    result = write_subject(subject, path, route, size)
     print(result["regions"], result["quality"]["min_dihedral_deg"], result["repairs"], result["time_s"])
     assert result["quality"]["min_dihedral_deg"] >= LEAST[route]
     assert not result["checks"]["changed_ml"]

@@ -79,7 +79,7 @@ def test_a_coils_field_does_not_move_the_surfaces():
 def test_surfaces_are_written_in_the_scans_space(tmp_path):
     labels, t1 = constructed(25.0)
     subject = Subject(labels, t1, labels.volume.affine, labels.volume.data.shape, "t1")
-    result, _ = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(7e-3, 7e-3), cortex=True)
+    result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(7e-3, 7e-3), cortex=True)
     found = result["surfaces"]
     assert found["by"] == "grey values of the scan" and found["crossings"] == 0
     assert found["thickness_mm"]["mean"] == pytest.approx(3.0, abs=0.05)

@@ -35,8 +35,13 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
     data[middle + 14, middle, middle] = 0  # a hole
     nibabel.save(nibabel.Nifti1Image(data, np.diag([1e3, 1e3, 1e3, 1]) @ clean.volume.affine), tmp_path / "labels.nii")
     subject = Subject.of_labels(tmp_path / "labels.nii", {1: "grey", 2: "white", 3: "ventricles"})
-    result, made = write_subject(subject, tmp_path / f"{route}.msh", route, Graded(3e-3, 3e-3))
-    assert result["relabelled_voxels"] == 3
+    result = write_subject(subject, tmp_path / f"{route}.msh", route, Graded(3e-3, 3e-3))
+    made = result.elements
+    assert result["relabelled_voxels"] == 3 and result.usable and result.value == pytest.approx(volumes_ml(made))
+    assert repr(result).startswith(f"HeadMesh: {next(iter(result.value))} ") and f"{len(made.tets)} tetrahedra" in repr(
+        result
+    )
+    assert {line.get_label() for line in result.plot().axes[0].lines} <= set(made.regions)
     assert result["topology"] == {
         "grey": {"pieces": 1, "tunnels": 0, "cavities": 1},
         "white": {"pieces": 1, "tunnels": 0, "cavities": 1},
@@ -59,7 +64,7 @@ def test_labels_with_islands_and_holes_by_every_route(route, tmp_path):
 def told(names, tmp_path, inner=8.0, **change):
     labels = nested((20.0, 15.0, inner), names)
     subject = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
-    return write_subject(subject, tmp_path / "head.vtkhdf", **({"size": Graded(6e-3, 6e-3)} | change))[0]
+    return write_subject(subject, tmp_path / "head.vtkhdf", **({"size": Graded(6e-3, 6e-3)} | change)).data
 
 
 def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
@@ -77,12 +82,13 @@ def test_a_result_says_which_regions_a_hull_has_not_and_which_are_off(tmp_path):
         LabelMap(Volume(data, labels.volume.affine), {1: "grey", 2: "white", 3: "ventricles"}),
         None, labels.volume.affine, data.shape, "labels",
     )  # fmt: skip
-    result, _ = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
     assert "ventricles, too thin or too close" in result["left_out"]
     (repair,) = result["repairs"]
     assert (repair["region"], repair["kind"]) == ("ventricles", "left out")
     assert repair["ml"] == pytest.approx(1e-3 * (data == 3).sum()) and repair["at_mm"][2] == pytest.approx(18, abs=1.0)
     assert result["checks"]["changed_ml"] == {"ventricles": pytest.approx(repair["ml"])}
+    assert not result.usable and "ventricles is not as in the labels" in result.reasons[0]
     result = told(("grey", "white", "ventricles"), tmp_path, route="lattice", size=Graded(13e-3, 13e-3))
     assert max(abs(error) for error in result["checks"]["regions_off"].values()) > 0.1
 
@@ -91,9 +97,10 @@ def test_the_contrast_of_a_scan_is_in_the_result_and_on_its_page(tmp_path):
     labels = nested((20.0, 15.0, 8.0))
     without = Subject(labels, None, labels.volume.affine, labels.volume.data.shape, "labels")
     for subject, number in ((without, None), (replace(without, contrast=2.43), 2.43)):
-        result, made = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+        result = write_subject(subject, tmp_path / "head.vtkhdf", size=Graded(6e-3, 6e-3))
+        made = result.elements
         assert json.loads((tmp_path / "result.json").read_text()).get("grey_white_contrast") == number
-        page = anatomy.build(tmp_path / "report.html", result, made, labels, None, np.zeros(3)).read_text(
+        page = anatomy.build(tmp_path / "report.html", result.data, made, labels, None, np.zeros(3)).read_text(
             encoding="utf-8"
         )
         said = "grey and white matter differ by 2.4 times" in "".join(summary(result)), "2.4 times the spread" in page
@@ -136,7 +143,7 @@ def test_an_atlas_of_one_head_in_another(tmp_path):
     image.header.set_xyzt_units("mm")
     nibabel.save(image, tmp_path / "t1.nii.gz")
     found = Subject.of_atlas(tmp_path / "t1.nii.gz", tmp_path / "atlas.nii.gz", colin27().source, "ngbrain").labels
-    truth = tissues(scan).data
+    truth = tissues(scan).volume.data
     scores = [dice(found.volume.data == number, truth == number) for number in (2, 3, 4)]
     print(np.round(scores, 3))
     assert min(scores[:2]) > 0.78 and scores[2] > 0.86
@@ -146,7 +153,8 @@ def test_an_atlas_of_one_head_in_another(tmp_path):
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
     subject = Subject.of_scan(colin27().source)
-    result, made = write_subject(subject, tmp_path / "head.vtkhdf", route, Graded(5e-3, 5e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", route, Graded(5e-3, 5e-3))
+    made = result.elements
     print(result["regions"], result["quality"], result["time_s"])
     for name, region in result["regions"].items():
         bound = 0.12 if name == "csf" else 0.02
@@ -160,7 +168,8 @@ def test_a_raw_scan_with_its_skull_by_every_route(route, tmp_path):
 @pytest.mark.slow
 def test_a_raw_scan_with_its_structures(tmp_path):
     subject = Subject.of_structures(colin27().source)
-    result, made = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", Graded(5e-3, 5e-3))
+    result = write_subject(subject, tmp_path / "head.vtkhdf", "lattice", Graded(5e-3, 5e-3))
+    made = result.elements
     print(result["regions"], result["quality"], result["time_s"])
     for name, region in result["regions"].items():
         bound = 0.12 if name == "csf" else 0.03

@@ -88,7 +88,7 @@ def test_a_row_is_what_the_command_gives(study, capsys):
     assert result["answers"]["rows"]["a"]["numbers"]["storage_kPa_median"] == 1e-3 * storage
     row = table(study)["a"]
     assert float(row["storage_kPa_median"]) == 1e-3 * storage and row["verdict"] == "ok" and row["age"] == "0"
-    assert repr(found) == f"Cohort(2 rows: 2 ok; {study / 'out'})"
+    assert repr(found) == f"Cohort: 2 ok; {study / 'out'}; converged; 2 rows; 2 computed now"
     with pytest.raises(InputError, match="storage_kPa_median"):
         found.values("stiffness")
 
