@@ -49,7 +49,11 @@ def no_run(monkeypatch):
         ("ramp_s = 10.0", "ramp_s = -10.0", ["ramp_s", "-10"]),
         ("width_mm = 10.0", "width_mm = 13.0", ["tool#1.width_mm", "cleft"]),
         ('boundary = "skull"', 'boundary = "skul"', ["skul", "skull"]),
-        ('boundary = "skull"', 'boundary = "skull|wall.*"', ["boundary", "skull|wall.*", "wall_plus"]),
+        (
+            'boundary = "skull"',
+            'boundary = "skull|wall.*"',
+            ["displacement_bc#1.boundary", "skull|wall.*", "wall_plus"],
+        ),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
         ('region = "white"', 'region = ".*e.*"', ["tissue region", ".*e.*", "cortex"]),
         ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "'white'"]),
@@ -94,7 +98,7 @@ def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
     scene.write_text(SMALL)
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
     assert status == 2 and len(lines) == 1
-    assert lines[0].startswith(f"ngbrain: {scene}: body.far_mm is 36, ") and "body.near_mm" in lines[0]
+    assert lines[0].startswith(f"ngbrain: {scene}: mesh.max_size_mm is 36, ") and "body.near_mm" in lines[0]
 
 
 @pytest.mark.parametrize(("field", "named"), [("tissue", True), ("--resume", False), ("checkpoint", False)])

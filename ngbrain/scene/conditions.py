@@ -57,7 +57,15 @@ class DisplacementBC(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Traction(Section):
-    """A dead load (Pa, force over area at rest) on the boundaries that match a pattern."""
+    """A dead load on the boundaries that match a pattern.
+
+    Parameters
+    ----------
+    boundary
+        A name or a regular expression.
+    value
+        Force over area at rest (Pa) along x, y and z.
+    """
 
     boundary: str = pattern("boundary")
     value: tuple[float, float, float] = number("value_Pa", signed=True, size=3)
@@ -68,7 +76,13 @@ class Traction(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Gravity(Section):
-    """The acceleration (m/s²) whose weight acts on the body, from a state in which there was none; it grows with the loads."""
+    """Weight that acts on the body, from a state in which there was none; it grows with the loads.
+
+    Parameters
+    ----------
+    acceleration
+        Along x, y and z (m/s²); 9.81 downwards is -9.81 along z.
+    """
 
     acceleration: tuple[float, float, float] = number("acceleration_m_s2", signed=True, size=3)
 

@@ -35,8 +35,10 @@ class Geometry(Section):
         Of the block along x, y and z (m).
     plate
         Sides along x and y (m) of a rectangle in the middle of the block's top, boundary "plate".
-    lesion_radius, lesion_centre
-        Of a ball (m) in the block, region "lesion".
+    lesion_radius
+        Of a ball in the block, region "lesion".
+    lesion_centre
+        Of that ball.
     slot
         Width between its walls (x) and depth (m) of a cut through the block's whole top, boundaries "wall_minus", "wall_plus".
     stiffness_map
@@ -105,16 +107,16 @@ class Geometry(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSize(Section):
-    """Element sizes (m) and polynomial order.
+    """Element sizes and polynomial order.
 
     Parameters
     ----------
     largest
-        Of the elements away from everything else; of a block or an idealised head under loads, of the coarsest mesh.
+        Size (m) of the elements away from everything else; of a block or an idealised head under loads, in the coarsest mesh.
     wall
-        On the walls of a cleft.
+        Size on the walls of a cleft.
     craniotomy
-        Under the craniotomy.
+        Size under the craniotomy.
     order
         Degree of the displacement's polynomials; where the model is chosen by tolerances, their choice is part of it.
     """

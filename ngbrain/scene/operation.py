@@ -50,9 +50,9 @@ class Cleft(Section):
     Parameters
     ----------
     target
-        Centre of its floor, in the coordinates of the scan, or
+        Centre of its floor, in the coordinates of the scan.
     voxel
-        as a voxel of the scan's file, counted from 0.
+        In place of that: the centre of its floor as a voxel of the scan's file, counted from 0.
     width
         Along the walls.
     gap
@@ -180,7 +180,15 @@ class Tool(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Patient(Section):
-    """Pressures of the patient (mmHg): mean arterial and intracranial. Without the first, nothing is said on perfusion."""
+    """Pressures of the patient (mmHg). Without them nothing is said on perfusion.
+
+    Parameters
+    ----------
+    mean_arterial_pressure
+        In the arteries of the brain, in the mean.
+    intracranial_pressure
+        Taken as 0 where it is not given.
+    """
 
     mean_arterial_pressure: float | None = number("mean_arterial_pressure_mmHg", None)
     intracranial_pressure: float | None = number("intracranial_pressure_mmHg", None, least=0.0)

@@ -23,18 +23,22 @@ CLEAR = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Time(Section):
-    """How time goes: loads grow evenly in `ramp` (s), or a tool goes its way in it; then they stay until `end` (s).
+    """How time goes: loads grow evenly in `ramp`, or a tool goes its way in it; then they stay until `end`.
 
     Parameters
     ----------
-    ramp, end
-        (s), from the first load or the tool's first contact.
+    ramp
+        How long loads grow, or the tool takes for its travel.
+    end
+        When it ends, counted from the first load or from the tool's first contact.
     frequency
-        (Hz) of a wave, in place of a ramp.
-    max_step_contact, max_step_hold
-        Longest time steps (s) of an operation, while the tool pushes and while it rests.
+        Of a wave, in place of a ramp: displacements and tractions are its amplitudes.
+    max_step_contact
+        Longest time step of an operation while the tool pushes.
+    max_step_hold
+        Longest time step of an operation while the tool rests.
     step_tolerance
-        Of a step's error in an operation: of the overstress of relaxing tissue, against that of two half steps.
+        Relative error of a time step in an operation: of the overstress of relaxing tissue, against that of two half steps.
     """
 
     ramp: float = number("ramp_s", 10.0)
@@ -72,14 +76,28 @@ class Time(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol(Section):
-    """How the tool is driven; `name` is `kind` unless given. The fields of other kinds are None.
+    """How the tool is driven. The fields of other kinds are left out.
 
-    continuous     open, hold
-    intermittent   open, hold for `hold` s, let go, open again `rest` s after letting go, …
-    staged         open in `stages` equal steps with `rest` s between them, hold
-    program        the tool's travel (m) from first contact at `times` (s), straight in between
-    force          the tool's force (gf) `force_gf` at `times` (s), straight in between; its travel is found, `Tool.travel` at
-                   most. One force alone is reached in `Time.ramp` and held. Without force the tool is off
+    Parameters
+    ----------
+    kind
+        continuous: open, hold; intermittent: open, hold, let go, open again, …; staged: open in equal steps with a rest after each,
+        hold; program: the tool's travel over time is given; force: the tool's force over time is given, and its travel is found,
+        `Tool.travel` at most.
+    name
+        The kind by default.
+    hold
+        Of an intermittent one: how long it holds before it lets go.
+    rest
+        From letting go to opening again, or after each step of a staged one.
+    stages
+        How many steps a staged one has.
+    times
+        Of a program or a force, straight in between. A force alone, without times, is reached in `Time.ramp` and held.
+    travel
+        Of a program, from first contact; less than 0 is clear of the tissue.
+    force_gf
+        Of a given force, at its times; at 0 the tool is off the tissue.
     """
 
     KINDS: ClassVar = {"continuous": (), "intermittent": ("hold", "rest"), "staged": ("stages", "rest")}

@@ -36,14 +36,18 @@ class Quantity(Section):
         force: of a boundary, along a direction (N); displacement: of a point, along a direction (m); strain: a percentile of the
         maximum principal strain (Green-Lagrange) in the regions that match a pattern, within a radius of a point if one is given;
         of a wave the amplitude of each. Of an operation a number of a protocol's answer, such as peak_pressure_mmHg.
-    boundary, region
-        Names or regular expressions.
+    boundary
+        Of a force: a name or a regular expression.
     direction
-        Of a force or a displacement.
-    point, radius
-        (m).
+        Of a force or a displacement; along z by default.
+    point
+        Of a displacement, or the middle of the place where strain is asked.
+    region
+        Of a strain: a name or a regular expression.
+    radius
+        Of the place where strain is asked, around the point; everywhere by default.
     percentile
-        Of a strain.
+        Of a strain, by volume.
     when
         end: at the end; ramp: when the loads have reached their full size.
     protocol

@@ -32,26 +32,31 @@ class Tissue(Section):
         A name or a regular expression.
     material
         Name in the catalogue, which `ngbrain materials` lists.
-    mu, alpha
-        In its place: shear moduli (Pa) and Ogden exponents of the equilibrium part, then of the relaxing branches. Without
-        exponents they are Neo-Hooke.
+    mu
+        In place of `material`: shear moduli (Pa) of the equilibrium part, then of the relaxing branches.
+    alpha
+        Ogden exponents that go with the shear moduli; without them all parts are Neo-Hooke.
     eta
-        Viscosities (Pa s) of the branches, of finite viscoelasticity;
+        Viscosities (Pa s) of the branches, of finite viscoelasticity.
     tau
-        or their relaxation times (s), hereditary (a Prony series).
+        In place of viscosities: relaxation times (s) of the branches, hereditary (a Prony series).
     scale
         What all moduli and viscosities are multiplied by.
     bulk_to_shear_ratio
-        Bulk modulus over initial shear modulus, or
+        Bulk modulus over initial shear modulus. Without it and without Poisson's ratio it is the source's where it has one, else
+        1000, with a warning that says so.
     poissons_ratio
-        of an instantaneous small strain, K = 2μ₀(1 + ν)/3(1 - 2ν). Without either: the source's where it has one, else
-        `NEARLY_INCOMPRESSIBLE`, with a warning that says so.
+        Of an instantaneous small strain, in place of the ratio of moduli: K = 2μ₀(1 + ν)/3(1 - 2ν).
     density
-        (kg/m³); without it `DENSITY`, with a warning where it matters.
+        Mass over volume; without it 1040 kg/m³, with a warning where it matters.
     loss_tangent
         G″/G′ of waves, for tissue without branches.
-    fibre_stiffness, fibre_exponent, fibre
-        Of the fibres of Holzapfel, Gasser and Ogden: k₁ (Pa), k₂, direction.
+    fibre_stiffness
+        k₁ (Pa) of the fibres of Holzapfel, Gasser and Ogden.
+    fibre_exponent
+        k₂ of the fibres: how fast their stiffness grows with strain.
+    fibre
+        Direction of the fibres.
     shear_modulus_map
         Path of a NIfTI volume of shear moduli (Pa) of instantaneous small strain, in the body's own axes (mm): all moduli and
         viscosities are in proportion to it, and only their ratios are taken from the above.

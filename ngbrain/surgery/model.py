@@ -243,6 +243,9 @@ class Model:
             mine = [name for name in names if re.fullmatch(bc.boundary, name)]
             if not mine:
                 raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), nearest(bc.boundary, names))
+            if pushed := [name for name in mine if name in self.blades]:
+                wanted = f"a pattern without {', '.join(pushed)}, which the tool pushes"
+                raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), wanted)
             if twice := [name for name in mine if name in kinds]:
                 wanted = f"one condition for {twice[0]!r}, which has one already"
                 raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), wanted)

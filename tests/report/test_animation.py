@@ -25,7 +25,13 @@ GEOMETRY = {
     "opening_m": 0.004,
     "width_m": 0.012,
     "craniotomy_m": 0.04,
-    "blade": {"kind": "spatula", "width_m": 0.01, "tip_m": 0.02, "thickness_m": 0.002, "edge_radius_m": 0.001},
+    "blade": {
+        "kind": "spatula",
+        "width_m": 0.01,
+        "tip_clearance_m": 0.02,
+        "thickness_m": 0.002,
+        "edge_radius_m": 0.001,
+    },
 }
 HALF = 0.01
 """Of a cube of tissue around the target (m); the blade ends above it."""
