@@ -49,12 +49,13 @@ def searched(monkeypatch):
     """What the search was given, which itself is left out."""
     given = {}
 
-    def calibrate(scene, seen, tissues, protocol, spread, start, tell):
-        given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start)
+    def calibrate(scene, seen, tissues, protocol, spread, start, tell, finer):
+        given.update(seen=seen, tissues=tissues, protocol=protocol, spread=spread, start=start, finer=finer)
         tell(Iteration("", 9.0, 3.0, {}, 1.0, 1.0, 0.1), {"white": 0.8})
         stiff = tuple(t.scaled(0.7) if t.region == "white" else t for t in scene.tissues)
         bands, stiffer = {"white": Band(0.7, 0.05, 0.6, 0.8)}, replace(scene, tissues=stiff)
-        return Calibrated(bands, stiffer, 0.9 * seen.data, Level(9.0, 3.0), status=Status.CONVERGED)
+        moved = {"white": 0.95} if finer else None
+        return Calibrated(bands, stiffer, 0.9 * seen.data, Level(9.0, 3.0), moved, status=Status.CONVERGED)
 
     monkeypatch.setattr(verb, "calibrate", calibrate)
     return given
@@ -68,7 +69,7 @@ def called(files, *more, sd=(0.2, 0.01)):
 def test_choices_reach_the_search_and_its_findings_the_files(files, searched, capsys):
     assert called(files, "--tissues", "white", "--protocol", "continuous", "--spread", 2) == 0
     assert searched["tissues"] == ["white"] and searched["protocol"] == 0 and searched["spread"] == 2
-    assert searched["start"] is None and searched["seen"].sigma == pytest.approx((2e-4, 0.01))
+    assert searched["finer"] and searched["start"] is None and searched["seen"].sigma == pytest.approx((2e-4, 0.01))
     result = json.loads((files / "out" / "result.json").read_text())
     white = result["tissues"]["white"]
     assert white["low"] == 0.6 and white["modulus_Pa"] == pytest.approx(0.7 * white["modulus_before_Pa"])
@@ -77,6 +78,7 @@ def test_choices_reach_the_search_and_its_findings_the_files(files, searched, ca
     again = Scene.from_toml(files / "out" / "scene.toml")
     assert again.tissues[1].initial_modulus == pytest.approx(white["modulus_Pa"])
     page = (files / "out" / "report.html").read_text()
+    assert white["moved_by_finer_elements"] == 0.95 and "white by -5.0 %." in page
     assert "0.6 to 0.8" in page and "3 times what the measurements" in page
     assert "http" not in re.sub(r"base64,[^\"]+|http-equiv", "", page)
     said = capsys.readouterr().out

@@ -44,7 +44,9 @@ def run(arguments: argparse.Namespace) -> None:
 
         line.tell("head, mesh, and the scene's own run")
         tissues = arguments.tissues.split(",") if arguments.tissues else ()
-        found = calibrate(scene, seen, tissues, protocol, arguments.spread, start=start, tell=tell)
+        found = calibrate(
+            scene, seen, tissues, protocol, arguments.spread, start=start, tell=tell, finer=arguments.finer
+        )
     result = {
         "verb": "calibrate",
         "title": scene.title,
@@ -103,6 +105,7 @@ def described(scene: Scene, seen: Seen, found: Calibrated) -> dict[str, Any]:
     return {
         "tissues": {
             name: {**asdict(band), "modulus_Pa": after[name], "modulus_before_Pa": before[name]}
+            | ({} if found.moved is None else {"moved_by_finer_elements": found.moved[name]})
             for name, band in found.factors.items()
         },
         "misfit": {"value": level.misfit, "expected": level.expected, "ratio": level.ratio},
@@ -121,7 +124,7 @@ def _plain(data: Any) -> dict[str, Any]:
 
 
 def _warnings(found: Calibrated) -> list[str]:
-    notes = []
+    notes = list(found.warnings)
     if found.level.ratio > page.UNEXPLAINED:
         notes.append(
             f"what is missed is {found.level.ratio:.3g} times what the measurements' errors explain: elements, laws or the "

@@ -376,6 +376,12 @@ def _calibrate(verbs: Any) -> argparse.ArgumentParser:
         metavar="FACTOR",
         help=f"by what factor a tissue may well differ from the scene's constants ({SPREAD:g})",
     )
+    parser.add_argument(
+        "--no-finer",
+        dest="finer",
+        action="store_false",
+        help="without the run on finer elements, whose error then stays in the factors and is missing in their intervals",
+    )
     return parser
 
 

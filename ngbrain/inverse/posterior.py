@@ -215,6 +215,16 @@ class Posterior:
         starts = range(0, rows.shape[0], BATCH)
         return np.concatenate([self._variance(rows[i : i + BATCH]) for i in starts] or [np.empty(0)])
 
+    def covariance(self) -> Array:
+        """Of all unknowns (n, n): of few, as each pair takes a row of `variance`."""
+        n = len(self.x)
+        i, j = np.triu_indices(n, 1)
+        own = self.variance(np.eye(n))
+        pairs = (self.variance(np.eye(n)[i] + np.eye(n)[j]) - own[i] - own[j]) / 2 if n > 1 else np.zeros(0)
+        found = np.diag(own)
+        found[i, j] = found[j, i] = pairs
+        return found
+
     def deviation(self, name: str) -> Array:
         """Standard deviation of a block of x."""
         return np.sqrt(self.variance(self.rows(name)))

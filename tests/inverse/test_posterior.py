@@ -69,6 +69,7 @@ def test_linear_problem_in_closed_form(names):
     reduced, H = linear(names)
     posterior, C = at_start(reduced), np.linalg.inv(H)
     assert posterior.variance(np.eye(len(C))) == pytest.approx(np.diag(C), rel=1e-10)
+    assert posterior.covariance() == pytest.approx(C, rel=1e-8, abs=1e-10 * np.diag(C).max())
     some = np.random.default_rng(2).normal(size=(5, len(C)))
     assert posterior.variance(some) == pytest.approx(np.diag(some @ C @ some.T), rel=1e-10)
     for name in names:

@@ -74,7 +74,7 @@ def test_the_force_and_the_landmarks_have_their_derivatives(retracted):
 
 @pytest.mark.slow
 def test_a_known_truth_comes_back(model, retracted, landmarks):
-    got = calibrate(model, seen(retracted, landmarks, 0.01), list(TRUTH))
+    got = calibrate(model, seen(retracted, landmarks, 0.01), list(TRUTH), finer=False)
     print(got.factors, got.level)
     for name, factor in TRUTH.items():
         band = got.factors[name]
@@ -89,9 +89,27 @@ def test_a_known_truth_comes_back(model, retracted, landmarks):
 
 
 @pytest.mark.slow
+def test_finer_elements_take_their_error_off_and_widen_the_intervals(model, landmarks):
+    """Data of elements half as large. Naive: elements' own error in the factors, of which noise explains a part alone."""
+    scene = model.scene
+    sizes = {name: getattr(scene.mesh, name) / 2 for name in ("wall", "craniotomy", "largest")}
+    fine = Model.of(replace(scene, mesh=replace(scene.mesh, **sizes)), model.head)
+    data = seen(Retracted(fine, landmarks, TIMES, list(TRUTH)), landmarks, 0.01)
+    naive, got = (calibrate(model, data, list(TRUTH), finer=finer) for finer in (False, True))
+    for name, factor in TRUTH.items():
+        print(name, factor, naive.factors[name], got.factors[name], got.moved[name])
+        assert got.factors[name].low < factor < got.factors[name].high
+        assert got.factors[name].value == pytest.approx(naive.factors[name].value * got.moved[name])
+    off = [max(abs(np.log(each.factors[name].value / TRUTH[name])) for name in TRUTH) for each in (naive, got)]
+    assert off[1] < 0.6 * off[0] and naive.moved is None
+    away = [data.data - each.fitted for each in (naive, got)]
+    assert np.linalg.norm(away[1][:, :-1]) < np.linalg.norm(away[0][:, :-1])
+
+
+@pytest.mark.slow
 def test_landmarks_alone_tell_less(model, retracted, landmarks):
     """Ventricles, which are not looked for, and bulk moduli give the scale."""
-    got = calibrate(model, seen(retracted, landmarks, 0.01, force=False), list(TRUTH))
+    got = calibrate(model, seen(retracted, landmarks, 0.01, force=False), list(TRUTH), finer=False)
     print(got.factors)
     for name, factor in TRUTH.items():
         band = got.factors[name]
