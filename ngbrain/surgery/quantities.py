@@ -74,10 +74,15 @@ def _above(threshold: float) -> list[OfPressure]:
 
 
 def _extreme(
-    key: str, name: str, unit: str, column: str, factor: float = 1.0, scaling: Scaling = Scaling.MODULI
+    key: str,
+    name: str,
+    unit: str,
+    column: str,
+    to_unit: Callable[[float], float] = float,
+    scaling: Scaling = Scaling.MODULI,
 ) -> OfRun:
     """The largest of a column of a run's record."""
-    return OfRun(key, name, unit, scaling, of=lambda run: float((factor * run.column(column)).max()))
+    return OfRun(key, name, unit, scaling, of=lambda run: float(to_unit(run.column(column).max())))
 
 
 def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Spread], end: str = "") -> list[OfRun]:
@@ -115,10 +120,12 @@ QUANTITIES: Mapping[str, Quantity] = {
         OfPressure("pressed_min", "time pressed", "min", describes=True),
         OfPressure("infarct_probability_95_at_held", "interval of an infarct's probability at the pressure held"),
         OfPressure("infarct_probability_95", "interval of an infarct's probability"),
-        _extreme("peak_tip_pressure_mmHg", "peak pressure at the tip", "mmHg", "tip_pressure", to_mmHg(1.0)),
-        _extreme("peak_centre_pressure_mmHg", "peak pressure in the middle", "mmHg", "centre_pressure", to_mmHg(1.0)),
+        _extreme("peak_tip_pressure_mmHg", "peak pressure at the tip", "mmHg", "tip_pressure", to_mmHg),
+        _extreme("peak_centre_pressure_mmHg", "peak pressure in the middle", "mmHg", "centre_pressure", to_mmHg),
         _extreme("peak_force_N", "peak force of the blade", "N", "force"),
-        _extreme("largest_contact_area_mm2", "largest area in touch", "mm²", "area", 1e6, Scaling.STAYS),
+        _extreme(
+            "largest_contact_area_mm2", "largest area in touch", "mm²", "area", lambda area: 1e6 * area, Scaling.STAYS
+        ),
         OfRun(
             "min_net_reaction_N",
             "smallest net reaction of the tissue",
