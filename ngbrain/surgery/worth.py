@@ -11,7 +11,7 @@ import numpy as np
 from ngbrain.scene import Patient, Scene
 from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
-from ngbrain.surgery.quantities import QUANTITIES, Quantity
+from ngbrain.surgery.quantities import QUANTITIES, ProtocolQuantity
 from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.units import to_mm
 
@@ -76,7 +76,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
 class _Number:
     """A number of an answer: of which quantity, and of which of its parts, "" for all."""
 
-    of: Quantity
+    of: ProtocolQuantity
     part: str
     value: float
 

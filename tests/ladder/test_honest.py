@@ -12,7 +12,7 @@ from ngbrain.ladder.bodies import Bench, Solution
 from ngbrain.ladder.climb import ascend
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.levels import Present
+from ngbrain.ladder.levels import PresenceLevel
 from ngbrain.ladder.rungs import AXES, axes_of, cheapest
 from ngbrain.scene.loading import Ask, Course, Given, Loading, Piece, Pull, Stuff
 
@@ -112,7 +112,9 @@ def test_a_judge_that_fails_is_an_unknown_error():
             return Solution(np.array([1.0]), {}, 1, 0.0)
 
     axes = {"contact": AXES["contact"]}
-    axes["contact"] = type(axes["contact"])("contact", tuple(Present), ("that tissue slides",), ("solve",), (2.0,))
+    axes["contact"] = type(axes["contact"])(
+        "contact", tuple(PresenceLevel), ("that tissue slides",), ("solve",), (2.0,)
+    )
     found = ascend(axes, Keeper(Failing()), np.array([0.1]), lambda _: None)
     assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.warnings)
 
