@@ -39,10 +39,15 @@ class Iteration:
     cpu_s: float
     determined: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def ratio(self) -> float:
+        """See `Level`."""
+        return Level(self.misfit, self.expected).ratio
+
     def __str__(self) -> str:
         """A few words, for who waits."""
         start = {"waves": "measured waves", "fields": "descent"}.get(self.phase, self.phase)
-        return f"{start}: misfit {self.misfit / self.expected:.3g} times what is expected"
+        return f"{start}: misfit {self.ratio:.3g} times what is expected"
 
 
 @dataclass(repr=False, eq=False)
@@ -94,7 +99,7 @@ class Found(Result):
 
 def plotted(history: list[Iteration]) -> Any:
     """The misfit over what is expected, iteration by iteration, as a matplotlib Figure."""
-    return descent([each.misfit / each.expected for each in history], "misfit over its expected level", 1.0)
+    return descent([each.ratio for each in history], "misfit over its expected level", 1.0)
 
 
 def status_of(settled: bool, stuck: bool = False) -> Status:

@@ -13,6 +13,7 @@ from ngbrain.forward.common.solve_counts import Solves
 from ngbrain.forward.sensitivity.harmonic.wave_model import BOUNDARY
 from ngbrain.inverse.answers import FOLLOWING, answers, by_label, derived, median_shear, shear_of
 from ngbrain.inverse.believable import of_frequency, of_size, of_tissue
+from ngbrain.inverse.composition import property_fields
 from ngbrain.inverse.crime import committed
 from ngbrain.inverse.driven import free_part
 from ngbrain.inverse.experiment import Experiment
@@ -191,6 +192,7 @@ class Inversion(Result):
             }
             for row in self.rows
         }
+        fields = property_fields(self.maps, self.data.labels)
         return {
             "status": str(self.status),
             "usable": self.usable,
@@ -203,6 +205,7 @@ class Inversion(Result):
                 **self.model,
                 "regulariser": self.regulariser,
                 "weights": self.weights,
+                "fields": {name: asdict(fields[name]) for name in self.weights if name in fields},
                 "determined": self.determined,
                 "resolution_mm": {name: 1e3 * length for name, length in self.resolution.items()},
             },

@@ -48,8 +48,8 @@ class Level:
 
     @property
     def ratio(self) -> float:
-        """1 when the data are fitted as well as their noise allows."""
-        return self.misfit / self.expected
+        """1 when the data are fitted as well as their noise allows; not a number where all data are used up."""
+        return self.misfit / self.expected if self.expected else float("nan")
 
 
 @dataclass

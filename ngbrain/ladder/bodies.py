@@ -25,7 +25,7 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.edges import torn
-from ngbrain.ladder.levels import Mesh, Order, Time
+from ngbrain.ladder.levels import MeshLevel, OrderLevel, TimeLevel
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
@@ -71,7 +71,7 @@ class Bench:
         extent, plane = model.get("extent", "whole"), model.get("space") == "plane"
         if plane and (beyond := not_in_section(self.scene, self.made_of[1])):
             raise InputError("space", "'plane'", f"'solid': {beyond}")
-        mesh = Mesh(model["mesh"])
+        mesh = MeshLevel(model["mesh"])
         level = mesh.halvings
         if not mesh.part:
             return self._meshes[extent].at(level, plane)
@@ -262,12 +262,12 @@ class Bench:
 
 def remembers(model: Model) -> bool:
     """Whether it has a memory."""
-    return Time(model.get("time", Time.INSTANTANEOUS)).remembers
+    return TimeLevel(model.get("time", TimeLevel.INSTANTANEOUS)).remembers
 
 
 def form_of(model: Model) -> str:
     """Displacements of the order alone, or one order higher over pressures of the order."""
-    k = Order(model["order"]).degree
+    k = OrderLevel(model["order"]).degree
     return f"P{k}" if model.get("pressure") == "none" else f"P{k + 1}/P{k}"
 
 

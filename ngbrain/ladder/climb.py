@@ -14,7 +14,7 @@ from ngbrain.errors import SolverError
 from ngbrain.ladder.bodies import Bench, Model
 from ngbrain.ladder.estimates import BY, LARGE, NOTHING, SOLVED, Estimate, Solved, relative
 from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.levels import Mesh
+from ngbrain.ladder.levels import MeshLevel
 from ngbrain.ladder.quantities import Asked, Question
 from ngbrain.ladder.rungs import ELEMENTS, Axis, axes_of, cheapest, check
 from ngbrain.result import Result, Status
@@ -157,7 +157,7 @@ def _rung(keeper: Keeper, model: Model, above: Mapping[str, Axis]) -> Rung:
     """A model with what the next steps of some axes would change."""
     found = keeper(model)
     estimates = keeper.at_once({name: partial(estimate, keeper, model, axis) for name, axis in above.items()})
-    if set(ELEMENTS) <= set(estimates) and not Mesh(model["mesh"]).part:
+    if set(ELEMENTS) <= set(estimates) and not MeshLevel(model["mesh"]).part:
         estimates["mesh"] = _as_order(estimates["mesh"], estimates["order"])
     for name in ELEMENTS if "pressure" in estimates else ():
         if name in estimates and np.any(np.abs(estimates["pressure"].change) > np.abs(estimates[name].change)):

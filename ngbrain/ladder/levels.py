@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class Level(StrEnum):
+class AxisLevel(StrEnum):
     """One way to model."""
 
     def __repr__(self) -> str:
@@ -22,7 +22,7 @@ class Level(StrEnum):
         return list(type(self)).index(self)
 
 
-class Tissues(Level):
+class TissueLevel(AxisLevel):
     """One for all regions, each its own, or a map within each."""
 
     ONE = "one"
@@ -30,21 +30,21 @@ class Tissues(Level):
     MAP = "map"
 
 
-class Present(Level):
+class PresenceLevel(AxisLevel):
     """Left out, or there."""
 
     NONE = "none"
     ALL = "all"
 
 
-class Strain(Level):
+class StrainLevel(AxisLevel):
     """Small or not."""
 
     LINEAR = "linear"
     FINITE = "finite"
 
 
-class Time(Level):
+class TimeLevel(AxisLevel):
     """What tissue remembers: nothing, as at first or as it is then; its branches, linear or strained far."""
 
     INSTANTANEOUS = "instantaneous"
@@ -55,31 +55,31 @@ class Time(Level):
     @property
     def remembers(self) -> bool:
         """Whether it has a memory."""
-        return self in (Time.PRONY, Time.FLOWING)
+        return self in (TimeLevel.PRONY, TimeLevel.FLOWING)
 
 
-class Pressure(Level):
+class PressureLevel(AxisLevel):
     """Of the displacements alone, or an unknown."""
 
     NONE = "none"
     UNKNOWN = "unknown"
 
 
-class Extent(Level):
+class ExtentLevel(AxisLevel):
     """The region of interest, or all."""
 
     NEAR = "near"
     WHOLE = "whole"
 
 
-class Space(Level):
+class SpaceLevel(AxisLevel):
     """A section, or the body."""
 
     PLANE = "plane"
     SOLID = "solid"
 
 
-class Order(Level):
+class OrderLevel(AxisLevel):
     """Of the elements."""
 
     FIRST = "1"
@@ -91,13 +91,13 @@ class Order(Level):
     def degree(self) -> int:
         """Of polynomials.
 
-        >>> Order("3").degree
+        >>> OrderLevel("3").degree
         3
         """
         return self.number + 1
 
 
-class Mesh(Level):
+class MeshLevel(AxisLevel):
     """How often elements are halved; of a part only those where it matters to what is asked are halved once more."""
 
     COARSEST = "0"
@@ -110,7 +110,7 @@ class Mesh(Level):
     def part(self) -> bool:
         """Whether some elements are half as large.
 
-        >>> [level.halvings for level in Mesh if level.part]
+        >>> [level.halvings for level in MeshLevel if level.part]
         [0, 1]
         """
         return self.number % 2 == 1
@@ -121,5 +121,5 @@ class Mesh(Level):
         return self.number // 2
 
 
-HALVINGS = tuple(level for level in Mesh if not level.part)
+HALVINGS = tuple(level for level in MeshLevel if not level.part)
 """Levels of a mesh whose elements are all halved or none."""

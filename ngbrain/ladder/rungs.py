@@ -13,7 +13,19 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.ladder.levels import HALVINGS, Extent, Level, Mesh, Order, Present, Pressure, Space, Strain, Time, Tissues
+from ngbrain.ladder.levels import (
+    HALVINGS,
+    AxisLevel,
+    ExtentLevel,
+    MeshLevel,
+    OrderLevel,
+    PresenceLevel,
+    PressureLevel,
+    SpaceLevel,
+    StrainLevel,
+    TimeLevel,
+    TissueLevel,
+)
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
 from ngbrain.scene import Scene
 
@@ -42,14 +54,14 @@ class Axis:
     """
 
     name: str
-    levels: tuple[Level, ...]
+    levels: tuple[AxisLevel, ...]
     left_out: tuple[str, ...]
     by: tuple[str, ...]
     growth: tuple[float, ...]
     tail: float = 1.0
     at_once: tuple[bool, ...] = ()
 
-    def judged(self, level: str) -> Level:
+    def judged(self, level: str) -> AxisLevel:
         """The level that the estimate at this one is of."""
         i = self.at(level)
         whole = (each for each in self.levels[i + 1 :] if not each.part)
@@ -59,7 +71,7 @@ class Axis:
         """Its place among the levels."""
         return [str(each) for each in self.levels].index(level)
 
-    def above(self, level: str) -> Level | None:
+    def above(self, level: str) -> AxisLevel | None:
         """The next richer level."""
         i = self.at(level) + 1
         return self.levels[i] if i < len(self.levels) else None
@@ -70,36 +82,36 @@ AXES = {
     for axis in (
         Axis(
             "tissue",
-            tuple(Tissues),
+            tuple(TissueLevel),
             ("that tissues differ", "how stiffness varies within a tissue"),
             ("step", "step"),
             (1.2, 1.2),
         ),
-        Axis("fibres", tuple(Present), ("fibres",), ("step",), (1.5,)),
-        Axis("strain", tuple(Strain), ("that strains and turns are finite",), ("strained",), (5.0,)),
+        Axis("fibres", tuple(PresenceLevel), ("fibres",), ("step",), (1.5,)),
+        Axis("strain", tuple(StrainLevel), ("that strains and turns are finite",), ("strained",), (5.0,)),
         Axis(
             "time",
-            tuple(Time),
+            tuple(TimeLevel),
             ("relaxation", "how parts relax one beside the other", "that relaxing parts strain far"),
             ("step", "coarse", "coarse"),
             (1.0, 30.0, 3.0),
             at_once=(False, True, True),
         ),
-        Axis("inertia", tuple(Present), ("inertia",), ("moving",), (10.0,)),
+        Axis("inertia", tuple(PresenceLevel), ("inertia",), ("moving",), (10.0,)),
         Axis(
             "pressure",
-            tuple(Pressure),
+            tuple(PressureLevel),
             ("pressures of their own in nearly incompressible tissue",),
             ("step",),
             (2.0,),
         ),
-        Axis("contact", tuple(Present), ("that tissue slides and parts",), ("touching",), (2.0,)),
-        Axis("extent", tuple(Extent), ("what lies around the region of interest",), ("roughly",), (2.0,)),
-        Axis("space", tuple(Space), ("what happens out of the plane",), ("roughly",), (20.0,)),
-        Axis("order", tuple(Order)[:3], ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
+        Axis("contact", tuple(PresenceLevel), ("that tissue slides and parts",), ("touching",), (2.0,)),
+        Axis("extent", tuple(ExtentLevel), ("what lies around the region of interest",), ("roughly",), (2.0,)),
+        Axis("space", tuple(SpaceLevel), ("what happens out of the plane",), ("roughly",), (20.0,)),
+        Axis("order", tuple(OrderLevel)[:3], ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
         Axis(
             "mesh",
-            tuple(Mesh),
+            tuple(MeshLevel),
             ("elements half as large", "elements half as large where less is asked of them") * 2,
             ("mesh",) * 4,
             (4.0, 3.0, 4.0, 3.0),
@@ -128,10 +140,10 @@ OF_WAVES = {
     for axis in (
         _solved(AXES["tissue"]),
         replace(_solved(AXES["inertia"]), growth=(1.0,)),
-        Axis("loss", tuple(Present), ("loss",), ("solve",), (1.5,)),
+        Axis("loss", tuple(PresenceLevel), ("loss",), ("solve",), (1.5,)),
         _solved(AXES["pressure"]),
         AXES["space"],
-        Axis("order", tuple(Order), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
+        Axis("order", tuple(OrderLevel), ("elements one order higher",) * 3, ("section",) * 3, (4.0,) * 3, 1.2),
         Axis(
             "mesh",
             HALVINGS,
@@ -174,7 +186,7 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
         last = axis.at(bounds.get(name, axis.levels[-1])) + 1
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
         if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
-            last = min(last, axis.at(Time.PRONY) + 1)
+            last = min(last, axis.at(TimeLevel.PRONY) + 1)
         if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
     if scene.geometry.kind == "idealised":  # its curved elements cannot be cut one by one

@@ -194,7 +194,7 @@ def residuals(result: Mapping[str, Any], residual: Floats) -> bytes:
 
 def convergence(result: Mapping[str, Any]) -> bytes:
     """Misfit over its expected level, and weights of the regularisers, round by round of each start."""
-    starts = result["starts"]
+    starts, named = result["starts"], result["model"].get("fields")
     styles: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)), (0, (8, 2)))
     with style():
         page = figure(2.9)
@@ -212,7 +212,7 @@ def convergence(result: Mapping[str, Any]) -> bytes:
         left.legend(frameon=False, fontsize=8.5)
         fields = next((list(s["weights"][0]) for s in starts.values() if s["weights"]), [])
         for field, dash in zip(fields, styles, strict=False):
-            right.plot([], [], color="#555555", ls=dash, label=parameters.symbol(field))
+            right.plot([], [], color="#555555", ls=dash, label=parameters.symbol(field, named))
         right.legend(frameon=False, fontsize=8.5)
         for axes in (left, right):
             axes.xaxis.get_major_locator().set_params(integer=True)

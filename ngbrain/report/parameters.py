@@ -47,10 +47,15 @@ PARAMETERS = {
 }
 
 
-def symbol(field: str) -> str:
-    """Of a field: a parameter, or one with the label that it is the parameter of."""
-    name, _, label = field.partition(" ")
-    return f"{PARAMETERS[name].symbol} of {label}" if label else PARAMETERS[name].symbol
+def symbol(name: str, fields: Mapping[str, Mapping[str, Any]] | None = None) -> str:
+    """Of a parameter, or of a field among `fields`: of its quantity, with the label that it is in.
+
+    >>> symbol("storage"), symbol("storage 3", {"storage 3": {"quantity": "storage", "label": 3}})
+    ('G′', 'G′ of 3')
+    """
+    field = (fields or {}).get(name, {"quantity": name, "label": None})
+    own = PARAMETERS[field["quantity"]].symbol
+    return own if field["label"] is None else f"{own} of {field['label']}"
 
 
 STARTS = {
@@ -128,11 +133,12 @@ def facts(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What was assumed and what came of it: pairs of words."""
     model, noise, checks, solves = (result[key] for key in ("model", "noise", "checks", "solves"))
     own = "those that the data were made in" if model["inverse_crime"] else "our own"
+    named = model.get("fields")
     fields = ", ".join(
-        f"{symbol(name)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
+        f"{symbol(name, named)} {number(length, 2)} mm ({number(model['determined'][name])} numbers)"
         for name, length in model["resolution_mm"].items()
     )
-    weights = ", ".join(f"{symbol(name)} {number(weight)}" for name, weight in model["weights"].items())
+    weights = ", ".join(f"{symbol(name, named)} {number(weight)}" for name, weight in model["weights"].items())
     by = model.get("weight", "evidence")
     points = f", {' to '.join(map(percent, noise['range']))} by point" if "range" in noise else ""
     pairs = [

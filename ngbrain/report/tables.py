@@ -288,10 +288,8 @@ def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str,
 
 def worth(errors: Mapping[str, Any]) -> list[tuple[str, str, list[str]]]:
     """(name, unit, texts) for each number: its value, what mesh, order and steps move it by, their sum, its range by material."""
-    thresholds = sorted(
-        (key for key in errors if key.startswith("volume_mps_above/")), key=lambda key: float(key.split("/")[1])
-    )
-    strained = [(key, _strained(key.split("/")[1]), "ml") for key in thresholds]
+    above = {key: of["part"] for key, of in errors.items() if of.get("quantity") == "volume_mps_above"}
+    strained = [(key, _strained(above[key]), "ml") for key in sorted(above, key=lambda key: float(above[key]))]
     rows = []
     for key, name, unit in [(key, name, unit) for key, name, unit, _ in METRICS] + strained:
         if of := errors.get(key):

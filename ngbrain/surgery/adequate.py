@@ -25,7 +25,7 @@ from ngbrain.ladder import AskedFor, answered
 from ngbrain.ladder.bodies import Solution
 from ngbrain.ladder.climb import Rung, ascend, stay
 from ngbrain.ladder.keeper import Keeper
-from ngbrain.ladder.levels import HALVINGS, Mesh, Present, Time, Tissues
+from ngbrain.ladder.levels import HALVINGS, MeshLevel, PresenceLevel, TimeLevel, TissueLevel
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import Axis, Model, between, check
 from ngbrain.materials.families import NEO_HOOKE, is_neo_hooke
@@ -48,12 +48,16 @@ ALIKE = 0.85
 AXES = {
     axis.name: axis
     for axis in (
-        Axis("tissue", (Tissues.ONE, Tissues.EACH), ("that tissues differ",), ("coarse",), (1.2,)),
-        Axis("stiffening", tuple(Present), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
+        Axis("tissue", (TissueLevel.ONE, TissueLevel.EACH), ("that tissues differ",), ("coarse",), (1.2,)),
+        Axis("stiffening", tuple(PresenceLevel), ("that tissue stiffens where it is strained",), ("coarse",), (1.5,)),
         Axis(
-            "time", (Time.RELAXED, Time.FLOWING), ("how tissue relaxes after the first opening",), ("coarse",), (3.0,)
+            "time",
+            (TimeLevel.RELAXED, TimeLevel.FLOWING),
+            ("how tissue relaxes after the first opening",),
+            ("coarse",),
+            (3.0,),
         ),
-        Axis("friction", tuple(Present), ("friction between blade and tissue",), ("coarse",), (1.5,)),
+        Axis("friction", tuple(PresenceLevel), ("friction between blade and tissue",), ("coarse",), (1.5,)),
         Axis(
             "mesh",
             HALVINGS,
@@ -147,7 +151,7 @@ class Operation:
         """Mesh and laws of a model."""
         level = model["mesh"]
         if level not in self._made:
-            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[Mesh(level).halvings]))
+            sizes = replace(self.scene.mesh, **_sizes(self.scene, _factors(self.scene)[MeshLevel(level).halvings]))
             self._made[level] = Made.of(replace(self.scene, mesh=sizes), self._head)
         made = self._made[level]
         tissues, tool = made.scene.tissues, made.scene.tool

@@ -9,7 +9,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.contact.rigid import SURFACE_ORDER, Contact
-from ngbrain.forward.observables import Force, Observable
+from ngbrain.forward.observables import Force, Functional, Observable
 from ngbrain.forward.observables.wall import (
     ContactArea,
     ContactForce,
@@ -21,6 +21,7 @@ from ngbrain.forward.observables.wall import (
     patch_pressure,
 )
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.forward.solid.virtual_work import Seen
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.blades import Blade, patch
 
@@ -206,15 +207,22 @@ def _mask(space: ngs.FESpace, boundary: str) -> np.ndarray:
     return np.fromiter(space.GetDofs(space.mesh.Boundaries(boundary)), bool, space.ndof)
 
 
-def swept_volume(body: Problem, boundary: str) -> float:
+def swept_volume(boundary: str) -> Functional:
     """Volume (m³) that a boundary sweeps outwards, ∫∫ u · cof(1 + s∇u) N ds dS over 0 ≤ s ≤ 1; Simpson is exact in s."""
-    grad, normal = ngs.Grad(body.u), ngs.specialcf.normal(3)
-    stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
-    rate = sum(w * ngs.InnerProduct(body.u, ngs.Cof(ngs.Id(3) + s * grad) * normal) for s, w in stages)
-    return float(ngs.Integrate(rate * ngs.ds(boundary, bonus_intorder=6), body.mesh))
+
+    def swept(at: Seen) -> ngs.comp.SumOfIntegrals:
+        stages = [(0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)]
+        normal = ngs.specialcf.normal(3)
+        rate = sum(w * ngs.InnerProduct(at.u, ngs.Cof(ngs.Id(3) + s * at.along) * normal) for s, w in stages)
+        return rate * ngs.ds(boundary, bonus_intorder=6)
+
+    return Functional(swept, name=f"volume swept by {boundary}", unit="m³")
 
 
-def volume_change(body: Problem, region: str) -> float:
+def volume_change(region: str) -> Functional:
     """∫ (J - 1) dV over a region (m³)."""
-    change = ngs.Det(ngs.Id(3) + ngs.Grad(body.u)) - 1
-    return float(ngs.Integrate(change * ngs.dx(definedon=body.mesh.Materials(region), bonus_intorder=6), body.mesh))
+
+    def change(at: Seen) -> ngs.comp.SumOfIntegrals:
+        return (ngs.Det(at.F) - 1) * ngs.dx(definedon=at.mesh.Materials(region), bonus_intorder=6)
+
+    return Functional(change, name=f"change of the volume of {region}", unit="m³")

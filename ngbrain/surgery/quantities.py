@@ -27,7 +27,7 @@ class Scaling(Enum):
 
 
 @dataclass(frozen=True)
-class ProtocolNumber:
+class ProtocolQuantity:
     """A number of a protocol's answer, or several parts of one.
 
     Parameters
@@ -49,7 +49,7 @@ class ProtocolNumber:
 
 
 @dataclass(frozen=True)
-class OfPressure(ProtocolNumber):
+class PressureQuantity(ProtocolQuantity):
     """What follows from the pressure (mmHg) over time; `of` is None of what needs the patient, see `perfusion` and `response`."""
 
     scaling: Scaling = Scaling.PRESSURE
@@ -57,30 +57,35 @@ class OfPressure(ProtocolNumber):
 
 
 @dataclass(frozen=True)
-class OfRun(ProtocolNumber):
+class RunQuantity(ProtocolQuantity):
     """What is read off a run."""
 
     of: Callable[[ProtocolResult], float | Mapping[str, float]] | None = None
 
 
-def _above(threshold: float) -> list[OfPressure]:
+def _above(threshold: float) -> list[PressureQuantity]:
     key, words = f"above_{threshold:.0f}_mmHg", f"above {threshold:.0f} mmHg"
     return [
-        OfPressure(f"s_{key}", f"time {words}", "s", of=lambda curve: curve.above(threshold)[0]),
-        OfPressure(
+        PressureQuantity(f"s_{key}", f"time {words}", "s", of=lambda curve: curve.above(threshold)[0]),
+        PressureQuantity(
             f"longest_s_{key}", f"longest time {words} without a break", "s", of=lambda c: c.above(threshold)[1]
         ),
     ]
 
 
 def _extreme(
-    key: str, name: str, unit: str, column: str, factor: float = 1.0, scaling: Scaling = Scaling.MODULI
-) -> OfRun:
+    key: str,
+    name: str,
+    unit: str,
+    column: str,
+    to_unit: Callable[[float], float] = float,
+    scaling: Scaling = Scaling.MODULI,
+) -> RunQuantity:
     """The largest of a column of a run's record."""
-    return OfRun(key, name, unit, scaling, of=lambda run: float((factor * run.column(column)).max()))
+    return RunQuantity(key, name, unit, scaling, of=lambda run: float(to_unit(run.column(column).max())))
 
 
-def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Spread], end: str = "") -> list[OfRun]:
+def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Spread], end: str = "") -> list[RunQuantity]:
     """Percentiles and the largest mean over `AMOUNT`, 0.5 ml."""
     parts: dict[str, tuple[str, Callable[[Spread], float]]] = {
         "p50": (f"median of the {name}", lambda spread: spread.p50),
@@ -91,35 +96,39 @@ def _spread(key: str, name: str, unit: str, of: Callable[[ProtocolResult], Sprea
     stress = unit == "kPa"
     scaling, to_unit = (Scaling.MODULI, to_kPa) if stress else (Scaling.STAYS, float)
 
-    def made(part: str, words: str, value: Callable[[Spread], float]) -> OfRun:
-        return OfRun(f"{key}_{part}{end}", words, unit, scaling, of=lambda run: to_unit(value(of(run))))
+    def made(part: str, words: str, value: Callable[[Spread], float]) -> RunQuantity:
+        return RunQuantity(f"{key}_{part}{end}", words, unit, scaling, of=lambda run: to_unit(value(of(run))))
 
     return [made(part, *each) for part, each in parts.items()]
 
 
-def _moment(key: str, of_what: str, of: Callable[[ProtocolResult], float]) -> OfRun:
-    return OfRun(key, f"when the {of_what} is largest", "s", describes=True, of=of)
+def _moment(key: str, of_what: str, of: Callable[[ProtocolResult], float]) -> RunQuantity:
+    return RunQuantity(key, f"when the {of_what} is largest", "s", describes=True, of=of)
 
 
-QUANTITIES: Mapping[str, ProtocolNumber] = {
+QUANTITIES: Mapping[str, ProtocolQuantity] = {
     each.key: each
     for each in (
-        OfPressure("peak_pressure_mmHg", "peak pressure under the blade", "mmHg", of=lambda curve: curve.peak),
-        OfPressure("dose_mmHg_min", "dose of pressure", "mmHg min", of=dose),
+        PressureQuantity("peak_pressure_mmHg", "peak pressure under the blade", "mmHg", of=lambda curve: curve.peak),
+        PressureQuantity("dose_mmHg_min", "dose of pressure", "mmHg min", of=dose),
         *(each for threshold in THRESHOLDS_MMHG for each in _above(threshold)),
-        OfPressure("margin_to_20_mmHg", "margin to 20 mmHg", "mmHg", of=lambda curve: THRESHOLDS_MMHG[0] - curve.peak),
-        OfPressure(f"s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "time with little perfusion", "s"),
-        OfPressure(f"longest_s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "longest time with little perfusion", "s"),
-        OfPressure("min_perfusion_reserve_mmHg", "smallest reserve of perfusion", "mmHg"),
-        OfPressure(f"pressure_held_{HELD_MINUTES:.0f}_min_mmHg", "pressure held for 15 minutes", "mmHg"),
-        OfPressure("pressed_min", "time pressed", "min", describes=True),
-        OfPressure("infarct_probability_95_at_held", "interval of an infarct's probability at the pressure held"),
-        OfPressure("infarct_probability_95", "interval of an infarct's probability"),
-        _extreme("peak_tip_pressure_mmHg", "peak pressure at the tip", "mmHg", "tip_pressure", to_mmHg(1.0)),
-        _extreme("peak_centre_pressure_mmHg", "peak pressure in the middle", "mmHg", "centre_pressure", to_mmHg(1.0)),
+        PressureQuantity(
+            "margin_to_20_mmHg", "margin to 20 mmHg", "mmHg", of=lambda curve: THRESHOLDS_MMHG[0] - curve.peak
+        ),
+        PressureQuantity(f"s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "time with little perfusion", "s"),
+        PressureQuantity(f"longest_s_perfusion_below_{LOW_MMHG:.0f}_mmHg", "longest time with little perfusion", "s"),
+        PressureQuantity("min_perfusion_reserve_mmHg", "smallest reserve of perfusion", "mmHg"),
+        PressureQuantity(f"pressure_held_{HELD_MINUTES:.0f}_min_mmHg", "pressure held for 15 minutes", "mmHg"),
+        PressureQuantity("pressed_min", "time pressed", "min", describes=True),
+        PressureQuantity("infarct_probability_95_at_held", "interval of an infarct's probability at the pressure held"),
+        PressureQuantity("infarct_probability_95", "interval of an infarct's probability"),
+        _extreme("peak_tip_pressure_mmHg", "peak pressure at the tip", "mmHg", "tip_pressure", to_mmHg),
+        _extreme("peak_centre_pressure_mmHg", "peak pressure in the middle", "mmHg", "centre_pressure", to_mmHg),
         _extreme("peak_force_N", "peak force of the blade", "N", "force"),
-        _extreme("largest_contact_area_mm2", "largest area in touch", "mm²", "area", 1e6, Scaling.STAYS),
-        OfRun(
+        _extreme(
+            "largest_contact_area_mm2", "largest area in touch", "mm²", "area", lambda area: 1e6 * area, Scaling.STAYS
+        ),
+        RunQuantity(
             "min_net_reaction_N",
             "smallest net reaction of the tissue",
             "N",
@@ -133,30 +142,30 @@ QUANTITIES: Mapping[str, ProtocolNumber] = {
         _moment("von_mises_peak_at_s", "von Mises stress", lambda run: run.largest["von_mises"].t),
         *_spread("strain_rate", "rate of strain", "1/s", lambda run: run.largest["rate"], "_per_s"),
         _moment("strain_rate_peak_at_s", "rate of strain", lambda run: run.largest["rate"].t),
-        OfRun(
+        RunQuantity(
             "volume_mps_above",
             "volume of tissue strained beyond",
             "ml",
             of=lambda run: {above: sum(parts.values()) for above, parts in run.peak.volume_mps_above.items()},
         ),
-        ProtocolNumber("volume_mps_above_by_region_ml", "volume of each tissue strained beyond", "ml"),
-        OfRun(
+        ProtocolQuantity("volume_mps_above_by_region_ml", "volume of each tissue strained beyond", "ml"),
+        RunQuantity(
             "beyond_fit_ml",
             "volume strained beyond what its law was fitted to",
             "ml",
             of=lambda run: sum(run.peak.beyond_fit.values()),
         ),
-        OfRun("beyond_fit_by_region_ml", "the same of each tissue", "ml", of=lambda run: run.peak.beyond_fit),
-        OfRun(
+        RunQuantity("beyond_fit_by_region_ml", "the same of each tissue", "ml", of=lambda run: run.peak.beyond_fit),
+        RunQuantity(
             "compressed_by_35_percent_ml",
             "volume compressed by 35 %",
             "ml",
             of=lambda run: sum(run.peak.creased.values()),
         ),
-        OfRun("region_ml", "volume of each tissue", "ml", describes=True, of=lambda run: run.peak.tissue),
-        OfRun("volumes_ml", "volume that moves", "ml", of=lambda run: run.peak.volume),
-        OfRun("min_det_F", "smallest det F", describes=True, of=lambda run: float(run.column("min_det_F").min())),
-        OfRun("working_s", "time at full opening", "s", describes=True, of=lambda run: run.working_s),
+        RunQuantity("region_ml", "volume of each tissue", "ml", describes=True, of=lambda run: run.peak.tissue),
+        RunQuantity("volumes_ml", "volume that moves", "ml", of=lambda run: run.peak.volume),
+        RunQuantity("min_det_F", "smallest det F", describes=True, of=lambda run: float(run.column("min_det_F").min())),
+        RunQuantity("working_s", "time at full opening", "s", describes=True, of=lambda run: run.working_s),
     )
 }
 """By key in `result.json`."""
@@ -164,11 +173,11 @@ QUANTITIES: Mapping[str, ProtocolNumber] = {
 
 def of_pressure(curve: TimeCurve) -> dict[str, float]:
     """All that follows from the pressure (mmHg) over time alone."""
-    found = (each for each in QUANTITIES.values() if isinstance(each, OfPressure))
+    found = (each for each in QUANTITIES.values() if isinstance(each, PressureQuantity))
     return {each.key: float(each.of(curve)) for each in found if each.of is not None}
 
 
 def of_run(run: ProtocolResult) -> dict[str, float | Mapping[str, float]]:
     """All that is read off a run."""
-    found = (each for each in QUANTITIES.values() if isinstance(each, OfRun))
+    found = (each for each in QUANTITIES.values() if isinstance(each, RunQuantity))
     return {each.key: each.of(run) for each in found if each.of is not None}

@@ -37,6 +37,14 @@ FRAME_WAY = 1 / 4
 LARGEST = ("von_mises", "rate")
 """Measures (`Sample.spreads`) that are kept at the step where their own 95th percentile is largest."""
 
+VOLUMES = {
+    "window": (1, swept_volume("craniotomy")),
+    "cleft": (1, swept_volume("wall_.*|end_.*|floor")),
+    "ventricles": (-1, volume_change("ventricle.*")),
+    "compression": (-1, volume_change(TISSUE)),
+}
+"""What moves where at a peak: outwards through the window and into the cleft, and what ventricles and tissue lose."""
+
 Snapshot = tuple[dict[str, Any], list[Frame]]
 """All that decides what is still to come and what there was, and the frames kept so far."""
 
@@ -159,6 +167,7 @@ class ProtocolRun:
         self._way = next(c.way for c in body.contacts if isinstance(c, Contact) and c.way)
         self.observer = Observer(body, model.blades, model.held)
         self.sampler = Sampler(body, model.cleft, model.parts(order))
+        self._moving = {name: (sign, of.on(body)) for name, (sign, of) in VOLUMES.items()}
         self.rows: list[Row] = []
         self.peak: Peak | None = None
         self.largest: dict[str, Spread] = {}
@@ -203,7 +212,7 @@ class ProtocolRun:
         sample = self.sampler(at.t)
         spreads = sample.spreads()
         if self.peak is None or spreads["mps"].p95 > self.peak.mps.p95:
-            self.peak = Peak.of(sample, spreads, self._volumes(body))
+            self.peak = Peak.of(sample, spreads, self._volumes())
         for name in LARGEST:
             self.largest[name] = max(
                 self.largest.get(name, spreads[name]), spreads[name], key=lambda spread: spread.p95
@@ -211,13 +220,9 @@ class ProtocolRun:
         if self.path is not None:
             self._save(body, at)
 
-    def _volumes(self, body: Problem) -> dict[str, float]:
+    def _volumes(self) -> dict[str, float]:
         """Volumes (ml) that leave through the window and into the cleft, and what ventricles and tissue lose."""
-        boundaries = {"window": "craniotomy", "cleft": "wall_.*|end_.*|floor"}
-        parts = {name: to_ml(swept_volume(body, pattern)) for name, pattern in boundaries.items()}
-        parts["ventricles"] = -to_ml(volume_change(body, "ventricle.*"))
-        parts["compression"] = -to_ml(volume_change(body, TISSUE))
-        return parts
+        return {name: sign * to_ml(float(of.value()[0])) for name, (sign, of) in self._moving.items()}
 
     # The file.
 

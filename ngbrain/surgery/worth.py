@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from ngbrain.scene import Patient, Scene
 from ngbrain.surgery.answers import Answer, Runs, borne, course, stiffer
 from ngbrain.surgery.checks import HALF, MESH, MILLER, ORDER
-from ngbrain.surgery.quantities import QUANTITIES, ProtocolNumber
+from ngbrain.surgery.quantities import QUANTITIES, ProtocolQuantity
 from ngbrain.surgery.runs import ProtocolResult
 from ngbrain.units import to_mm
 
@@ -45,7 +46,7 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     """
     if own is None:
         return {}
-    values, units = _numbers(own), {name: quantity.unit for name, (quantity, _) in _known(own).items()}
+    own_numbers = _known(own)
     moves = {
         "mesh": _apart(_pair(checked[MESH], own)),
         "order": _apart(checked[ORDER]) | _order_of_pressure(own, checked[ORDER], patient),
@@ -54,13 +55,16 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     others = [_numbers(stiffer(own, factor, patient)) for factor in factors]
     others += [_numbers(checked[MILLER])] if checked[MILLER] else []
     result: Errors = {}
-    for name, value in values.items():
+    for name, number in own_numbers.items():
+        value = number.value
         by = {kind: moved.get(name) for kind, moved in moves.items()}
         known = [moved for moved in by.values() if moved is not None]
         all_of_it = [value, *(other[name] for other in others if name in other)]
         result[name] = {
             "value": value,
-            "unit": units[name],
+            "unit": number.of.unit,
+            "quantity": number.of.key,
+            "part": number.part,
             **by,
             "numerics": sum(known) if known else None,
             "material": [min(all_of_it), max(all_of_it)],
@@ -68,22 +72,32 @@ def errors(own: Answer | None, checked: Mapping[str, Any], factors: Iterable[flo
     return result
 
 
+@dataclass(frozen=True)
+class _Number:
+    """A number of an answer: of which quantity, and of which of its parts, "" for all."""
+
+    of: ProtocolQuantity
+    part: str
+    value: float
+
+
 def _numbers(found: Answer) -> dict[str, float]:
     """The numbers of an answer that are known quantities and no descriptions of a run; parts as NAME/PART."""
-    return {name: value for name, (_, value) in _known(found).items()}
+    return {name: number.value for name, number in _known(found).items()}
 
 
-def _known(found: Answer) -> dict[str, tuple[ProtocolNumber, float]]:
+def _known(found: Answer) -> dict[str, _Number]:
     known = [each for each in QUANTITIES.values() if each.key in found and not each.describes]
-    return {name: (each, value) for each in known for name, value in _parts(each.key, found[each.key])}
+    numbers = [_Number(each, part, value) for each in known for part, value in _parts(found[each.key])]
+    return {"/".join(filter(None, (number.of.key, number.part))): number for number in numbers}
 
 
-def _parts(name: str, value: Any) -> Iterator[tuple[str, float]]:
+def _parts(value: Any, part: str = "") -> Iterator[tuple[str, float]]:
     if isinstance(value, dict):
-        for part, each in value.items():
-            yield from _parts(f"{name}/{part}", each)
+        for name, each in value.items():
+            yield from _parts(each, f"{part}/{name}" if part else name)
     elif isinstance(value, int | float):
-        yield name, float(value)
+        yield part, float(value)
 
 
 def _pair(pair: tuple[Answer | None, Answer] | None, own: Answer) -> tuple[Answer, Answer] | None:

@@ -10,12 +10,13 @@ from statics import square
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.observables import Displacements, Force
+from ngbrain.forward.observables import Displacements, Force, Functional
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.parameters import Log, Scaled, Unknown
 from ngbrain.inverse.recover import recover
-from ngbrain.materials import Ogden
+from ngbrain.materials import NeoHooke, Ogden
+from ngbrain.mesh import block
 
 LOADS = [{"bottom": 0, "top": (0.0, -0.015)}, {"bottom": 0, "top": (0.02, 0.0)}]
 LINE = (np.arange(8) + 0.5) * SIDE / 8
@@ -93,3 +94,19 @@ def test_what_cannot_be_meant_is_refused():
         recover(of, data, np.ones(3))
     with pytest.raises(InputError, match=r"measured is of shape \(3,\)"):
         recover(of, data[:3], np.ones(3), unknowns={"alpha": Unknown(0.0, Scaled(1.0))})
+
+
+def test_as_many_numbers_as_data_leave_nothing_to_judge_the_misfit_by():
+    """Both are found, with intervals; how well the noise is met cannot be said."""
+    mu, bulk = ngs.Parameter(1e3), ngs.Parameter(1e4)
+    tissue = {".*": Material(NeoHooke(mu), bulk)}
+    body = Problem(block(), tissue, {"bottom": 0, "top": (0, 0, -4e-3)}, element="P2")
+    swelling = Functional(lambda at: (ngs.Det(at.F) - 1) * at.inside(".*"), name="swelling", unit="m³")
+    model = StaticModel([Case(body, [Force("top", (0, 0, 1)), swelling])], {"mu": mu, "bulk": bulk})
+    data = model.at(model.theta).data
+    mu.Set(500.0)
+    bulk.Set(5e3)
+    found = recover(model, data, 0.01 * np.abs(data))
+    assert found.values == pytest.approx({"mu": 1e3, "bulk": 1e4}, rel=2e-3) and np.isnan(found.misfit)
+    low, high = (float(end[0]) for end in (found.posterior.band("mu").low, found.posterior.band("mu").high))
+    assert 900 < low < 1000 < high < 1100

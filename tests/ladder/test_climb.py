@@ -13,6 +13,7 @@ from ngbrain.ladder.bodies import Bench, Model, Solution
 from ngbrain.ladder.climb import Rung, _as_order, _confirmed, _judge, _learnt, _next, _rung, ascend, climb
 from ngbrain.ladder.estimates import BY, SOLVED, Estimate, relative
 from ngbrain.ladder.keeper import Keeper
+from ngbrain.ladder.levels import MeshLevel, TimeLevel
 from ngbrain.ladder.quantities import State
 from ngbrain.ladder.rungs import AXES, OF_WAVES, Axis, axes_of, between, cheapest, richest
 from ngbrain.result import Status
@@ -239,8 +240,8 @@ class Written:
 def test_elements_that_are_only_halved_as_a_whole_are_not_climbed_one_way_after_the_other() -> None:
     """Where one way is not enough: the step between costs a third of the richest model, and is left again."""
     axes = {name: between(replace(AXES[name], by=("forgetful",) * 4), 0, 2) for name in ("order", "mesh")}
-    axes["mesh"] = replace(axes["mesh"], levels=("0", "1"))
-    axes["time"] = Axis("time", ("flowing",), (), (), ())
+    axes["mesh"] = replace(axes["mesh"], levels=(MeshLevel.COARSEST, MeshLevel.HALVED))
+    axes["time"] = Axis("time", (TimeLevel.FLOWING,), (), (), ())
     for tolerance, way in ((0.05, [("1", "0"), ("2", "1")]), (0.07, [("1", "0"), ("2", "0")])):
         bench = Written({("1", "0"): 1.11, ("2", "0"): 1.04, ("1", "1"): 1.07, ("2", "1"): 1.0})
         found = ascend(axes, Keeper(bench), np.full(1, tolerance), lambda _: None)

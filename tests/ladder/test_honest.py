@@ -13,6 +13,7 @@ from ngbrain.ladder.bodies import Bench, Solution
 from ngbrain.ladder.climb import ascend
 from ngbrain.ladder.estimates import NOTHING
 from ngbrain.ladder.keeper import Keeper
+from ngbrain.ladder.levels import PresenceLevel
 from ngbrain.ladder.rungs import AXES, axes_of, cheapest
 from ngbrain.scene import DisplacementBC, Geometry, Gravity, MeshSize, Quantity, Scene, Time, Tissue, Traction
 
@@ -131,7 +132,9 @@ def test_a_judge_that_fails_is_an_unknown_error():
             return Solution(np.array([1.0]), {}, 1, 0.0)
 
     axes = {"contact": AXES["contact"]}
-    axes["contact"] = type(axes["contact"])("contact", ("none", "all"), ("that tissue slides",), ("solve",), (2.0,))
+    axes["contact"] = type(axes["contact"])(
+        "contact", tuple(PresenceLevel), ("that tissue slides",), ("solve",), (2.0,)
+    )
     found = ascend(axes, Keeper(Failing()), np.array([0.1]), lambda _: None)
     assert found.error.tolist() == [np.inf] and any("does not converge" in flag for flag in found.warnings)
 

@@ -104,7 +104,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "worth": {
             "peak_pressure_mmHg": worth(146.04, 7.1, None, 0.8, 7.9, 60.0, 146.04),
             "mps_p95": worth(0.231, 0.004, 0.012, 0.0, 0.016, 0.231, 0.231),
-            "volume_mps_above/0.34": worth(0.41, 0.02, 0.03, 0.01, 0.06, 0.2, 0.5),
+            "volume_mps_above/0.34": worth(0.41, 0.02, 0.03, 0.01, 0.06, 0.2, 0.5)
+            | {"quantity": "volume_mps_above", "part": "0.34"},
             "volumes_ml/window": worth(1.0, 0.1, 0.1, 0.1, 0.3, 1.0, 1.0),
         },
         "material_band": {

@@ -16,7 +16,7 @@ from ngbrain.units import mmHg
 
 def opened(model, share):
     """Pressure (Pa) and the smallest det F at full opening, elastic, with a share of the barrier."""
-    ramp = model.scene.retraction.ramp
+    ramp = model.scene.time.ramp
     materials = {name: replace(m, pointwise=share * m.pointwise) for name, m in model.elastic(ramp).items()}
     run = model.run(model.ramp("opening"), StepControl(ramp / 10, first=0.05), materials)
     smallest = []
