@@ -53,7 +53,8 @@ class Entry:
     """How a field stands in TOML: what is accepted under which key, how many of its unit are one SI (0: not a number).
 
     `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too). `hint` says what
-    is wanted in place of a text that was not accepted. `kind` is a single value's JSON schema.
+    is wanted in place of a text that was not accepted. `kind` is a single value's JSON schema,
+    `convert` makes something of a value and its path that has a `to_dict` back.
     """
 
     key: str
@@ -64,6 +65,7 @@ class Entry:
     table: type[Section] | None = None
     hint: Callable[[str], str] | None = None
     is_path: bool = False
+    convert: Callable[[Any, str], Any] | None = None
     kind: Mapping[str, Any] = field(default_factory=lambda: {"type": "string"})
 
     def read(self, raw: Any, path: str) -> Any:
@@ -71,6 +73,8 @@ class Entry:
         values = raw if isinstance(raw, list) and self.size != 1 else [raw]
         if not values or len(values) != (self.size or len(values)) or not all(map(self.accept, values)):
             raise InputError(path, brief(raw), self.hint(raw) if self.hint and isinstance(raw, str) else self.wanted)
+        if self.convert:
+            values = [self.convert(value, path) for value in values]
         if self.table:
             values = [self.table.read(v, path if self.size else f"{path}#{i}") for i, v in enumerate(values, 1)]
         values = [v / self.per_si if self.per_si else v for v in values]
@@ -81,7 +85,7 @@ class Entry:
         value = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(value, (list, tuple)):
             return [self.show(item) for item in value]
-        if isinstance(value, Section):
+        if isinstance(value, Section) or (self.convert and hasattr(value, "to_dict")):
             return value.to_dict()
         if not self.per_si or not _is_number(value):
             return value
@@ -128,6 +132,26 @@ def choice(key: str, default: Any, choices: Collection[str], hint: Callable[[str
     wanted = hint("") if hint else "one of " + ", ".join(choices)
     entry = text(key, default, wanted, choices.__contains__, hint).metadata["entry"]
     return _field(replace(entry, kind={"enum": list(choices)}), default)
+
+
+def named(
+    key: str,
+    names: Collection[str],
+    read: Callable[[Mapping[str, Any], str], Any],
+    kind: Mapping[str, Any],
+    wanted: str,
+    hint: Callable[[str], str],
+) -> Any:
+    """One of several names, or a table that `read` makes something of, optional."""
+
+    def convert(raw: Any, path: str) -> Any:
+        return read(raw, path) if isinstance(raw, Mapping) else raw
+
+    def fits(raw: Any) -> bool:
+        return isinstance(raw, Mapping) or (isinstance(raw, str) and raw in names)
+
+    schema = {"anyOf": [{"enum": list(names)}, kind]}
+    return _field(Entry(key, wanted, fits, hint=hint, convert=convert, kind=schema), None)
 
 
 def pattern(key: str, default: Any = MISSING) -> Any:
@@ -279,8 +303,13 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 def to_toml(data: dict[str, Any]) -> str:
     """A scene's `to_dict` as the text of a file: its own values, then its tables."""
 
+    def inline(value: Any) -> str:
+        if isinstance(value, dict):
+            return f"{{ {', '.join(f'{key} = {inline(each)}' for key, each in value.items())} }}"
+        return json.dumps(value, ensure_ascii=False)
+
     def lines(values: dict[str, Any]) -> list[str]:
-        return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in values.items()]
+        return [f"{key} = {inline(value)}" for key, value in values.items()]
 
     tables = {key: value for key, value in data.items() if isinstance(value, (dict, list))}
     written = lines({key: value for key, value in data.items() if key not in tables})

@@ -9,6 +9,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import relaxation_time, shear_modulus
+from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
 from ngbrain.scene.tissues import NEARLY_INCOMPRESSIBLE
 from ngbrain.units import to_kPa
@@ -36,6 +37,9 @@ material = "{name}"
 def run(arguments: argparse.Namespace) -> None:
     """Print the list, or one entry."""
     name = arguments.name
+    if arguments.laws:
+        print(laws())
+        return
     if name in CATALOGUE:
         print(details(CATALOGUE[name]))
         return
@@ -43,6 +47,16 @@ def run(arguments: argparse.Namespace) -> None:
     if not found:
         raise InputError("NAME", repr(name), suggest(name))
     print(listed(found))
+
+
+def laws() -> str:
+    """The laws that a scene takes by name, with their parameters."""
+    rows = [("name", "parameters of material = { name = ..., ... }", "law")]
+    for name, entry in REGISTRY.items():
+        given = [p.key if p.default is None else f"{p.key} ({p.default:g})" for p in entry.parameters]
+        rows.append((name, ", ".join(given), entry.about))
+    widths = [max(len(row[i]) for row in rows) for i in range(2)]
+    return "\n".join("  ".join((row[0].ljust(widths[0]), row[1].ljust(widths[1]), row[2])) for row in rows)
 
 
 def listed(entries: list[Published]) -> str:

@@ -394,6 +394,9 @@ def _materials(verbs: Any) -> None:
     parser.add_argument(
         "name", nargs="?", metavar="NAME", help="one of them, or a part of several names; all by default"
     )
+    parser.add_argument(
+        "--laws", action="store_true", help="list the laws that scenes take by name, with their parameters"
+    )
     parser.set_defaults(quiet=False, output=None)
 
 

@@ -15,6 +15,8 @@ from ngbrain.materials.base import Deformation, Law, Value, density
 from ngbrain.tensors import tensor
 
 EVERYWHERE = slice(None)
+TINY = 1e-30
+"""A shear that is nothing: of 0 itself NGSolve leaves out what is multiplied by it, before anything is differentiated."""
 AT_ONCE = 16
 """Points of one element that NGSolve evaluates a function at together. It counts those beyond from 0 again, and as fields at
 quadrature points know a point by its number in its element, they are then read where others' values, or none, are."""
@@ -125,7 +127,7 @@ def varies(law: Law) -> bool:
 
 def _sheared() -> tuple[CoefficientFunction, CoefficientFunction]:
     """F of simple shear, and the shear, which is nothing."""
-    shear = ngs.CF(0.0).MakeVariable()
+    shear = ngs.CF(TINY).MakeVariable()
     return tensor(1, shear, 0, 0, 1, 0, 0, 0, 1), shear
 
 

@@ -6,10 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, number, path, pattern
-from ngbrain.materials import CATALOGUE, RelaxingOgden, Viscous
+from ngbrain.fields import Section, named, number, path, pattern
+from ngbrain.materials import CATALOGUE, Prony, RelaxingOgden, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
+from ngbrain.materials.registry import REGISTRY, NamedLaw
 from ngbrain.materials.viscous import viscous
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 LEAST_SCALE, MOST_SCALE = 1e-6, 1e6
 NEARLY_INCOMPRESSIBLE, DENSITY = 1000.0, 1040.0
 """Of tissue of which nothing else is known: bulk over initial shear modulus, and density (kg/m³)."""
+LAWS = {"type": "object", "properties": {"name": {"enum": list(REGISTRY)}}, "required": ["name"]}
+"""JSON schema of a law by its name; its parameters are checked by the registry."""
 OWN = ("mu", "alpha", "eta", "tau")
 """Fields of moduli of one's own, as `RelaxingOgden` takes them."""
 
@@ -31,7 +34,12 @@ class Tissue(Section):
     region
         A name or a regular expression.
     material
-        Name in the catalogue, which `ngbrain materials` lists.
+        Name in the catalogue, which `ngbrain materials` lists, or a law by its name with its parameters, such as
+        { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these.
+    prony_g
+        Shares of that law's stress that relax (a quasi-linear Prony series).
+    prony_tau
+        Relaxation times (s) of these shares.
     mu
         In place of `material`: shear moduli (Pa) of the equilibrium part, then of the relaxing branches.
     alpha
@@ -63,11 +71,20 @@ class Tissue(Section):
     """
 
     region: str = pattern("region", ".*")
-    material: str | None = choice("material", None, CATALOGUE, suggest)
+    material: str | NamedLaw | None = named(
+        "material",
+        CATALOGUE,
+        NamedLaw.read,
+        LAWS,
+        "a name in the catalogue, which `ngbrain materials` lists, or a table of a law's name and its parameters",
+        suggest,
+    )
     mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
     alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
     eta: tuple[float, ...] | None = number("eta_Pa_s", None, size=0)
     tau: tuple[float, ...] | None = number("tau_s", None, size=0)
+    prony_g: tuple[float, ...] | None = number("prony_g", None, size=0)
+    prony_tau: tuple[float, ...] | None = number("prony_tau_s", None, size=0)
     scale: float | None = number("scale", None)
     bulk_to_shear_ratio: float | None = number("bulk_to_shear_ratio", None)
     poissons_ratio: float | None = number("poissons_ratio", None, least=0.0)
@@ -84,7 +101,8 @@ class Tissue(Section):
         own = [name for name in OWN if getattr(self, name)]
         for name in own:
             self._need(not self.material, path, name, "this key or material, not both")
-        self._need(self.material or own, path, "material", "material, a name in the catalogue, or mu_Pa")
+        self._need(self.material or own, path, "material", "material, a name in the catalogue or a law, or mu_Pa")
+        self._check_prony(path)
         if not self.material:
             self._check_moduli(path)
         fits = self.scale is None or LEAST_SCALE <= self.scale <= MOST_SCALE
@@ -118,21 +136,39 @@ class Tissue(Section):
         self._need(all(1e-3 <= abs(a) <= 1e3 for a in alpha), path, "alpha", "exponents of size 0.001 to 1000")
         self._need(all(1e-3 <= m <= 1e9 for m in mu), path, "mu", "moduli of 0.001 to 1e9 Pa")
 
+    def _check_prony(self, path: str) -> None:
+        g, tau = self.prony_g or (), self.prony_tau or ()
+        if not (g or tau):
+            return
+        wanted = "this key only with a law that does not relax by itself: material = { name = ... }"
+        self._need(isinstance(self.material, NamedLaw), path, "prony_g", wanted)
+        self._need(len(g) == len(tau), path, "prony_tau", f"as many values as prony_g, {len(g)}")
+        self._need(sum(g) < 1, path, "prony_g", "shares that add up to less than 1")
+
     @property
     def published(self) -> Published | None:
         """The catalogue's entry, None for moduli of one's own."""
-        return CATALOGUE[self.material] if self.material else None
+        return CATALOGUE[self.material] if isinstance(self.material, str) else None
 
     def law(self) -> Viscous:
         """The isochoric law."""
-        entry = self.published
-        found = viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
+        found = self._law()
         return found if self.scale is None else stiffen(found, self.scale)
+
+    def _law(self) -> Viscous:
+        if isinstance(self.material, NamedLaw):
+            law = self.material.law()
+            return Prony(law, self.prony_g, self.prony_tau) if self.prony_g and self.prony_tau else viscous(law)
+        entry = self.published
+        return viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
 
     @property
     def initial_modulus(self) -> float:
         """Shear modulus (Pa) of an instantaneous small strain."""
-        modulus = self.published.initial_modulus if self.published else sum(self.mu or ())
+        if isinstance(self.material, NamedLaw):
+            modulus = float(shear_modulus(self.material.law()))
+        else:
+            modulus = self.published.initial_modulus if self.published else sum(self.mu or ())
         return modulus if self.scale is None else self.scale * modulus
 
     @property
@@ -179,7 +215,14 @@ class Tissue(Section):
         mu = tuple(float(shear_modulus(part)) for part in (law.equilibrium, *(branch.law for branch in law.branches)))
         times: dict[str, Any] = {"eta": tuple(b.eta for b in law.flowing), "tau": tuple(b.tau for b in law.hereditary)}
         own: dict[str, Any] = {name: values or None for name, values in times.items()}
-        own |= {"mu": mu, "alpha": (alpha,) * len(mu), "bulk_to_shear_ratio": self.volume_ratio, "poissons_ratio": None}
+        own |= {
+            "prony_g": None,
+            "prony_tau": None,
+            "mu": mu,
+            "alpha": (alpha,) * len(mu),
+            "bulk_to_shear_ratio": self.volume_ratio,
+            "poissons_ratio": None,
+        }
         return replace(self, material=None, scale=None, **own)
 
     def scaled(self, factor: float) -> Tissue:

@@ -28,7 +28,7 @@ def breaks(value, rule):
     if not isinstance(value, KINDS[rule["type"]]):
         return f"{value!r} is no {rule['type']}"
     if isinstance(value, dict):
-        unknown = set(value) - set(rule["properties"])
+        unknown = set(value) - set(rule["properties"]) if rule.get("additionalProperties") is False else set()
         missing = set(rule["required"]) - set(value)
         inner = [breaks(value[key], rule["properties"][key]) for key in set(value) - unknown]
         return "; ".join(filter(None, [*map(str, unknown), *map(str, missing), *inner]))

@@ -183,10 +183,14 @@ def short():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("name", [*CATALOGUE, "Gent", "Demiray"])
 def test_a_short_retraction(short, name):
     """All of the brain of one tissue: the blade's pressure is of its modulus and falls in a hold where the tissue relaxes."""
-    brain = Tissue(region="cortex|white", material=name)
+    named = {
+        "Gent": {"material": {"name": "Gent", "mu_Pa": 900.0, "jm": 1.0}, "prony_g": (0.5,), "prony_tau": (2.0,)},
+        "Demiray": {"material": {"name": "Demiray", "mu_Pa": 900.0, "b": 5.0}},
+    }
+    brain = Tissue(region="cortex|white", **named.get(name, {"material": name}))
     scene = replace(short.scene, tissues=(brain, *short.scene.tissues[2:]))
     run = ProtocolRun(replace(short, scene=scene), short.program(scene, scene.protocols[0]), None).go()
     found = answer(run.result(), scene.patient)
