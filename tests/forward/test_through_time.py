@@ -14,7 +14,7 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import Nodes
 from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
-from ngbrain.forward.sensitivity.transient import run_model as through_time
+from ngbrain.forward.sensitivity.transient import replayed as through_time
 from ngbrain.forward.sensitivity.transient import step as step_forms
 from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
 from ngbrain.forward.sensitivity.transient import tangents

@@ -121,7 +121,7 @@ class Scalar:
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One number by integration."""
         integrals = [part.integral for part in by(parts, self.parameter)]
-        return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)])
+        return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
 
     def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One column."""

@@ -78,12 +78,8 @@ class Replay:
         states: bool = True,
         system: System | None = None,
     ) -> None:
-        refused = {
-            "with a tool of given force": body.tool is not None,
-        }
-        for what, there in refused.items():
-            if there:
-                raise InputError("body", what, "one without, for derivatives of a run")
+        if body.tool is not None and motion is not body.tool.given:
+            raise InputError("motion", type(motion).__name__, "the GivenForce that is among the body's contacts")
         if body.form.condense:
             raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
         grid = np.asarray(grid, float)
@@ -170,13 +166,18 @@ class Replay:
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
             raise gave_up(said, made.failure.status, made.record)
+        if self.body.tool is not None and self.body.tool.given.held is not None:
+            end = made.state.x  # the tool has come back to where it is just clear
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step from x: known, or solved for."""
         if n < len(self._states):
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
-        new, record = self._solved(n, x, self._guess(n, x, before))
+        guess = self._guess(n, x, before)
+        if self._apart(guess):
+            x = guess = self._landed(x)
+        new, record = self._solved(n, x, guess)
         self.solved += 1
         if self._keeping:
             self._states.append(new)
@@ -185,12 +186,38 @@ class Replay:
     def _guess(self, n: int, x: Array, before: Array) -> Array:
         """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
         if self._known:
-            guess = self._known[n] + (x - self._known[n - 1] if n else 0.0)
+            moved = x - self._known[n - 1] if n else np.zeros_like(x)
+            if n and self.body.tool is not None and not self.body.tool.given.at(self.grid[n]):
+                moved[-1] = 0.0  # it has come back since
+            guess = self._known[n] + moved
         else:
             travel = self.motion.travel(self.grid[n], self.grid[n + 1])
             last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
             guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
         return guess if self.body.min_det(guess) > self.newton.min_det else x
+
+    def _apart(self, guess: Array) -> bool:
+        """Whether a tool that is to press does not touch."""
+        tool = self.body.tool
+        if tool is None or tool.given.held is not None:
+            return False
+        self.body.x = guess
+        return not self.body.min_gap() < 0
+
+    def _landed(self, x: Array) -> Array:
+        """With a tool of given force led to where it touches, from where a step begins."""
+        assert self.body.tool is not None
+
+        def solve(guess: Array) -> tuple[Array, bool]:
+            found, record = self._near.solve(self._system, guess)
+            return found, record.converged
+
+        def stand(x: Array) -> None:
+            self.body.x = x
+
+        guess = self.body.tool.landed(x, solve, stand)
+        self._near.inverse = None  # a tangent of before the touch knows nothing of it
+        return guess
 
     def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
