@@ -80,8 +80,6 @@ class Replay:
     ) -> None:
         if body.tool is not None and motion is not body.tool.given:
             raise InputError("motion", type(motion).__name__, "the GivenForce that is among the body's contacts")
-        if body.form.condense:
-            raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
@@ -104,6 +102,7 @@ class Replay:
 
     def run(self, seen: Callable[[Step], None]) -> None:
         """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
+        self._program.set(0.0)  # where a tool of given force is at rest
         start = self.body.rest()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
@@ -175,8 +174,10 @@ class Replay:
         if n < len(self._states):
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
         guess = self._guess(n, x, before)
-        if self._apart(guess):
-            x = guess = self._landed(x)
+        if self._apart(x):
+            self._near.inverse = None  # a tangent of before the touch knows nothing of it
+            if self._apart(guess):
+                x = guess = self._landed(x)
         new, record = self._solved(n, x, guess)
         self.solved += 1
         if self._keeping:
@@ -216,7 +217,7 @@ class Replay:
             self.body.x = x
 
         guess = self.body.tool.landed(x, solve, stand)
-        self._near.inverse = None  # a tangent of before the touch knows nothing of it
+        self._near.inverse = None
         return guess
 
     def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
@@ -231,7 +232,8 @@ class Replay:
                     return x, record
                 part = min(2 * part, 1 - done)
             elif part > SHORTEST:
-                part, guess = part / 4, x
+                part, x = part / 4, self._landed(x) if self._apart(x) else x
+                guess = x
             else:
                 return x, record
 

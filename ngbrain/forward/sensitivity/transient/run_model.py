@@ -123,7 +123,7 @@ class RunModel:
             self.carried.append(InertiaStep(body, made_of))
         for name in self.shapes if self.carried else ():
             raise InputError(f"parameters.{name}", "nodes", "others, of a body that rubs or has mass")
-        pivots = friction is not None or body.pivots
+        pivots = friction is not None or body.pivots or body.form.condense
         inner = PivotedTangents(body, friction) if pivots else Tangents(body)
         self.tangents = inner if body.tool is None else BorderedTangents(inner, self.contacts, friction)
         self.seen = RunObservables(body, observables, made_of)

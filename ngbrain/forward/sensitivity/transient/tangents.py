@@ -9,7 +9,7 @@ from __future__ import annotations
 import ngsolve as ngs
 import numpy as np
 
-from ngbrain.errors import SolverError
+from ngbrain.errors import Breakdown, SolverError
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.solid.problem import Problem
@@ -91,7 +91,8 @@ class PivotedTangents:
 
     def __init__(self, body: Problem, friction: FrictionStep | None) -> None:
         self.body, self.factorisations, self.solves = body, 0, 0
-        self._form = body.form if friction is None else self._with(friction)
+        self._whole = body.uncondensed
+        self._form = self._whole if friction is None else self._with(friction)
         free = body.weights[: body.fes.ndof] > 0
         self._free, self._held = free.astype(float), ngs.BitArray(free.tolist())
         self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
@@ -111,8 +112,8 @@ class PivotedTangents:
         flows = self.body.history.flows
         if flows:
             flows.stiffen()
-        self.body.form.AssembleLinearization(self.body.gfu.vec)
-        if self._form is not self.body.form:
+        self._whole.AssembleLinearization(self.body.gfu.vec)
+        if self._form is not self._whole:
             self._form.AssembleLinearization(self.body.gfu.vec)
         try:
             self._inverse = self._form.mat.Inverse(self._held, inverse="umfpack")
@@ -127,7 +128,7 @@ class PivotedTangents:
 
     def apply(self, x: Array) -> Array:
         """Kᵀ x of the tangent without what pressures and normals change in friction, as `Tangents` has it."""
-        matrix = self.body.form.mat
+        matrix = self._whole.mat
         return self._times(matrix if self.body.symmetric else matrix.T, x, whole=True)
 
     def _times(self, matrix: ngs.BaseMatrix, r: Array, whole: bool = False) -> Array:
@@ -188,7 +189,7 @@ class BorderedTangents:
         follows = solve(column)
         stiffness = self._corner - float(row @ follows)
         if not stiffness:
-            raise SolverError("a step of a run has no derivative: the force does not change with the way")
+            raise Breakdown("the force does not change with the way")
         way = (r[-1] - float(row @ y)) / stiffness
         return np.append(y - way * follows, way)
 
