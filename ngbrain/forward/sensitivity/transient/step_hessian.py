@@ -12,7 +12,7 @@ by x, h and θ, with q what is seen beside the tissue's forces: of the contacts 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import ngsolve as ngs
 import numpy as np
@@ -40,6 +40,7 @@ class StepCurvature:
         self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms, seen: RunObservables
     ) -> None:
         self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
+        self._mesh = body.mesh
         if any(isinstance(contact, Closing) for contact in body.contacts):
             raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
         of_tissue = {name: parts[name] for name in forms.parameters}
@@ -55,6 +56,7 @@ class StepCurvature:
         self._tissues.aim(state, history, theta)
         for part, way in zip(self._parts, theta.values(), strict=True):
             part.turn(way)
+        self._seen.aim(np.array(values(self._way)), self._change)
 
     def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueSlopes:
         """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
@@ -69,4 +71,9 @@ class StepCurvature:
         still = self._contacts.weighed(*tested) + self._seen.terms(*tested)
         along = [term for part in self._parts for term in part.along(still)]
         moved = self._contacts.weighed(self._way, *tested) + self._seen.terms(self._way, *tested)
-        return moved + along
+        return moved + along + self._seen.bent(*tested)
+
+    def _change(self, parts: Terms) -> Callable[[], float]:
+        """With θ, along the parts' directions."""
+        integrals = [term.integral for part in self._parts for term in part.along(parts)]
+        return lambda: sum(float(ngs.Integrate(part, self._mesh)) for part in integrals)
