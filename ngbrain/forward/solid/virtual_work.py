@@ -186,6 +186,8 @@ class Work(StateView):
             raise InputError(
                 "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
             )
+        if body.inertia is not None:
+            raise InputError("loads", "with Inertia", "none, for derivatives of an equilibrium")
 
     def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
         """R(state)[virtual] and, for each motion more, its derivative along it."""
