@@ -17,7 +17,7 @@ from ngbrain.forward.solid.tangent import Solve, factor
 from ngbrain.solvers.krylov import gmres
 
 Array = np.ndarray
-EXACT, MOST = 1e-11, 12
+EXACT, MOST = 1e-11, 20
 """What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
 FINER = 1e-13
 """The first of these for second derivatives, which come from solutions of solutions."""
