@@ -17,7 +17,7 @@ import numpy as np
 from ngbrain.errors import InputError, gave_up
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
-from ngbrain.forward.solid.advance import LoadProgram, advance
+from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.result import Status
@@ -63,6 +63,7 @@ class Replay:
     every   how many steps apart histories are kept; None: √N, 1: all of them
     states  whether the states of all steps are kept
     system  what Newton's method solves, with a tangent of its own; by default the body
+    loads   of boundary conditions and loads; None: at load factor 1 from the first step on
 
     `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
     on what is differentiated. `solved` counts the steps that Newton's method took.
@@ -77,6 +78,7 @@ class Replay:
         every: int | None = None,
         states: bool = True,
         system: System | None = None,
+        loads: LoadHistory | None = None,
     ) -> None:
         if body.tool is not None and motion is not body.tool.given:
             raise InputError("motion", type(motion).__name__, "the GivenForce that is among the body's contacts")
@@ -89,7 +91,7 @@ class Replay:
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
         self.solved = 0
-        self._program = LoadProgram(body, motion)
+        self._program = LoadProgram(body, motion, loads)
         self._program.set(0.0)
         self.kept: list[Kept] = []
         self._last: list[Step] = []
@@ -115,6 +117,10 @@ class Replay:
         while here.n < len(self.grid) - 1:
             self.kept.append(here)
             here = self._segment(here, seen)
+
+    def factor(self, step: Step) -> float:
+        """Load factor at the end of a step."""
+        return self._program.factor(self.grid[step.n + 1])
 
     def forwards(self) -> Iterator[Step]:
         """All steps, with the body at the end of each, its history not yet moved on."""
@@ -239,8 +245,7 @@ class Replay:
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
-        self._program.set(t)
-        x, record = self._near.solve(self._system, guess)
+        x, record = self._near.solve(self._system, self._program.lifted(guess, t))
         if record.converged:
             self._newton.inverse = self._near.inverse
             x, record = self._newton.solve(self._system, x)

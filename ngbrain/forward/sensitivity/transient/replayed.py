@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.forward.sensitivity.parameter_blocks import Held
 from ngbrain.forward.sensitivity.transient.replay import Step
 from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER
 from ngbrain.forward.solid.tangent import Solve
@@ -109,7 +110,9 @@ class Replayed:
                 forces, slopes = forces + of.by_end, slopes + of.by_theta[: model.size]
                 rest.end += of.by_start
                 rest.carried.append(of.by_carried)
-            change = -model.tangents.transposed(forces + self._remembered(turned))
+            b = forces + self._remembered(turned)
+            change = -model.tangents.transposed(b)
+            total += self._by_held(step, b, change)
             turned, more = self._back(step, change, np.zeros(model.n), turned)
             turned.end, turned.history = turned.end + rest.end, turned.history + rest.history
             turned.carried = [a + b for a, b in zip(turned.carried, rest.carried, strict=True)]
@@ -131,7 +134,17 @@ class Replayed:
                 b[n:] + by_theta[model.size :],
                 model.seen.motions.T @ row,
             )
-        return -model.tangents.transposed(b), motion, shown
+        adjoint = -model.tangents.transposed(b)
+        return adjoint, motion, shown + self._by_held(step, b, adjoint)
+
+    def _by_held(self, step: Step, b: Array, adjoint: Array) -> Array:
+        """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
+        found = np.zeros(self.model.size)
+        if self.model.held:
+            left = self.model.replay.factor(step) * (b + self.model.tangents.turned(adjoint))
+            for part, where in self.model.held:
+                found[where] = left[part.places]
+        return found
 
     def _remembered(self, later: Left) -> Array:
         """How what is to come changes with where a step ends."""
@@ -145,7 +158,7 @@ class Replayed:
         moved = (adjoint + motion)[:n]
         shifts = {name: shapes.slopes(moved, later.history) for name, shapes in model.shapes.items()}
         history, slopes = model.forms.back(moved, later.history)
-        slopes |= shifts
+        slopes |= shifts | {name: part.value * 0 for name, part in model.parts.items() if isinstance(part, Held)}
         model.contacts.weigh(adjoint)
         total = np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes()[: model.size]
         before = Left(np.zeros(model.n), history, [])
@@ -211,7 +224,12 @@ class Replayed:
         for each, carried in zip(model.carried, before.carried, strict=True):
             change = each.changed(before.end, carried, list(theta.values()))
             r, outer = (r + change, outer) if each.felt else (r, outer + change)
-        x = -solve(r + outer)
+        driven = np.zeros(model.n)
+        for part, where in model.held:
+            driven[part.places] = model.replay.factor(step) * direction[where]
+        if model.held:
+            outer = outer + model.tangents.times(driven)
+        x = driven - solve(r + outer)
         history = model.forms.moved(x[:n])
         for name, shapes in model.shapes.items():
             history += shapes.moved(theta[name])

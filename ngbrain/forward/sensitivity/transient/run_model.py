@@ -24,7 +24,7 @@ from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, Scalar, block, places
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Scalar, block, places
 from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
@@ -34,6 +34,7 @@ from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
 from ngbrain.forward.sensitivity.transient.step_hessian import StepCurvature
 from ngbrain.forward.sensitivity.transient.step_shape import StepShapes
 from ngbrain.forward.sensitivity.transient.tangents import BorderedTangents, PivotedTangents, Tangents, TangentSystem
+from ngbrain.forward.solid.advance import LoadHistory
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.solvers.newton import Newton
 
@@ -44,33 +45,35 @@ Carried: TypeAlias = FrictionStep | InertiaStep
 class RunModel:
     """From a vector θ to what a run shows at some times.
 
-    body        at rest at first; its materials are made of `parameters`
-    motion      of its rigid bodies and of what its loads are made of
-    grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
-                way, or `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
-    observables  what is seen, see `ngbrain.forward.observables`
-    times       (s) when; steps end there too. None: at the end of every step
-    newton, every, states   see `Replay`
+        body        at rest at first; its materials are made of `parameters`
+        motion      of its rigid bodies and of what its loads are made of
+        grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
+    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
+                blade's way, `Held(body, boundary)`, what is prescribed there at load factor 1, or `Nodes(mesh)`, where the
+                mesh's nodes are; their values one after the other are θ
+        observables  what is seen, see `ngbrain.forward.observables`
+        times       (s) when; steps end there too. None: at the end of every step
+        newton, every, states, loads   see `Replay`
 
-    >>> import ngsolve as ngs
-    >>> from ngbrain.forward.common.material import Material
-    >>> from ngbrain.forward.contact.rigid import Contact
-    >>> from ngbrain.forward.solid.problem import Problem
-    >>> from ngbrain.forward.observables import Force
-    >>> from ngbrain.materials import NeoHooke, Prony
-    >>> from ngbrain.mesh import block
-    >>> from ngbrain.surgery.protocols import Drive, Protocol
-    >>> drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
-    >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
-    >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
-    >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
-    >>> cube = block((0.02, 0.02, 0.02), 0.02)
-    >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
-    >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
-    >>> there = model.at(model.theta)
-    >>> there.data.shape, there.gradient(there.data).shape
-    ((3, 1), (2,))
+        >>> import ngsolve as ngs
+        >>> from ngbrain.forward.common.material import Material
+        >>> from ngbrain.forward.contact.rigid import Contact
+        >>> from ngbrain.forward.solid.advance import LoadHistory
+    from ngbrain.forward.solid.problem import Problem
+        >>> from ngbrain.forward.observables import Force
+        >>> from ngbrain.materials import NeoHooke, Prony
+        >>> from ngbrain.mesh import block
+        >>> from ngbrain.surgery.protocols import Drive, Protocol
+        >>> drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
+        >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+        >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
+        >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
+        >>> cube = block((0.02, 0.02, 0.02), 0.02)
+        >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
+        >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
+        >>> there = model.at(model.theta)
+        >>> there.data.shape, there.gradient(there.data).shape
+        ((3, 1), (2,))
     """
 
     way = "way of the tool"
@@ -81,12 +84,13 @@ class RunModel:
         body: Problem,
         motion: Motion,
         grid: Sequence[float] | Array,
-        parameters: Mapping[str, Parameter | Nodes],
+        parameters: Mapping[str, Parameter | Held | Nodes],
         observables: Sequence[Observable],
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
         every: int | None = None,
         states: bool = True,
+        loads: LoadHistory | None = None,
     ) -> None:
         grid = np.asarray(grid, float)
         times = grid[1:] if times is None else np.asarray(times, float)
@@ -98,7 +102,7 @@ class RunModel:
         if not observables:
             raise InputError("observables", "none", "one or more: what is seen of a run")
         self.body, self.parameters, self.times = body, dict(parameters), times
-        values = {name: of for name, of in self.parameters.items() if not isinstance(of, Nodes)}
+        values = {name: of for name, of in self.parameters.items() if not isinstance(of, (Held, Nodes))}
         self.forms = StepForms(body, values)
         nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
         self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
@@ -113,6 +117,7 @@ class RunModel:
         if body.tool is not None:
             self._check_tool(grid)
             made_of[self.way] = Scalar(body.tool.given.parameter)
+        self.held = [(of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, Held)]
         self.n = len(body.x)
         """Unknowns of the body, the way of a tool of given force among them."""
         self._made_of, self.contacts = made_of, ContactForms(body, made_of)
@@ -131,7 +136,7 @@ class RunModel:
         """Where each observable is in a row of the data."""
         system = None if friction is None else TangentSystem(body, self.tangents)
         steps = np.sort(np.concatenate([grid[apart], times]))
-        self.replay = Replay(body, motion, steps, newton, every, states, system)
+        self.replay = Replay(body, motion, steps, newton, every, states, system, loads)
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
         """Which row of the data a step gives."""
 

@@ -19,8 +19,8 @@ from ngbrain.solvers.krylov import gmres
 Array = np.ndarray
 EXACT, MOST = 1e-11, 20
 """What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
-FINER = 1e-13
-"""The first of these for second derivatives, which come from solutions of solutions."""
+FINER, SOONER = 1e-13, 12
+"""These for second derivatives, which come from solutions of solutions: a preconditioner that is far off measures them badly."""
 FEW = 3
 """Right-hand sides at one state up to which an old factor is tried."""
 
@@ -46,7 +46,7 @@ class Tangents:
         if flows:
             flows.stiffen()
         self.body.form.AssembleLinearization(self.body.gfu.vec)
-        self._fresh, self._exact = False, exact
+        self._fresh, self._exact, self._most = False, exact, MOST if exact >= EXACT else SOONER
         if sides > FEW:
             self._renew()
         return self._solve
@@ -62,12 +62,14 @@ class Tangents:
         image.data = self.body.form.mat * vector
         return image.FV().NumPy().copy()
 
+    times = turned = apply
+
     def _solve(self, b: Array) -> Array:
         self.solves += 1
         if self._factor is not None and not self._fresh:
             first = self._factor(b)
             x, _, left = gmres(
-                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, MOST
+                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, self._most
             )
             if left <= self._exact:
                 return x
@@ -131,6 +133,14 @@ class PivotedTangents:
         matrix = self._whole.mat
         return self._times(matrix if self.body.symmetric else matrix.T, x, whole=True)
 
+    def times(self, x: Array) -> Array:
+        """K x."""
+        return self._times(self._form.mat, x, whole=True)
+
+    def turned(self, x: Array) -> Array:
+        """Kᵀ x."""
+        return self._times(self._form.mat.T, x, whole=True)
+
     def _times(self, matrix: ngs.BaseMatrix, r: Array, whole: bool = False) -> Array:
         self.solves += not whole
         vec, image = self._vectors
@@ -149,8 +159,8 @@ class BorderedTangents:
         assert inner.body.tool is not None
         self.body, self.inner, self.tool = inner.body, inner, inner.body.tool
         self._contacts, self._friction = contacts, friction
-        self._free = (self.body.weights[: self.body.fes.ndof] > 0).astype(float)
-        self._row = self._column = np.zeros_like(self._free)
+        self._row = self._column = np.zeros(self.body.fes.ndof)
+        self._corner = 0.0
 
     @property
     def factorisations(self) -> int:
@@ -171,7 +181,7 @@ class BorderedTangents:
             if self._friction is not None:
                 row, column = row + self._friction.row(), column + self._friction.column()
                 corner += float(self._friction.corner()[0])
-            self._row, self._column, self._corner = row * self._free, column * self._free, corner
+            self._row, self._column, self._corner = row, column, corner
         return lambda r: self._bordered(self._solve, self._row, self._column, r)
 
     def transposed(self, r: Array) -> Array:
@@ -181,6 +191,17 @@ class BorderedTangents:
     def apply(self, x: Array) -> Array:
         """Of the inner tangent."""
         return self.inner.apply(x)
+
+    def times(self, x: Array) -> Array:
+        """K x, the tool's equation last."""
+        return self._product(self.inner.times, self._column, self._row, x)
+
+    def turned(self, x: Array) -> Array:
+        """Kᵀ x."""
+        return self._product(self.inner.turned, self._row, self._column, x)
+
+    def _product(self, inner: Solve, column: Array, row: Array, x: Array) -> Array:
+        return np.append(inner(x[:-1]) + x[-1] * column, row @ x[:-1] + x[-1] * self._corner)
 
     def _bordered(self, solve: Solve, row: Array, column: Array, r: Array) -> Array:
         y = solve(r[:-1])
