@@ -45,35 +45,34 @@ Carried: TypeAlias = FrictionStep | InertiaStep
 class RunModel:
     """From a vector θ to what a run shows at some times.
 
-        body        at rest at first; its materials are made of `parameters`
-        motion      of its rigid bodies and of what its loads are made of
-        grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
+    body        at rest at first; its materials are made of `parameters`
+    motion      of its rigid bodies and of what its loads are made of
+    grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
     parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
                 blade's way, `Held(body, boundary)`, what is prescribed there at load factor 1, or `Nodes(mesh)`, where the
                 mesh's nodes are; their values one after the other are θ
-        observables  what is seen, see `ngbrain.forward.observables`
-        times       (s) when; steps end there too. None: at the end of every step
-        newton, every, states, loads   see `Replay`
+    observables  what is seen, see `ngbrain.forward.observables`
+    times       (s) when; steps end there too. None: at the end of every step
+    newton, every, states, loads   see `Replay`
 
-        >>> import ngsolve as ngs
-        >>> from ngbrain.forward.common.material import Material
-        >>> from ngbrain.forward.contact.rigid import Contact
-        >>> from ngbrain.forward.solid.advance import LoadHistory
-    from ngbrain.forward.solid.problem import Problem
-        >>> from ngbrain.forward.observables import Force
-        >>> from ngbrain.materials import NeoHooke, Prony
-        >>> from ngbrain.mesh import block
-        >>> from ngbrain.surgery.protocols import Drive, Protocol
-        >>> drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
-        >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
-        >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
-        >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
-        >>> cube = block((0.02, 0.02, 0.02), 0.02)
-        >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
-        >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
-        >>> there = model.at(model.theta)
-        >>> there.data.shape, there.gradient(there.data).shape
-        ((3, 1), (2,))
+    >>> import ngsolve as ngs
+    >>> from ngbrain.forward.common.material import Material
+    >>> from ngbrain.forward.contact.rigid import Contact
+    >>> from ngbrain.forward.solid.problem import Problem
+    >>> from ngbrain.forward.observables import Force
+    >>> from ngbrain.materials import NeoHooke, Prony
+    >>> from ngbrain.mesh import block
+    >>> from ngbrain.surgery.protocols import Drive, Protocol
+    >>> drive = Drive(Protocol("press", (0.0, 2.0, 8.0), (0.0, 1e-3, 1e-3)))
+    >>> plate = Contact("top", lambda x: 0.02 - drive.parameter - x[2], 1e8, 2e-5)
+    >>> g, tau = ngs.Parameter(0.5), ngs.Parameter(3.0)
+    >>> tissue = Material(Prony(NeoHooke(1000.0), [g], [tau]), 1e6)
+    >>> cube = block((0.02, 0.02, 0.02), 0.02)
+    >>> body = Problem(cube, {"tissue": tissue}, {"bottom": 0}, contacts=[plate], element="P2/P1")
+    >>> model = RunModel(body, drive, [0.0, 1.0, 2.0, 8.0], {"g": g, "tau": tau}, [Force("top", (0, 0, 1))])
+    >>> there = model.at(model.theta)
+    >>> there.data.shape, there.gradient(there.data).shape
+    ((3, 1), (2,))
     """
 
     way = "way of the tool"
