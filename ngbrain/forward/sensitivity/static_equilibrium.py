@@ -160,9 +160,15 @@ class Equilibrium:
         by_state, by_theta = (of() for of in self._turned_slopes)
         for block in self.blocks.values():
             if isinstance(block, Nodes):
-                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]))
+                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]), self._softest)
                 by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
         return by_state, by_theta
+
+    @property
+    def _softest(self) -> float:
+        """Depth (m) over which the first contact gets stiff: differences that go farther leave it."""
+        soft = [part.softness for part in (*self.body.contacts, *self.body.loads) if hasattr(part, "softness")]
+        return min((float(each.Get() if isinstance(each, ngs.Parameter) else each) for each in soft), default=np.inf)
 
     @cached_property
     def _turned_slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
