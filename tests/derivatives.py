@@ -15,7 +15,6 @@ from combinations import PAGE, SIDE, WORKS, Body, mesh_of, slitted, up
 from rubbing import Sliding
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.kinematics import Axisymmetric
 from ngbrain.forward.common.loads import (
     CavityPressure,
     CavityVolume,
@@ -102,7 +101,9 @@ class Scene:
     def branches(self) -> tuple[Any, ...]:
         """A hereditary one, or the one that is asked for."""
         if self.term == "Maxwell branch":
-            made = (self.of_term("Maxwell branch", what, value) for what, value in (("modulus", 500.0), ("viscosity", 1e3)))
+            made = (
+                self.of_term("Maxwell branch", what, value) for what, value in (("modulus", 500.0), ("viscosity", 1e3))
+            )
             modulus, viscosity = made
             return (Maxwell(NeoHooke(modulus), viscosity),)
         modulus = self.of_term("hereditary branch", "modulus", 500.0)
@@ -128,7 +129,8 @@ class Scene:
     def rigid_body(self) -> RigidBody:
         """A face that is deep in the right side."""
         place, stiffness = self.of_term("rigid body", "place", 2e-4), self.of_term("rigid body", "stiffness", 1e6)
-        return RigidBody(self.of.right, lambda x, t: SIDE - t * place - x[0], stiffness, 1e-5)
+        across = int(self.dim == 3)  # where the right side is
+        return RigidBody(self.of.right, lambda x, t: SIDE - t * place - x[across], stiffness, 1e-5)
 
     def contacts(self) -> list[Any]:
         """The plate, and what goes with it."""
@@ -206,7 +208,7 @@ def rates_of(model: Any, twice: bool) -> np.ndarray:
     first, steps = slope(start), FIRST * 0.5 ** np.arange(RATES + 1)
     left = np.array([np.linalg.norm(slope(start + h * direction) - first - h * found) for h in steps])
     assert np.linalg.norm(found) > 1e-12 * size or np.all(left < 1e-9 * size), (found, left)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.log2(left[:-1] / left[1:])
     nothing = left < 1e-8 * np.linalg.norm(found) * steps  # what is linear leaves nothing
     return np.where(nothing[1:], 2.0, rates)
@@ -228,7 +230,9 @@ def table(found: dict[tuple[str, str, str, str], str]) -> str:
             refused = sorted(said - {WORKS})
             notes += [each for each in refused if each not in notes]
             marks = "".join(f" [{notes.index(each) + 1}]" for each in refused)
-            cells.append("—" if not said else "yes" if not refused else ("refused" if WORKS not in said else "yes, but") + marks)
+            cells.append(
+                "—" if not said else "yes" if not refused else ("refused" if WORKS not in said else "yes, but") + marks
+            )
         lines.append(f"| {term} | {what} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", *(f"{i}. ``{said}``" for i, said in enumerate(notes, 1))])
 
