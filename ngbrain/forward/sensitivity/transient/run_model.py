@@ -4,12 +4,15 @@ Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data 
 (`run_observables`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
 
     J δθ:   K δx = -(R_h δh + (R_θ + C_θ) δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
-    Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
+    Jᵀ w:   Kᵀ λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
 
 with C_θ of the contacts, from the first step on and from the last one back; second derivatives by both, with two solves more a
 step (`step_hessian`). What steps remember besides goes the same way: how far walls slipped and where the step began
-(`friction_step`), velocities and accelerations (`inertia_step`). The grid of times is given and stays: an adaptive one would move
-with θ. Contact is differentiated where it stands; its energy is smooth enough.
+(`friction_step`), velocities and accelerations (`inertia_step`). A tool of given force has its way for one unknown more and
+what it feels for one equation, by which K is bordered (`tangents`); derivatives by the way are those by any parameter of the
+contacts. Displacements that are prescribed drive all others by K; an adjoint's residual there is the derivative by them. The grid
+of times is given and stays: an adaptive one would move with θ. Contact is differentiated where it stands; its energy is smooth
+enough.
 """
 
 from __future__ import annotations

@@ -62,7 +62,9 @@ class Symbols:
         values(self._motion)[:] = motion
         put(self._forms.blocks, "weight", weights)
         by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
-        return TissueSlopes(self._by_state(), by_history, np.concatenate([NONE, *self._forms.gathered(by_theta).values()]))
+        return TissueSlopes(
+            self._by_state(), by_history, np.concatenate([NONE, *self._forms.gathered(by_theta).values()])
+        )
 
     def _density(self, material: Material) -> Density:
         return lambda at, p: self._turned(self._work(material, at.F, p))
