@@ -147,7 +147,7 @@ def cost(
             "ratio": spent / run,
             "memory_mb": max(largest),
         }
-        if case == "cost" and method == methods[0] and law not in (RUBS, HEAVY):  # refused
+        if case == "cost" and method == methods[0]:
             spent, error = twice(of, w)
             yield made | {"method": SECOND, "error": error, "cpu_s": spent, "ratio": spent / run, "memory_mb": None}
     nothing = {"error": None, "memory_mb": None, "converged": False}

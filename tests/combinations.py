@@ -135,6 +135,7 @@ class Body:
     """Meshes, their walls, and what holds them: a block, two halves with a slit between, or a part of a thick ring or ball."""
 
     def __init__(self, kind: str, ingredients: set[str]) -> None:
+        self.mesh_kind = kind
         self.kinematics = Axisymmetric() if kind.startswith("axi") else None
         self.growth, self.top, self.right, self.bottom, self.height = 0.0, "top", "right", "bottom", SIDE
         axis = {"left": (0, None)} if self.kinematics else {}

@@ -21,7 +21,7 @@ class Condensed:
 
     def __init__(self, form: ngs.BilinearForm) -> None:
         self.form, self.matrix = form, form.mat
-        self.free = free(form)
+        self.free, self._condense = free(form), form.condense
         self.fields = fields(form.space)
         self._x, self._y = self.matrix.CreateRowVector(), self.matrix.CreateColVector()
         self._unfixed = np.fromiter(form.space.FreeDofs(), bool, len(self.free))
@@ -33,7 +33,7 @@ class Condensed:
     def solve(self, core: Core, r: Array) -> Array:
         """M⁻¹r by S⁻¹: the right-hand side condensed, S solved, and what was condensed found from it."""
         r = r * self._unfixed
-        if not self.form.condense:
+        if not self._condense:
             return core(r)
         x = core((r + self._times(self.form.harmonic_extension_trans, r)) * self.free)
         return (

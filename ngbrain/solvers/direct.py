@@ -59,11 +59,12 @@ def _ngsolve(name: str, condensed: Condensed) -> Core:
     form, where = condensed.form, condensed.free
     inverse = form.mat.Inverse(form.space.FreeDofs(form.condense), inverse=name)
     right, left = form.mat.CreateColVector(), form.mat.CreateRowVector()
+    asked, found = right.FV().NumPy(), left.FV().NumPy()
 
     def core(r: Array) -> Array:
-        right.FV().NumPy()[:] = r
+        asked[:] = r
         left.data = inverse * right
-        return left.FV().NumPy() * where
+        return found * where
 
     return core
 

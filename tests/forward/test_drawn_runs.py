@@ -7,19 +7,24 @@ from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
 from ngbrain.forward.common.kinematics import Axisymmetric
-from ngbrain.forward.common.loads import Spring, Traction, Weight
+from ngbrain.forward.common.loads import Pressure, Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
+from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
 from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.contact.rigid import Sliding as Film
-from ngbrain.forward.observables import Displacements, Force, Functional
+from ngbrain.forward.observables import Displacements, Force, Functional, Ratio, region_volume
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 
 GRID = (0.0, 0.5, 1.0, 1.5, 2.5, 3.0, 8.0)
 KINDS = ("plane strain", "quadrilaterals", "axisymmetric", "space")
-LOADS = ("traction", "weight", "springs", "film")
+LOADS = ("traction", "weight", "springs", "film", "pressure")
+FORCE = {"axisymmetric": 0.05, "space": 0.02}
+"""Of a tool (N; in the plane N/m: 0.5)."""
+FIRST, NEAREST = 4e-3, 2e-4
+"""Parts of all parameters by which they are moved: as far as no point's contact changes, and no less."""
 
 
 def drawn(seed):
@@ -29,22 +34,29 @@ def drawn(seed):
     law = ("Prony", "Maxwell", "elastic")[rng.integers(3)]
     allowed = [load for load in LOADS if kind != "axisymmetric" or load != "film"]
     loads = set(rng.choice(allowed, size=rng.integers(1, 4), replace=False))
-    rubs, share = bool(rng.integers(2)), float(rng.choice([0.0, 0.9]))
+    rubs, share, forced, heavy = bool(rng.integers(2)), float(rng.choice([0.0, 0.9])), *(rng.integers(3, size=2) == 0)
+    wide = kind != "space" and law != "Maxwell" and rng.integers(4) == 0
+    element = ("Q2/L2(1)" if kind == "quadrilaterals" else "P4/L2(2)") if wide else "P2/P1"
     mesh = mesh_of(kind, 1 if kind == "space" else 2)
     last, plate = mesh.dim - 1, Sliding(1e-3, 1e-3)
-    sizes = {"mu": 1e3, "penalty": 1e7, "way": 1.0, "lift": 1e-5}
+    sizes = {"mu": 1e3, "penalty": 1e7, "lift": 1e-5} | ({"force": FORCE.get(kind, 0.5)} if forced else {"way": 1.0})
     sizes |= {"Prony": {"g": 0.5, "tau": 3.0}, "Maxwell": {"tau": 3.0}, "elastic": {}}[law]
     sizes |= {"friction": 0.3} if rubs else {}
-    sizes |= {"rho": 1e6} if rng.integers(3) == 0 else {}  # so heavy that a second is short
-    sizes |= {name: {"traction": 20.0, "weight": 8e3, "springs": 2e4, "film": 1e5}[name] for name in loads}
+    sizes |= {"rho": 1e6} if heavy else {}  # so heavy that a second is short
+    weights = {"traction": 20.0, "weight": 8e3, "springs": 2e4, "film": 1e5, "pressure": 20.0}
+    sizes |= {name: weights[name] for name in LOADS if name in loads}
     p = {name: ngs.Parameter(size) for name, size in sizes.items()}
     material = Material(law_of(law, p | {"g": p.get("g", 0.5)}), 2e4)
-    top = lambda x: SIDE - p["way"] * plate.down + p["lift"] - x[last]  # noqa: E731
-    contacts = [Contact("top", top, p["penalty"], 2e-5, share, way=plate.along)]
     across, down = (1.0, *(0.0,) * last), (*(0.0,) * last, -1.0)
+    if forced:
+        motion = GivenForce((0.0, 1.0, 8.0), (0.0, p["force"], p["force"]), away=-1e-3, nudge=1e-5)
+        deep, way = motion.parameter, motion.parameter
+    else:
+        motion, deep, way = plate, p["way"] * plate.down, plate.along
+    contacts = [Contact("top", lambda x: SIDE - deep + p["lift"] - x[last], p["penalty"], 2e-5, share, way=way)]
     if rubs:
         contacts.append(Friction(contacts[0], p["friction"], 5e-5, lambda x, way: way * ngs.CF(across)))
-    acting = [Inertia(p["rho"])] if "rho" in p else []
+    acting = [Inertia(p["rho"])] if heavy else []
     if "traction" in loads:
         acting.append(Traction("right", tuple(p["traction"] * c for c in across)))
     if "weight" in loads:
@@ -53,24 +65,45 @@ def drawn(seed):
         acting.append(Spring("right", p["springs"]))
     if "film" in loads:
         contacts.append(Film.on(mesh, "left", p["film"]))
+    if "pressure" in loads:
+        acting.append(Pressure("right", p["pressure"]))
+    if forced:
+        contacts.append(motion)
     supports = {"bottom": 0} | ({"left": (0, None)} if kind == "axisymmetric" else {})
     body = Problem(
-        mesh, {".*": material}, supports, acting, contacts, element="Q2/Q1" if kind == "quadrilaterals" else "P2/P1",
+        mesh, {".*": material}, supports, acting, contacts,
+        element=element.replace("P2/P1", "Q2/Q1") if kind == "quadrilaterals" else element,
         kinematics=Axisymmetric() if kind == "axisymmetric" else None,
     )  # fmt: skip
     bent = Functional(lambda at: ngs.InnerProduct(at.u, at.u) * at.inside(".*"), name="mean square displacement")
-    seen = [Force("bottom"), bent, Displacements([[SIDE / 2, *(0.7 * SIDE,) * last]])]
-    made = ", ".join([kind, law, f"offset {share:g}", *["friction"] * rubs, *["mass"] * ("rho" in p), *sorted(loads)])
-    return RunModel(body, plate, GRID, p, seen), made, np.array(list(sizes.values()))
+    seen = [Force("bottom"), Ratio(bent, region_volume()), Displacements([[SIDE / 2, *(0.7 * SIDE,) * last]])]
+    extra = {"friction": rubs, "mass": heavy, "given force": forced, element: wide}
+    made = ", ".join(
+        [kind, law, f"offset {share:g}", *(name for name, there in extra.items() if there), *sorted(loads)]
+    )
+    return RunModel(body, motion, GRID, p, seen), made, np.array([of.Get() for of in p.values()])
+
+
+def touching(of):
+    """Which points of walls touch, and how deep, and which slide, at the end of every step."""
+    found, body = [], of.body
+    for _ in of.replay.forwards():
+        for contact, (_, points) in zip([c for c in body.contacts if isinstance(c, Contact)], body.gaps, strict=True):
+            depth = body.offset - contact.gap(body.u)
+            found.append(ngs.IfPos(depth, ngs.IfPos(depth - contact.softness, 2.0, 1.0), 0.0)(points).ravel())
+        for rub in body.friction.rubs:
+            slip = np.linalg.norm(rub.end()[0].reshape(body.mesh.dim, -1), axis=0)
+            found.append(slip > rub.friction.slip * (1 - 1e-9))
+    return np.concatenate(found)
 
 
 def check(seed):
     of, made, sizes = drawn(seed)
     rng = np.random.default_rng(1000 + seed)
     start, there = of.theta.copy(), of.at(of.theta)
-    whole = np.abs(there.data).max(axis=0)
-    w = rng.normal(size=there.data.shape) / (whole + 1e-2 * whole.max())
-    gradient = there.gradient(w)
+    whole = np.concatenate([np.full(at.stop - at.start, np.abs(there.data[:, at]).max()) for at in of.observed])
+    w = rng.normal(size=there.data.shape) / whole
+    gradient, contact = there.gradient(w), touching(of)
 
     def value(theta):
         return float(np.sum(w * of.at(theta).data))
@@ -78,14 +111,27 @@ def check(seed):
     direction = sizes * rng.uniform(-1, 1, size=len(sizes))
     pushed = of.at(start).push(direction)
     assert np.sum(w * pushed) == pytest.approx(gradient @ direction, rel=1e-6), made
-    rates = taylor(value, gradient, start, direction, first=1e-3, steps=3)
-    print(f"{seed}: {made}: rates {rates.round(2)}")
-    if np.any(np.abs(rates[:2] - 2) < 0.1):
+    first = FIRST
+    while first > NEAREST and any(
+        (of.at(start + s * direction), np.any(touching(of) != contact))[1] for s in (-first, first)
+    ):
+        first /= 2
+    if first > NEAREST:
+        there = of.at(start)
+        twice, other = there.second(w, direction), sizes * rng.uniform(-1, 1, size=len(sizes))
+        assert there.second(w, other) @ direction == pytest.approx(
+            twice @ other, rel=1e-6, abs=1e-9 * np.abs(twice) @ sizes
+        )
+        slope = lambda t: of.at(t).gradient(w) * sizes  # noqa: E731
+        rates = taylor(value, gradient, start, direction, first=first, steps=2)
+        again = taylor(slope, lambda d: twice * sizes, start, direction, first=first, steps=2)
+        print(f"{seed}: {made}: {first:.0e}: rates {rates.round(2)} {again.round(2)}")
+        assert abs(rates[-1] - 2) < 0.1 and abs(again[-1] - 2) < 0.1, made
         return True
     # A point that begins to touch or to slide on the way is a kink: what is left is then small all the same.
-    ends = [value(start + h * direction) for h in (1e-4, -1e-4)]
-    slopes = [(ends[0] - value(start)) / 1e-4, (value(start) - ends[1]) / 1e-4]
-    print(f"    at a kink: {slopes}, {gradient @ direction}")
+    ends = [value(start + h * direction) for h in (NEAREST, -NEAREST)]
+    slopes = [(ends[0] - value(start)) / NEAREST, (value(start) - ends[1]) / NEAREST]
+    print(f"{seed}: {made}: at a kink: {slopes}, {gradient @ direction}")
     assert slopes == pytest.approx([gradient @ direction] * 2, rel=1e-2), made
     return False
 

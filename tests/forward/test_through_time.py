@@ -8,13 +8,12 @@ from replayed import GRID, HOLD, KINDS, PLAIN, SEEN, SIDE, directions, field, mo
 from ngbrain.adjoint.check import dot, taylor
 from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.common.material import Material
-from ngbrain.forward.contact.force_control import GivenForce
-from ngbrain.forward.contact.rigid import Closing, Contact
+from ngbrain.forward.contact.rigid import Closing
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.static_model import Nodes
 from ngbrain.forward.sensitivity.transient import maxwell_step as flow_forms
-from ngbrain.forward.sensitivity.transient import run_model as through_time
+from ngbrain.forward.sensitivity.transient import replayed as through_time
 from ngbrain.forward.sensitivity.transient import step as step_forms
 from ngbrain.forward.sensitivity.transient import step_hessian as step_curvature
 from ngbrain.forward.sensitivity.transient import tangents
@@ -326,10 +325,6 @@ def test_bad_input():
         of.at(np.ones(2))
     with pytest.raises(ConvergenceError, match="a step too far"):
         of.at(np.array([1e3, np.inf, 1.0]))
-    given = GivenForce((0.0, 1.0), (0.0, 1e-3), away=-1e-3, nudge=1e-6)
-    ball = Contact("top", lambda x: SIDE - given.parameter - x[2], 1e8, 2e-5, way=given.parameter)
-    with pytest.raises(InputError, match="body is with a tool of given force"):
-        Replay(Problem(mesh, materials, {"bottom": 0}, contacts=[ball, given], element="P2/P1"), drive, np.array(GRID))
 
 
 # Each bug is one that was met; rates of a right gradient are above 1.9.

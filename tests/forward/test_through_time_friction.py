@@ -126,11 +126,32 @@ def test_a_run_replays_what_time_stepping_does():
     )
 
 
+def twice(of, rng, first=2e-3):
+    """Rates of second derivatives along all parameters, and how far these are from symmetric."""
+    start, there = of.theta.copy(), of.at(of.theta)
+    w, _ = weighed(of, there, rng)
+    a, b = start * rng.uniform(0.3, 1, (2, of.size)) * rng.choice([-1, 1], (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    uneven = abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
+    slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
+    return taylor(slope, lambda d: along_a * start, start, a, first=first, steps=3), uneven
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[] if case in FAST else pytest.mark.slow) for case in CASES])
+def test_second_derivatives(case, rng):
+    rates, uneven = twice(made(case), rng, 5e-4)
+    print(case, rates, uneven)
+    assert uneven < 1e-9 and np.sort(rates)[1] == pytest.approx(2, abs=0.1)
+
+
+def test_a_slip_that_stays_lowers_their_rate(rng, monkeypatch):
+    changed = FrictionStep.aim
+    monkeypatch.setattr(FrictionStep, "aim", lambda self, x, y, e, theta: changed(self, x, y, 0 * e, theta))
+    rates, _ = twice(made("plane strain"), rng, 5e-4)
+    assert rates[-1] < 1.3, rates
+
+
 def test_what_is_not_derived_is_refused():
-    of = model(GRID)
-    there = of.at(of.theta)
-    with pytest.raises(InputError, match="with friction or inertia"):
-        there.second(np.ones_like(there.data), np.ones(of.size))
     with pytest.raises(InputError, match=r"nodes; wanted: others, of a body that rubs or has mass"):
         solid = model(GRID, kind="space", n=1)
         RunModel(solid.body, solid.replay.motion, GRID, {"nodes": Nodes(solid.body.mesh)}, [Force("top")])

@@ -6,7 +6,6 @@ import pytest
 from rubbing import SIDE, Sliding, law_of, mesh_of
 
 from ngbrain.adjoint.check import taylor
-from ngbrain.errors import InputError
 from ngbrain.forward.common.loads import Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.friction import Friction
@@ -113,8 +112,29 @@ def test_a_rigid_body_goes_by_its_weight_over_its_mass():
     assert J[1] * 1e3 == pytest.approx(-J[0] * 50.0, rel=1e-8)
 
 
-def test_what_is_not_derived_is_refused():
-    of = struck(0.5)
-    there = of.at(of.theta)
-    with pytest.raises(InputError, match="with friction or inertia"):
-        there.second(np.ones_like(there.data), np.ones(of.size))
+def rates_twice(rng, **how):
+    """Of second derivatives, along all parameters, and how far these are from symmetric."""
+    of = struck(0.5, **how)
+    start, there = of.theta.copy(), of.at(of.theta)
+    largest = np.abs(there.data).max(axis=0)
+    w = rng.normal(size=there.data.shape) / (largest + 1e-2 * largest.max())
+    a, b = start * rng.uniform(0.3, 1, (2, of.size))
+    along_a, along_b = there.second(w, a), there.second(w, b)
+    slope = lambda t: of.at(t).gradient(w) * start  # noqa: E731
+    rates = taylor(slope, lambda d: along_a * start, start, a, first=1e-3, steps=3)
+    return rates, abs(along_a @ b - along_b @ a) / (np.abs(along_a * b).sum() + np.abs(along_b * a).sum())
+
+
+@pytest.mark.parametrize("how", [{}, {"law": "Maxwell"}, {"field": True}], ids=["number", "Maxwell", "field"])
+def test_second_derivatives(how, rng):
+    rates, uneven = rates_twice(rng, **how)
+    print(how, rates, uneven)
+    assert uneven < 1e-9 and np.sort(rates)[1] == pytest.approx(2, abs=0.1)
+
+
+def test_a_mass_that_stays_lowers_their_rate(rng, monkeypatch):
+    turned = InertiaStep.turned
+    monkeypatch.setattr(
+        InertiaStep, "turned", lambda self, a, m: type(f := turned(self, a, m))(*(0 * part for part in f))
+    )
+    assert rates_twice(rng)[0][-1] < 1.3

@@ -199,7 +199,7 @@ class CavityVolume:
     """
 
     boundary: str
-    change: float
+    change: Value
 
     def energy(self, at: Place, pressure: CoefficientFunction) -> Terms:
         """Of u and the pressure (J)."""

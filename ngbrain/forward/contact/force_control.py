@@ -14,7 +14,7 @@ Source: Keller 1977, bordered systems, in Applications of Bifurcation Theory, Ac
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import ngsolve as ngs
 import numpy as np
@@ -28,6 +28,8 @@ from ngbrain.forward.contact.rigid import Contact, Touch
 
 Array = np.ndarray
 Solve = Callable[[Array], Array]
+Force: TypeAlias = float | ngs.Parameter
+"""A force (N)."""
 LENGTH_SCALE = 1e-3
 """A correction of the way is judged against (m)."""
 SHARE = 0.01
@@ -40,6 +42,8 @@ NEARLY = 1e-8
 """and how well (m) it keeps that."""
 APPROACHES = 100
 """Steps of its way there, at most; each is as long as the gap allows."""
+LANDINGS = 5
+"""Ways that a rigid body of given force is led to the tissue by; each as long as the gap that is left."""
 
 
 class GivenForce:
@@ -51,7 +55,7 @@ class GivenForce:
     Parameters
     ----------
     times, force : sequence
-        s, and N (≥ 0), straight in between.
+        s, and N (≥ 0), straight in between; forces are numbers or `ngs.Parameter`s.
     away : float
         Where (m, on the way) the rigid bodies touch nothing, whatever the tissue does.
     nudge : float
@@ -84,9 +88,9 @@ class GivenForce:
     """
 
     def __init__(
-        self, times: Sequence[float], force: Sequence[float], away: float, nudge: float, limit: float = np.inf
+        self, times: Sequence[float], force: Sequence[Force], away: float, nudge: float, limit: float = np.inf
     ) -> None:
-        self._times, self._force = np.array(times, float), np.array(force, float)
+        self._times, self._made = np.array(times, float), tuple(force)
         self.events = tuple(float(t) for t in times[1:])
         self.away, self.nudge, self.limit = away, nudge, limit
         self.parameter = ngs.Parameter(0.0)
@@ -95,8 +99,15 @@ class GivenForce:
 
     def at(self, t: float) -> float:
         """Force (N) at time t (s); 0 where it is next to nothing."""
-        force = float(np.interp(t, self._times, self._force))
-        return force if force > NOTHING * self._force.max() else 0.0
+        forces = np.array([each.Get() if isinstance(each, ngs.Parameter) else each for each in self._made], float)
+        force = float(np.interp(t, self._times, forces))
+        return force if force > NOTHING * forces.max() else 0.0
+
+    def slope(self, t: float, parameter: object) -> float:
+        """How the force of time t changes with a `Parameter` that it is made of."""
+        return (
+            float(np.interp(t, self._times, [float(each is parameter) for each in self._made])) if self.at(t) else 0.0
+        )
 
     def set(self, t: float) -> None:
         """Ask for the force of time t; without one the rigid body is held away."""
@@ -219,6 +230,28 @@ class DrivenTool(Term):
             if left < NEARLY:
                 break
             self.given.parameter.Set(self.way + left)  # a distance changes by no more than the way
+
+    def landed(
+        self, start: Array, solve: Callable[[Array], tuple[Array, bool]], stand: Callable[[Array], None]
+    ) -> Array:
+        """Unknowns near `start` with rigid bodies that do not touch led to where they do: there the force depends on the way.
+
+        `solve` finds equilibrium with the way held, from unknowns, and says whether there is one; `stand` puts the problem to some.
+        Tissue that other loads move may go away meanwhile.
+        """
+        given, away, guess = self.given, False, start
+        stand(start)
+        for _ in range(LANDINGS):
+            given.held = self.way + max(self._min_gap(), 0.0) + given.nudge
+            guess, found = solve(np.append(guess[:-1], given.held))
+            if not found and not away:  # what other loads do is found without it first
+                given.held, away = given.away, True
+                guess, found = solve(np.append(start[:-1], given.held))
+            stand(guess)
+            if not found or self._min_gap() < 0:
+                break
+        given.held = None
+        return guess if found else start
 
     @property
     def internal(self) -> Mapping[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +16,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Terms, slope
 
 Array = np.ndarray
+Along: TypeAlias = Callable[[Terms], Callable[[], float]]
 
 
 class Observed(ABC):
@@ -31,12 +33,15 @@ class Observed(ABC):
     symbolic : bool
         Whether `functional` gives integrals.
     twice : bool
-        Whether these give second derivatives too.
+        Whether these give second derivatives too, with what `bent` adds.
+    shaped : bool
+        Whether they give derivatives by node positions.
     """
 
     size: int
     symbolic = True
     twice = True
+    shaped = True
     matrix: sp.csr_array | None = None
     motions: Array | None = None
 
@@ -60,6 +65,21 @@ class Observed(ABC):
         Empty where there is a matrix. Raises `InputError` where there are none, as of a percentile.
         """
         raise InputError(type(self).__name__, "asked for second derivatives", "an observable that is an integral")
+
+    def aim(self, change: Array, along: Along) -> None:  # noqa: B027  (most have no such weights)
+        """Take the way of second derivatives where weights of integrals depend on the state; after `weigh`.
+
+        Parameters
+        ----------
+        change : array (n,)
+            Of the unknowns.
+        along : callable
+            From integrals to what gives their change with parameters.
+        """
+
+    def bent(self, state: Motion, *along: Motion) -> Terms:
+        """As `functional`, with weights as they change along the way; nothing where they do not."""
+        return []
 
 
 class Symbolic(Observed):

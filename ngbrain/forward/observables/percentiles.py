@@ -22,6 +22,8 @@ Array = np.ndarray
 ORDER = 2
 """Of the quadrature whose points have a share in a percentile: strains of elements of order 2 have that of their square."""
 MEASURES = ("Green-Lagrange", "small")
+EQUAL = 1e-9
+"""Of a point's largest strain: what differs by less is equal."""
 STILL = 1e-8
 """Of the shear modulus: the least stress."""
 
@@ -31,7 +33,8 @@ class Quantile(Observable):
     """A percentile over a region's volume at rest of a number that each of its points has.
 
     What so much of the volume has less than has no gradient; the mean of the percentiles about it has, weighed by
-    3/4 (1 - s²) with s from -1 to 1 over a band of percentiles. Its value is that mean; `Percentile.raw` is without.
+    3/4 (1 - s²) with s from -1 to 1 over a band of percentiles. Its value is that mean; `Percentile.raw` is without. Derivatives
+    are those of points that keep their ranks, second ones too: what they add up to where many ranks are swapped is not in them.
 
     Parameters
     ----------
@@ -141,7 +144,7 @@ def weighted_percentile(values: Array, weights: Array, percent: float) -> float:
 class Percentile(Observed):
     """A `Quantile` of one problem."""
 
-    size, symbolic, twice = 1, False, False
+    size, shaped = 1, False
 
     def __init__(self, problem: Problem, asked: Quantile) -> None:
         super().__init__(problem)
@@ -189,65 +192,82 @@ class Percentile(Observed):
         found[order] = np.diff((3 * s - s**3) / 4)
         return found
 
+    def _spread(self, field: ngs.GridFunction, weights: Array, values: Array) -> None:
+        """Set a density of each point's share in a weighed percentile."""
+        entries = field.vec.FV().NumPy()
+        entries[:] = 0.0
+        # A share is no density: a point's part of the volume is taken out again.
+        entries[self._counted] = weights[0] * self._weights(values) / self._volumes_here
+
     @cached_property
     def _volumes_here(self) -> Array:
         return self._volumes()[self._counted]
 
 
-class Strains(Percentile):
-    """A `StrainPercentile` of one problem."""
+class Strains(Symbolic, Percentile):
+    """A `StrainPercentile` of one problem.
+
+    About where the problem stands, with the axes n, m and their strains e as they are there, the largest strain of E is
+    n·En + Σ (n·Em)²/(e_n - e_m), with all that is of up to second order in E.
+    """
 
     def __init__(self, problem: Problem, asked: StrainPercentile) -> None:
         super().__init__(problem, asked)
         self.asked = asked
         gradient = problem.kinematics.gradient(problem.u, ngs.Grad(problem.u))
         self._gradient, self._F = gradient.Compile(), ngs.GridFunction(ngs.MatrixValued(self._space, 3))
+        self._share, self._apart = ngs.GridFunction(self._space), ngs.GridFunction(ngs.VectorValued(self._space, 2))
+        self._axes, self._view = ngs.GridFunction(ngs.MatrixValued(self._space, 3)), StateView(problem)
 
     def strains(self) -> tuple[Array, Array, Array]:
-        """The largest principal strain at each point that counts, its direction and F there."""
+        """Principal strains at each point that counts, the largest last, their directions (as columns) and F there."""
         self._F.Interpolate(self._gradient)
         change = self._F.vec.FV().NumPy().reshape(9, -1)[:, self._counted].T.reshape(-1, 3, 3) - np.eye(3)
         F = np.eye(3) + self.asked.factor * change
         small = self.asked.measure == "small"
         E = (F + F.transpose(0, 2, 1)) / 2 - np.eye(3) if small else (F.transpose(0, 2, 1) @ F - np.eye(3)) / 2
         values, directions = np.linalg.eigh(E)
-        return values[:, -1], directions[:, :, -1], F
+        return values, directions, F
 
     def values(self) -> Array:
         """The largest principal strains."""
-        return self.strains()[0]
+        return self.strains()[0][:, -1]
 
-    def gradient(self, weights: Array) -> Array:
-        """Points keep their ranks where all move a little, so that only strains change: n · (Fᵀ ∂F) n, or n · ∂F n."""
-        strain, n, F = self.strains()
-        share = weights[0] * self.asked.factor * self._weights(strain)
-        image = n if self.asked.measure == "small" else np.einsum("kij,kj->ki", F, n)
-        field = ngs.GridFunction(self._F.space)
-        entries = field.vec.FV().NumPy().reshape(9, -1)
-        entries[:, self._counted] = (share[:, None, None] * image[:, :, None] * n[:, None, :]).reshape(-1, 9).T
-        # Each point's share is no density: its part of the volume is taken out again.
-        entries[:, self._counted] /= self._volumes_here
-        form = self._form(field)
-        form.Assemble()
-        return np.array(form.vec.FV().NumPy())
+    def weigh(self, weights: Array) -> None:
+        """Points keep the ranks that they have now where all move a little, so that only strains change."""
+        if not weights.any():
+            self._share.vec[:] = 0.0
+            return
+        values, directions, _ = self.strains()
+        self._spread(self._share, weights, values[:, -1])
+        self._axes.vec.FV().NumPy().reshape(9, -1)[:, self._counted] = directions.reshape(-1, 9).T
+        apart = values[:, 2:] - values[:, :2]
+        # Strains that are equal have a slope along either axis, and no more.
+        least = EQUAL * np.abs(values).max(axis=1, keepdims=True)
+        self._apart.vec.FV().NumPy().reshape(2, -1)[:, self._counted] = np.divide(
+            1.0, apart, out=np.zeros_like(apart), where=apart > least
+        ).T
 
-    def _form(self, field: ngs.GridFunction) -> ngs.LinearForm:
-        problem = self.problem
-        v = problem.layout.fields(problem.fes.TestFunction()).u
-        change = problem.kinematics.change(v, ngs.Grad(v))
-        form = ngs.LinearForm(problem.fes)
-        form += (
-            problem.kinematics.weight()
-            * ngs.InnerProduct(field, change)
-            * ngs.dx(intrules=self._space.GetIntegrationRules())
-        )
-        return form
+    def _weighed(self, at: Seen) -> ngs.comp.SumOfIntegrals:
+        """Largest strains, each as much as its point's share has been set to."""
+        change = self.asked.factor * (at.F - ngs.Id(3))
+        E = (change + change.trans) / 2
+        if self.asked.measure != "small":
+            E = E + change.trans * change / 2
+        first, second, largest = (self._axes[:, i] for i in range(3))
+        strain = ngs.InnerProduct(largest, E * largest)
+        for axis, apart in zip((first, second), (self._apart[0], self._apart[1]), strict=True):
+            strain = strain + apart * ngs.InnerProduct(axis, E * largest) ** 2
+        rules = self._space.GetIntegrationRules()
+        return at.kinematics.weight() * self._share * strain * ngs.dx(intrules=rules)
+
+    def functional(self, state: Motion, *along: Motion) -> Terms:
+        """Of the weighed percentile."""
+        return self._view.of(self._weighed, state, *along)
 
 
 class Stresses(Symbolic, Percentile):
     """A `StressPercentile` of one problem."""
-
-    symbolic = True
 
     def __init__(self, problem: Problem, asked: StressPercentile) -> None:
         super().__init__(problem, asked)
@@ -282,11 +302,11 @@ class Stresses(Symbolic, Percentile):
 
     def weigh(self, weights: Array) -> None:
         """Points keep the ranks that they have now where all move a little, so that only stresses change."""
-        share = weights[0] * self._weights(self.values())
-        entries = self._share.vec.FV().NumPy()
-        entries[:] = 0.0
-        entries[self._counted] = share / self._volumes_here
+        if not weights.any():
+            self._share.vec[:] = 0.0
+            return
+        self._spread(self._share, weights, self.values())
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
-        """The first derivatives of the weighed percentile, also by what the law is made of."""
+        """Of the weighed percentile, also by what the law is made of."""
         return self._view.of(self._weighed, state, *along)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.contact.rigid import Contact
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.base import Along, Observable, Observed
 from ngbrain.forward.observables.integrals import Functional
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Seen, Terms
@@ -47,7 +49,7 @@ class Ratio(Observable):
 
     def on(self, problem: Problem) -> Quotient:
         """Of one problem."""
-        return Quotient(problem, self.numerator.on(problem), self.denominator.on(problem))
+        return Quotient(problem, self.numerator, self.denominator)
 
 
 def patch_pressure(contact: Contact, patch: Value = 1.0) -> Ratio:
@@ -74,25 +76,34 @@ def patch_pressure(contact: Contact, patch: Value = 1.0) -> Ratio:
 class Quotient(Observed):
     """N/D of one problem. Its functional has the first derivatives of that, where the problem stands when it is weighed."""
 
-    size, twice = 1, False
+    size = 1
 
-    def __init__(self, problem: Problem, numerator: Observed, denominator: Observed) -> None:
+    def __init__(self, problem: Problem, numerator: Observable, denominator: Observable) -> None:
         super().__init__(problem)
-        self._parts = numerator, denominator
+        self._made_of = numerator, denominator
+        self._parts = [each.on(problem) for each in self._made_of]
         for part in self._parts:
             if part.size != 1:
                 raise InputError("Ratio", f"of {part.size} numbers", "observables of one number")
-        self.symbolic = numerator.symbolic and denominator.symbolic and numerator.matrix is denominator.matrix is None
+        self.symbolic = all(part.symbolic and part.matrix is None for part in self._parts)
+        self.twice = self.symbolic and all(part.twice and not isinstance(part, Quotient) for part in self._parts)
+        self.shaped = all(part.shaped for part in self._parts)
+        self._weight, self._changes = 1.0, list[Callable[[], float]]()
+
+    def _values(self) -> tuple[float, float]:
+        """N and D."""
+        over, under = (float(part.value()[0]) for part in self._parts)
+        return over, under
 
     def _slopes(self) -> tuple[float, float]:
         """∂/∂N and ∂/∂D."""
-        over, under = (float(part.value()[0]) for part in self._parts)
+        over, under = self._values()
         return 1 / under, -over / under**2
 
     def value(self) -> Array:
         """N/D (1,)."""
-        over, under = (part.value() for part in self._parts)
-        return np.asarray(over / under)
+        over, under = self._values()
+        return np.array([over / under])
 
     def gradient(self, weights: Array) -> Array:
         """By the quotient rule."""
@@ -103,9 +114,33 @@ class Quotient(Observed):
 
     def weigh(self, weights: Array) -> None:
         """Set the weights of `functional`."""
+        self._weight = float(weights[0])
         for part, slope in zip(self._parts, self._slopes(), strict=True):
             part.weigh(weights * slope)
 
     def functional(self, state: Motion, *along: Motion) -> Terms:
         """Of both, weighed by the quotient's slopes."""
         return [term for part in self._parts for term in part.functional(state, *along)]
+
+    @cached_property
+    def _others(self) -> list[Observed]:
+        """The same again, to be weighed by changes of the slopes."""
+        return [each.on(self.problem) for each in self._made_of]
+
+    def aim(self, change: Array, along: Along) -> None:
+        """Slopes change as N and D do."""
+        if not self._changes:
+            self._changes = [along(part.functional(self.problem.gfu)) for part in self._others]
+        one, moved = np.ones(1), list[float]()
+        for part, by_theta in zip(self._others, self._changes, strict=True):
+            part.weigh(one)
+            moved.append(float(part.gradient(one) @ change) + by_theta())
+        over, under = self._values()
+        (of_over, of_under), w = moved, self._weight
+        bends = -of_under / under**2, -of_over / under**2 + 2 * over * of_under / under**3
+        for part, bend in zip(self._others, bends, strict=True):
+            part.weigh(np.array([w * bend]))
+
+    def bent(self, state: Motion, *along: Motion) -> Terms:
+        """Of both, weighed by how the slopes change."""
+        return [term for part in self._others for term in part.functional(state, *along)]

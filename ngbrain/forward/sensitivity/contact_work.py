@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, reduce
+from functools import cached_property
 from numbers import Real
 
 import ngsolve as ngs
@@ -11,11 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.common.loads import CavityVolume, Load, Pressure, Stored
-from ngbrain.forward.contact.rigid import Closing, Contact, Sliding, Touch
-from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.common.loads import Load
+from ngbrain.forward.contact.force_control import GivenForce
+from ngbrain.forward.contact.rigid import Closing, Contact, Touch
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Scalar
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, by, terms
+from ngbrain.forward.solid.virtual_work import Motion, StateView, Terms, acting, by, derived, vector
 
 Array = np.ndarray
 
@@ -23,8 +24,8 @@ Array = np.ndarray
 class ContactForms:
     """C(x; θ)[λ] of the loads of `body` and the contacts that a rigid body makes, at the body's state, with θ in `parts`.
 
-    Some `loads` and `contacts`, or all. Walls that close on each other have no part in it; `InputError` where their penalty or
-    softness is no number.
+    Some `loads` and `contacts`, or all. A motion λ has one number more with a tool of given force, that of its way. Walls that
+    close on each other have no part in it; `InputError` where their penalty or softness is no number.
     """
 
     def __init__(
@@ -34,52 +35,89 @@ class ContactForms:
         loads: Sequence[Load] | None = None,
         contacts: Sequence[Touch] | None = None,
     ) -> None:
-        self._loads: list[Stored] = []
+        self._loads = body.loads if loads is None else loads
         self._contacts = body.contacts if contacts is None else contacts
-        for load in body.loads if loads is None else loads:
-            if isinstance(load, (Pressure, CavityVolume)):
-                raise InputError(
-                    "loads", type(load).__name__, "loads with an energy of the displacement, for derivatives of a run"
-                )
-            self._loads.append(load)
         for contact in self._contacts:
             if isinstance(contact, Closing):
                 for name in ("penalty", "softness"):
                     if not isinstance(found := getattr(contact, name), Real):
                         raise InputError(f"Closing.{name}", type(found).__name__, "a number, for derivatives of a run")
         self._body, self._parts, self._motion = body, list(parts.values()), ngs.GridFunction(body.fes)
+        self._view, self._way = StateView(body), ngs.Parameter(0.0)
         self._slopes = [part.slope(self.weighed(), body.mesh) for part in self._parts]
 
     def work(self, virtual: Motion, *along: Motion) -> Terms:
-        """C[virtual] and, for each motion more, its derivative along it."""
-        u, a, numbers, weight = self._body.u, self._body.offset, list[ngs.Parameter](), self._body.kinematics.weight()
-        for motion in (virtual, *along):
-            numbers.append(ngs.Parameter(0.0))
-            moves = self._body.layout.fields(motion)
-            u, a = u + numbers[-1] * moves.u, a + numbers[-1] * moves.offset
-        contacts, order = self._contacts, self._body.element.order
-        rigid = [Term(weight * c.energy(u, a), c.measure()) for c in contacts if isinstance(c, Contact)]
-        films = [Term(weight * c.energy(u), c.measure(order)) for c in contacts if isinstance(c, Sliding)]
-        loads = [term for load in self._loads for term in terms(load.energy(self._body.external.place(u)))]
-        return reduce(by, numbers, rigid + films + loads)
+        """C[virtual] of a motion of the unknowns in space and, for each motion more, its derivative along it."""
+        at, numbers = self._view.moved(self._body.gfu, (virtual, *along))
+        stored, followers = acting(self._body, at, self._loads, self._contacts)
+        return derived(by(stored, numbers[0]) + followers, numbers[1:])
+
+    def felt(self, *along: Motion) -> Terms:
+        """What a tool of given force feels along its way, or its derivative along motions; nothing without one."""
+        if self._body.tool is None:
+            return []
+        at, numbers = self._view.moved(self._body.gfu, along)
+        way = self._given.parameter
+        driven = [each for each in self._contacts if isinstance(each, Contact) and each.way is way]
+        return derived(by(acting(self._body, at, [], driven)[0], way), numbers)
 
     def weighed(self, *along: Motion) -> Terms:
         """C[λ] with the λ of `weigh`, or its derivative along motions."""
-        return self.work(self._motion, *along)
+        return self.work(self._motion, *along) + [term.times(self._way) for term in self.felt(*along)]
 
     def weigh(self, motion: Array) -> None:
         """Set λ."""
-        self._motion.vec.FV().NumPy()[:] = motion
+        n = self._body.fes.ndof
+        self._motion.vec.FV().NumPy()[:] = motion[:n]
+        self._way.Set(float(motion[n]) if len(motion) > n else 0.0)
 
     def slopes(self) -> Array:
         """C_θᵀ λ with the λ of `weigh`, one parameter after the other."""
         return np.concatenate([slope() for slope in self._slopes])
 
     def columns(self) -> sp.csr_array:
-        """C_θ (ndof, θ)."""
+        """C_θ (ndof, θ), of the unknowns in space."""
         return sp.csr_array(sp.hstack([columns() for columns in self._columns]))
 
     @cached_property
     def _columns(self) -> list[Callable[[], sp.csr_array]]:
         tested = self.work(self._body.fes.TestFunction())
         return [part.columns(self._body.fes, tested) for part in self._parts]
+
+    def column(self) -> Array:
+        """How forces change with a tool's way (ndof,)."""
+        return self._column()
+
+    @cached_property
+    def _column(self) -> Callable[[], Array]:
+        tested = self.work(self._body.fes.TestFunction())
+        return vector(self._body.fes, by(tested, self._given.parameter))
+
+    def corner(self) -> float:
+        """How what a tool feels changes with its way (N/m)."""
+        return float(self._corner()[0])
+
+    @cached_property
+    def _corner(self) -> Callable[[], Array]:
+        return Scalar(self._given.parameter).slope(self.felt(), self._body.mesh)
+
+    @property
+    def _given(self) -> GivenForce:
+        assert self._body.tool is not None
+        return self._body.tool.given
+
+    def felt_by_state(self) -> Array:
+        """∂(what a tool feels)/∂x (ndof,)."""
+        return self._felt_by_state()
+
+    @cached_property
+    def _felt_by_state(self) -> Callable[[], Array]:
+        return vector(self._body.fes, self.felt(self._body.fes.TestFunction()))
+
+    def felt_by_theta(self) -> Array:
+        """∂(what a tool feels)/∂θ."""
+        return np.concatenate([slope() for slope in self._felt_by_theta])
+
+    @cached_property
+    def _felt_by_theta(self) -> list[Callable[[], Array]]:
+        return [part.slope(self.felt(), self._body.mesh) for part in self._parts]

@@ -121,7 +121,7 @@ class Scalar:
     def slope(self, parts: Terms, mesh: ngs.Mesh) -> Callable[[], Array]:
         """One number by integration."""
         integrals = [part.integral for part in by(parts, self.parameter)]
-        return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)])
+        return lambda: np.array([sum(float(ngs.Integrate(part, mesh)) for part in integrals)], float)
 
     def columns(self, space: ngs.FESpace, parts: Terms) -> Callable[[], sp.csr_array]:
         """One column."""
@@ -205,8 +205,8 @@ class Nodes:
         """NGSolve differentiates a shape once: `change` takes differences."""
         raise InputError("parameters", "nodes", "others, for second derivatives")
 
-    def change(self, function: Callable[[], Array]) -> Array:
-        """How what integrals give changes along the direction."""
+    def change(self, function: Callable[[], Array], least: float = np.inf) -> Array:
+        """How what integrals give changes along the direction; `least`, a length (m) over which what they see of places does."""
         here, way = self.value, np.array(self._direction.vec.FV().NumPy())
 
         def at(s: float) -> Array:
@@ -216,7 +216,7 @@ class Nodes:
         gradient = ngs.Grad(self._direction)
         strain, size = (self._integrals(of) for of in (ngs.InnerProduct(gradient, gradient), ngs.CF(1.0)))
         try:
-            return change(at, float(np.sqrt(np.max(strain / size))))
+            return change(at, max(float(np.sqrt(np.max(strain / size))), float(np.max(np.abs(way))) / least))
         finally:
             self.put(here)
 

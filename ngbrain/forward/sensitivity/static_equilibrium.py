@@ -60,7 +60,7 @@ class Equilibrium:
         self.linear = all(seen.matrix is not None for seen in self.seen)
         """Whether all data are B u."""
         for seen in self.seen:
-            if not seen.symbolic and any(isinstance(block, Nodes) for block in blocks.values()):
+            if not (seen.symbolic and seen.shaped) and any(isinstance(block, Nodes) for block in blocks.values()):
                 raise InputError("parameters", "nodes", f"others, for a {type(seen).__name__.lower()}")
         self.adjoint, self.change = ngs.GridFunction(self.body.fes), ngs.GridFunction(self.body.fes)
         self.inverse: Solve | None = None
@@ -156,19 +156,32 @@ class Equilibrium:
                 raise InputError(
                     type(seen).__name__, "asked for second derivatives", "an observable that is an integral"
                 )
+            seen.aim(np.array(self.change.vec.FV().NumPy()), self._change)
         by_state, by_theta = (of() for of in self._turned_slopes)
         for block in self.blocks.values():
             if isinstance(block, Nodes):
-                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]))
+                moved = block.change(lambda: np.concatenate([self.by_state(), self.by_theta()]), self._softest)
                 by_state, by_theta = by_state + moved[: len(by_state)], by_theta + moved[len(by_state) :]
         return by_state, by_theta
+
+    @property
+    def _softest(self) -> float:
+        """Depth (m) over which the first contact gets stiff: differences that go farther leave it."""
+        soft = [part.softness for part in (*self.body.contacts, *self.body.loads) if hasattr(part, "softness")]
+        return min((float(each.Get() if isinstance(each, ngs.Parameter) else each) for each in soft), default=np.inf)
 
     @cached_property
     def _turned_slopes(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
         return slope(self.body, self._turned(self._trial)), self._slopes(self._turned(self._now))
 
     def _turned(self, state: Motion) -> Terms:
-        return self.functional(state, self.change) + self._along_blocks(self.functional(state))
+        bent = [term for seen in self.seen if seen.symbolic for term in seen.bent(state)]
+        return self.functional(state, self.change) + self._along_blocks(self.functional(state)) + bent
+
+    def _change(self, parts: Terms) -> Callable[[], float]:
+        """With θ, along the blocks' directions."""
+        integrals = [term.integral for term in self._along_blocks(parts)]
+        return lambda: sum(float(ngs.Integrate(part, self.body.mesh)) for part in integrals)
 
     def sensitivity(self) -> sp.csr_array:
         """∂R/∂θ (ndof, blocks)."""

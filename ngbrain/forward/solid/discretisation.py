@@ -66,6 +66,7 @@ class Discretisation:
         spaces += [ngs.NumberSpace(mesh) for _ in range(cavities)]
         self.fes = spaces[0] if len(spaces) == 1 else ngs.FESpace(spaces)
         self.gfu = ngs.GridFunction(self.fes)
+        self._unknowns = self.gfu.vec.FV().NumPy()
         self._vec = self.gfu.vec.CreateVector()
         now = self.layout.fields(self.gfu)
         self.u, self.p, self.offset = now.u, now.p, now.offset
@@ -84,12 +85,12 @@ class Discretisation:
     @property
     def x(self) -> Array:
         """All unknowns as one array, a copy: those of `fes`, and how far a tool of given force has gone (m)."""
-        unknowns = np.array(self.gfu.vec.FV().NumPy())
+        unknowns = self._unknowns.copy()
         return unknowns if self.tool is None else np.append(unknowns, self.tool.way)
 
     @x.setter
     def x(self, x: Array) -> None:
-        self.gfu.vec.FV().NumPy()[:] = x[: self.fes.ndof]
+        self._unknowns[:] = x[: len(self._unknowns)]
         if self.tool is not None:
             self.tool.way = x[-1]
 

@@ -212,7 +212,13 @@ class Momentum(Term):
         self, u: CoefficientFunction, motion: CoefficientFunction
     ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
         """The virtual work of c M (u - û) for a motion: its density, and what that is over."""
-        return self._weight * self._density * ngs.InnerProduct(u - self._target, motion), self._measure
+        return self.heft(u - self._target, motion)
+
+    def heft(
+        self, way: CoefficientFunction, motion: CoefficientFunction
+    ) -> tuple[CoefficientFunction, ngs.comp.DifferentialSymbol]:
+        """The same of c M times any way."""
+        return self._weight * self._density * ngs.InnerProduct(way, motion), self._measure
 
     def start(self, velocity: Sequence[Value] | CoefficientFunction, forces: Array, free: Array) -> None:
         """Move at a velocity (m/s), with the acceleration that nodal forces (N) give."""

@@ -151,7 +151,7 @@ class Problem(Stateful):
         size = GAP if contacts else RELATIVE * np.ptp([vertex.point for vertex in mesh.vertices], axis=0).max()
         self._scale = np.where(self._lengths, size, self.modulus)
         self._release(ngs.BitArray(self.fes.FreeDofs()))
-        chosen = self._linear_solver(self._pivots(), bool(self.contacts))
+        chosen = self._linear_solver(self.pivots, bool(self.contacts))
         self.solver = chosen.name if solver == "auto" else solver
         self.choice["solver"] = chosen.why if solver == "auto" else "asked for"
         self._kept: linear.Solve | None = None
@@ -301,7 +301,8 @@ class Problem(Stateful):
         """Of the square of a correction of each unknown: 1/scale², 0 where it is held."""
         return self._weights if self.tool is None else np.append(self._weights, self.tool.weight)
 
-    def _pivots(self) -> str:
+    @property
+    def pivots(self) -> str:
         """Why a linear solver has to pivot, if it does."""
         if not self.symmetric:
             return "a pressure that follows has no energy"

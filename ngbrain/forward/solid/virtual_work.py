@@ -126,14 +126,14 @@ class StateView:
 
     def of(self, integrand: Integrand, state: Motion, *along: Motion) -> Terms:
         """A functional of a state, ∫ q, and for each motion its derivative along it."""
-        at, numbers = self._moved(state, along)
-        return _derived(terms(integrand(at)), numbers)
+        at, numbers = self.moved(state, along)
+        return derived(terms(integrand(at)), numbers)
 
     def at(self, state: Motion) -> Seen:
         """A state as functionals see it."""
-        return self._moved(state, ())[0]
+        return self.moved(state, ())[0]
 
-    def _moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
+    def moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
         """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]
         states = self.parts(state)
@@ -184,16 +184,18 @@ class Work(StateView):
         self, body: Problem, loads: Sequence[Load] | None = None, contacts: Sequence[Touch] | None = None
     ) -> None:
         super().__init__(body)
-        self._acting = {id(load) for load in (body.loads if loads is None else loads)}
+        self._loads = body.loads if loads is None else loads
         self._contacts = body.contacts if contacts is None else contacts
         if body.friction.frictions or any(isinstance(contact, Closing) for contact in body.contacts):
             raise InputError(
                 "contacts", "with friction or walls that close", "others, for derivatives of an equilibrium"
             )
+        if body.inertia is not None:
+            raise InputError("loads", "with Inertia", "none, for derivatives of an equilibrium")
 
     def __call__(self, state: Motion, virtual: Motion, *along: Motion) -> Terms:
         """R(state)[virtual] and, for each motion more, its derivative along it."""
-        at, numbers = self._moved(state, (virtual, *along))
+        at, numbers = self.moved(state, (virtual, *along))
         body = self.body
         energies = [
             Term(
@@ -202,26 +204,33 @@ class Work(StateView):
             )
             for pattern, m in body.materials.items()
         ]
-        for contact in self._contacts:
-            weight = at.kinematics.weight()
-            if isinstance(contact, Contact):
-                energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
-            elif isinstance(contact, Sliding):
-                energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
-        followers: Terms = []
-        cavities = iter(at.cavities)
-        for load in body.loads:
-            pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
-            if id(load) not in self._acting:
-                continue
-            if isinstance(load, Pressure):
-                followers += terms(load.work(at))
-            else:
-                energies += terms(load.energy(at, *pressure))
-        return _derived(by(energies, numbers[0]) + followers, numbers[1:])
+        stored, followers = acting(body, at, self._loads, self._contacts)
+        return derived(by(energies + stored, numbers[0]) + followers, numbers[1:])
 
 
-def _derived(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
+def acting(body: Problem, at: Seen, loads: Sequence[Load], contacts: Sequence[Touch]) -> tuple[Terms, Terms]:
+    """Energies of some loads and contacts of a body, walls that close left out, and virtual work of those that have none."""
+    energies, followers = list[Term](), list[Term]()
+    weight, mine = at.kinematics.weight(), {id(load) for load in loads}
+    for contact in contacts:
+        if isinstance(contact, Contact):
+            energies.append(Term(weight * contact.energy(at.u, at.offset), contact.measure()))
+        elif isinstance(contact, Sliding):
+            energies.append(Term(weight * contact.energy(at.u), contact.measure(body.element.order)))
+    cavities = iter(at.cavities)
+    for load in body.loads:
+        pressure = (next(cavities),) if isinstance(load, CavityVolume) else ()
+        if id(load) not in mine:
+            continue
+        if isinstance(load, Pressure):
+            followers += terms(load.work(at))
+        else:
+            energies += terms(load.energy(at, *pressure))
+    return energies, followers
+
+
+def derived(parts: Terms, numbers: Sequence[ngs.Parameter]) -> Terms:
+    """Derivatives by numbers, one after the other."""
     for number in numbers:
         parts = by(parts, number)
     return parts

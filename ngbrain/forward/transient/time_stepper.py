@@ -26,8 +26,6 @@ PROBE = 1e-3
 """Part of a step's load over which the residual's derivative is taken."""
 WHOLES = 1
 """Factorisations of a focused body's whole tangent in a step; one that needs more is cut, which costs less."""
-LANDINGS = 5
-"""Ways that a rigid body of given force is led to the tissue by; each as long as the gap that is left."""
 FORESEEN = 2
 """Tries of a step that begin where it is foreseen to end; later ones begin where it stands."""
 
@@ -177,25 +175,19 @@ class TimeStepper:
         return guess if guess is start or self.problem.min_det(guess) > self.newton.min_det else start
 
     def _landed(self, start: Array, tool: DrivenTool) -> Array:
-        """With a rigid body that does not touch led to where it does: there the force depends on its way.
+        """With a rigid body that does not touch led to where it does."""
 
-        Tissue that other loads move may go away from it meanwhile.
-        """
-        given, away = tool.given, False
-        self.problem.x = guess = start
-        for _ in range(LANDINGS):
-            given.held = tool.way + max(self.problem.min_gap(), 0.0) + given.nudge
-            guess, record = self.newton.solve(self, np.append(guess[:-1], given.held))
-            if not record.converged and not away:  # what other loads do is found without it first
-                self._count(record)
-                given.held, away = given.away, True
-                guess, record = self.newton.solve(self, np.append(start[:-1], given.held))
+        def solve(guess: Array) -> tuple[Array, bool]:
+            found, record = self.newton.solve(self, guess)
             self._count(record)
-            self.problem.x = guess
-            if not record.converged or self.problem.min_gap() < 0:
-                break
-        given.held, self.newton.inverse = None, None  # a tangent of before the touch knows nothing of it
-        return guess if record.converged else start
+            return found, record.converged
+
+        def stand(x: Array) -> None:
+            self.problem.x = x
+
+        guess = tool.landed(start, solve, stand)
+        self.newton.inverse = None  # a tangent of before the touch knows nothing of it
+        return guess
 
     def _count(self, record: NewtonRecord) -> None:
         """Add the work of a solve."""

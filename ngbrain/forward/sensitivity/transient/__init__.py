@@ -1,8 +1,8 @@
 """How runs change with parameters.
 
-`run_model` over a `replay` on a fixed grid of times with its `tangents`; one time `step` and its derivatives (`step_hessian`,
-`step_turned`, `step_shape`, `maxwell_step`), as `quadrature_blocks`; `friction_step` and `inertia_step` of what rubs and has mass;
-`run_observables`, what is seen at the end of a step.
+`run_model` and its products, `replayed`, over a `replay` on a fixed grid of times with its `tangents`; one time `step` and its
+derivatives (`step_hessian`, `step_turned`, `step_shape`, `maxwell_step`), as `quadrature_blocks`; `friction_step` and
+`inertia_step` of what rubs and has mass; `run_observables`, what is seen at the end of a step.
 """
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "maxwell_step",
     "quadrature_blocks",
     "replay",
+    "replayed",
     "run_model",
     "run_observables",
     "step",

@@ -13,6 +13,7 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.forward.sensitivity.parameter_blocks import Block
+from ngbrain.forward.sensitivity.transient.friction_step import CarriedSlopes
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Term, Terms, vector
@@ -33,6 +34,7 @@ class InertiaStep:
         assert body.inertia is not None
         self.body, self.inertia, self._parts = body, body.inertia, list(parts.values())
         self._motion, self._n = ngs.GridFunction(body.fes), int(np.sum(body.is_u))
+        self._going = ngs.GridFunction(body.u.space)
         self.size = 3 * self._n
         self._changes: list[Array] = []
 
@@ -40,18 +42,24 @@ class InertiaStep:
 
     def back(self, adjoint: Array, weights: Array) -> tuple[Array, Array, Array]:
         """Derivatives by the start's displacements (ndof,), by what was carried there, and by θ."""
+        s, dt, _ = self._scheme
+        by_target = -s.weight(dt) * (np.split(weights, 3)[1] + self.inertia.times(self._of_u(adjoint)))
+        values(self._motion)[:] = adjoint[: self.body.fes.ndof]
+        by_start, carried = self._back(by_target, weights)
+        return by_start, carried, np.concatenate([part() for part in self._by_theta])
+
+    def _back(self, by_target: Array, weights: Array) -> tuple[Array, Array]:
+        """From derivatives by û and weights of what is carried on to those by the start and by what was carried there."""
         s, dt, beta_dt = self._scheme
-        velocity, acceleration, average = np.split(weights, 3)
+        velocity, _, average = np.split(weights, 3)
         by_average = average + s.gamma * dt * velocity
-        by_target = -s.weight(dt) * (acceleration + self.inertia.times(adjoint[self.body.is_u]))
         by_drift = by_target - by_average / beta_dt
         used = dt**2 * (0.5 - s.beta) * by_drift + dt * (1 - s.gamma) * velocity
         used -= beta_dt * s.alpha_m / (1 - s.alpha_m) * by_target
         before = beta_dt * s.alpha_f / (1 - s.alpha_m) * by_target
         kept = self.inertia.stretch
         found = np.concatenate([velocity + dt * by_drift, before + (1 - kept) * used, kept * used])
-        values(self._motion)[:] = adjoint
-        return self._spread(by_drift), found, np.concatenate([part() for part in self._by_theta])
+        return self._spread(by_drift), found
 
     def remembered(self, weights: Array) -> Array:
         """How what is carried on changes with the end, by weights (ndof,)."""
@@ -70,18 +78,18 @@ class InertiaStep:
         s, dt, beta_dt = self._scheme
         velocity, acceleration, average = np.split(carried, 3)
         used = acceleration + (average - acceleration) * self.inertia.stretch
-        drift = start[self.body.is_u] + dt * velocity + dt**2 * (0.5 - s.beta) * used
+        drift = self._of_u(start) + dt * velocity + dt**2 * (0.5 - s.beta) * used
         target = drift - beta_dt * (s.alpha_m * used - s.alpha_f * acceleration) / (1 - s.alpha_m)
         self._changes = [velocity, used, drift, target]
-        for part, way in zip(self._parts, theta, strict=True):
+        for part, way in zip(self._parts, theta, strict=False):
             part.turn(way)
-        return self._spread(-s.weight(dt) * self.inertia.times(target)) + self._changed()
+        return self._spread(-s.weight(dt) * self.inertia.times(target), self._changed())
 
     def moved(self, end: Array) -> Array:
         """How what is carried on changes with the end, and with what `changed` was last asked for."""
         s, dt, beta_dt = self._scheme
         velocity, used, drift, target = self._changes
-        u = end[self.body.is_u]
+        u = self._of_u(end)
         average = (u - drift) / beta_dt
         velocity = velocity + dt * ((1 - s.gamma) * used + s.gamma * average)
         return np.concatenate([velocity, s.weight(dt) * (u - target), average])
@@ -90,6 +98,35 @@ class InertiaStep:
     def _changed(self) -> Callable[[], Array]:
         still = self._work(self.body.fes.TestFunction())
         return vector(self.body.fes, [term for part in self._parts for term in part.along(still)])
+
+    # Twice. All but the density times what moves is linear.
+
+    def aim(self, end: Array, start: Array, carried: Array, theta: Sequence[Array]) -> None:
+        """Set a way of a step's end and start, of what was carried there, and of θ."""
+        self.changed(start, carried, theta)
+        values(self._going)[:] = self._of_u(end) - self._changes[-1]
+
+    def turned(self, adjoint: Array, weights: Array) -> CarriedSlopes:
+        """Derivatives along what was aimed at of those by a step's end, its start, what was carried there, and θ."""
+        values(self._motion)[:] = adjoint[: self.body.fes.ndof]
+        by_end = self._heavier()[self.body.is_u]
+        by_start, carried = self._back(-by_end, np.zeros(self.size))
+        return CarriedSlopes(
+            self._spread(by_end), by_start, carried, np.concatenate([part() for part in self._turned_by_theta])
+        )
+
+    @cached_property
+    def _heavier(self) -> Callable[[], Array]:
+        """c ∫ ρ' v · λ dV."""
+        v = self.body.layout.fields(self.body.fes.TestFunction()).u
+        still = [Term(*self.inertia.heft(v, self.body.layout.fields(self._motion).u))]
+        return vector(self.body.fes, [term for part in self._parts for term in part.along(still)])
+
+    @cached_property
+    def _turned_by_theta(self) -> list[Callable[[], Array]]:
+        going = [Term(*self.inertia.heft(self._going, self.body.layout.fields(self._motion).u))]
+        bent = [term for part in self._parts for term in part.along(self._work(self._motion))]
+        return [part.slope(going + bent, self.body.mesh) for part in self._parts]
 
     def _work(self, motion: Motion) -> Terms:
         """c ∫ ρ (u - û) · λ dV."""
@@ -101,7 +138,12 @@ class InertiaStep:
         s, dt = self.inertia.scheme, self.inertia.dt
         return s, dt, s.beta * dt**2
 
-    def _spread(self, of_u: Array) -> Array:
-        found = np.zeros(self.body.fes.ndof)
-        found[self.body.is_u] = of_u
+    def _of_u(self, x: Array) -> Array:
+        return x[: self.body.fes.ndof][self.body.is_u]
+
+    def _spread(self, of_u: Array, more: Array | float = 0.0) -> Array:
+        """Over all unknowns, with what there is besides for those in space."""
+        found, n = np.zeros(len(self.body.x)), self.body.fes.ndof
+        found[:n] += more
+        found[:n][self.body.is_u] += of_u
         return found

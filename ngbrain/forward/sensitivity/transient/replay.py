@@ -17,7 +17,7 @@ import numpy as np
 from ngbrain.errors import InputError, gave_up
 from ngbrain.forward.common.state import State
 from ngbrain.forward.contact.motion import Motion
-from ngbrain.forward.solid.advance import LoadProgram, advance
+from ngbrain.forward.solid.advance import LoadHistory, LoadProgram, advance
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.result import Status
@@ -63,6 +63,7 @@ class Replay:
     every   how many steps apart histories are kept; None: √N, 1: all of them
     states  whether the states of all steps are kept
     system  what Newton's method solves, with a tangent of its own; by default the body
+    loads   of boundary conditions and loads; None: at load factor 1 from the first step on
 
     `run` raises `ConvergenceError` or `InvertedElementError` when a step fails: it is never cut, for then the grid would depend
     on what is differentiated. `solved` counts the steps that Newton's method took.
@@ -77,15 +78,10 @@ class Replay:
         every: int | None = None,
         states: bool = True,
         system: System | None = None,
+        loads: LoadHistory | None = None,
     ) -> None:
-        refused = {
-            "with a tool of given force": body.tool is not None,
-        }
-        for what, there in refused.items():
-            if there:
-                raise InputError("body", what, "one without, for derivatives of a run")
-        if body.form.condense:
-            raise InputError("element", str(body.element), "continuous pressures, for derivatives of a run")
+        if body.tool is not None and motion is not body.tool.given:
+            raise InputError("motion", type(motion).__name__, "the GivenForce that is among the body's contacts")
         grid = np.asarray(grid, float)
         if grid.ndim != 1 or len(grid) < 2 or grid[0] != 0 or not np.all(np.diff(grid) > 0):
             raise InputError("grid", f"of shape {grid.shape}", "two or more increasing times (s) from 0 on")
@@ -95,7 +91,7 @@ class Replay:
         if self.every < 1:
             raise InputError("every", self.every, "a number of steps, at least 1")
         self.solved = 0
-        self._program = LoadProgram(body, motion)
+        self._program = LoadProgram(body, motion, loads)
         self._program.set(0.0)
         self.kept: list[Kept] = []
         self._last: list[Step] = []
@@ -108,6 +104,7 @@ class Replay:
 
     def run(self, seen: Callable[[Step], None]) -> None:
         """From rest to the end; `seen` is called at the end of each step, before the history moves on."""
+        self._program.set(0.0)  # where a tool of given force is at rest
         start = self.body.rest()
         self._newton = replace(self.newton, inverse=None, largest=0.0)
         rtol, xtol = max(self.newton.rtol, Newton.rtol), max(self.newton.xtol, Newton.xtol)
@@ -120,6 +117,10 @@ class Replay:
         while here.n < len(self.grid) - 1:
             self.kept.append(here)
             here = self._segment(here, seen)
+
+    def factor(self, step: Step) -> float:
+        """Load factor at the end of a step."""
+        return self._program.factor(self.grid[step.n + 1])
 
     def forwards(self) -> Iterator[Step]:
         """All steps, with the body at the end of each, its history not yet moved on."""
@@ -170,13 +171,20 @@ class Replay:
                 f"the step from {self.grid[n]:.3g} to {self.grid[n + 1]:.3g} s of a recorded run fails: {made.failure}"
             )
             raise gave_up(said, made.failure.status, made.record)
+        if self.body.tool is not None and self.body.tool.given.held is not None:
+            end = made.state.x  # the tool has come back to where it is just clear
         return replace(made.state, t=self.grid[n + 1], x=end)  # one array, whoever keeps it
 
     def _end(self, n: int, x: Array, before: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step from x: known, or solved for."""
         if n < len(self._states):
             return self._states[n], NewtonRecord(status=Status.CONVERGED)
-        new, record = self._solved(n, x, self._guess(n, x, before))
+        guess = self._guess(n, x, before)
+        if self._apart(x):
+            self._near.inverse = None  # a tangent of before the touch knows nothing of it
+            if self._apart(guess):
+                x = guess = self._landed(x)
+        new, record = self._solved(n, x, guess)
         self.solved += 1
         if self._keeping:
             self._states.append(new)
@@ -185,12 +193,38 @@ class Replay:
     def _guess(self, n: int, x: Array, before: Array) -> Array:
         """Where a step ends if it goes as it went at other parameters, or else as the one before it went."""
         if self._known:
-            guess = self._known[n] + (x - self._known[n - 1] if n else 0.0)
+            moved = x - self._known[n - 1] if n else np.zeros_like(x)
+            if n and self.body.tool is not None and not self.body.tool.given.at(self.grid[n]):
+                moved[-1] = 0.0  # it has come back since
+            guess = self._known[n] + moved
         else:
             travel = self.motion.travel(self.grid[n], self.grid[n + 1])
             last = self.motion.travel(self.grid[n - 1], self.grid[n]) if n else 0.0
             guess = x + (travel / last if last * travel > 0 else 0.0) * (x - before)
         return guess if self.body.min_det(guess) > self.newton.min_det else x
+
+    def _apart(self, guess: Array) -> bool:
+        """Whether a tool that is to press does not touch."""
+        tool = self.body.tool
+        if tool is None or tool.given.held is not None:
+            return False
+        self.body.x = guess
+        return not self.body.min_gap() < 0
+
+    def _landed(self, x: Array) -> Array:
+        """With a tool of given force led to where it touches, from where a step begins."""
+        assert self.body.tool is not None
+
+        def solve(guess: Array) -> tuple[Array, bool]:
+            found, record = self._near.solve(self._system, guess)
+            return found, record.converged
+
+        def stand(x: Array) -> None:
+            self.body.x = x
+
+        guess = self.body.tool.landed(x, solve, stand)
+        self._near.inverse = None
+        return guess
 
     def _solved(self, n: int, x: Array, guess: Array) -> tuple[Array, NewtonRecord]:
         """The end of a step, by parts of the way of the rigid bodies where it is not reached at once."""
@@ -204,14 +238,14 @@ class Replay:
                     return x, record
                 part = min(2 * part, 1 - done)
             elif part > SHORTEST:
-                part, guess = part / 4, x
+                part, x = part / 4, self._landed(x) if self._apart(x) else x
+                guess = x
             else:
                 return x, record
 
     def _newton_at(self, t: float, guess: Array) -> tuple[Array, NewtonRecord]:
         """Near an end with settings that let contact come and go, then the end itself."""
-        self._program.set(t)
-        x, record = self._near.solve(self._system, guess)
+        x, record = self._near.solve(self._system, self._program.lifted(guess, t))
         if record.converged:
             self._newton.inverse = self._near.inverse
             x, record = self._newton.solve(self._system, x)

@@ -4,43 +4,45 @@ Step n finds x with R(x; h, θ) = 0 and h⁺ = U(x, h; θ) (`step_forms`), data 
 (`run_observables`). With K = ∂R/∂x, K_f = ∂f/∂x and R_h, R_θ that of the tissue,
 
     J δθ:   K δx = -(R_h δh + (R_θ + C_θ) δθ),  δd = B δx + Z (K_f δx + R_h δh + R_θ δθ),  δh⁺ = U_x δx + U_h δh + U_θ δθ
-    Jᵀ w:   K λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
+    Jᵀ w:   Kᵀ λ = -(Bᵀw + K_f Zᵀw + U_xᵀ Λ),  Λ ← U_hᵀ Λ + R_hᵀ(λ + Zᵀw),  ∇ += U_θᵀ Λ + R_θᵀ(λ + Zᵀw) + C_θᵀ λ
 
 with C_θ of the contacts, from the first step on and from the last one back; second derivatives by both, with two solves more a
 step (`step_hessian`). What steps remember besides goes the same way: how far walls slipped and where the step began
-(`friction_step`), velocities and accelerations (`inertia_step`). The grid of times is given and stays: an adaptive one would move
-with θ. Contact is differentiated where it stands; its energy is smooth enough.
+(`friction_step`), velocities and accelerations (`inertia_step`). A tool of given force has its way for one unknown more and
+what it feels for one equation, by which K is bordered (`tangents`); derivatives by the way are those by any parameter of the
+contacts. Displacements that are prescribed drive all others by K; an adjoint's residual there is the derivative by them. The grid
+of times is given and stays: an adaptive one would move with θ. Contact is differentiated where it stands; its energy is smooth
+enough.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
-from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.errors import ConvergenceError, InputError
 from ngbrain.forward.contact.motion import Motion
 from ngbrain.forward.observables.base import Observable
 from ngbrain.forward.sensitivity.contact_work import ContactForms
-from ngbrain.forward.sensitivity.parameter_blocks import Nodes, block, places
-from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep, SlidingTangents
+from ngbrain.forward.sensitivity.parameter_blocks import Block, Held, Nodes, Scalar, block, places
+from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.sensitivity.transient.inertia_step import InertiaStep
 from ngbrain.forward.sensitivity.transient.replay import TIGHT, Replay, Step
+from ngbrain.forward.sensitivity.transient.replayed import Replayed
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import Parameter, StepForms
 from ngbrain.forward.sensitivity.transient.step_hessian import StepCurvature
 from ngbrain.forward.sensitivity.transient.step_shape import StepShapes
-from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER, Tangents
+from ngbrain.forward.sensitivity.transient.tangents import BorderedTangents, PivotedTangents, Tangents, TangentSystem
+from ngbrain.forward.solid.advance import LoadHistory
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.tangent import Solve
 from ngbrain.solvers.newton import Newton
 
 Array = np.ndarray
 Carried: TypeAlias = FrictionStep | InertiaStep
-TOGETHER = 40
-"""Unknowns in θ up to which the columns of J are found together, with one factor of each step."""
 
 
 class RunModel:
@@ -49,11 +51,12 @@ class RunModel:
     body        at rest at first; its materials are made of `parameters`
     motion      of its rigid bodies and of what its loads are made of
     grid        times (s) from 0 on at which steps end, such as `replay.times_of` an adaptive run finds
-    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a blade's
-                way, or `Nodes(mesh)`, where the mesh's nodes are; their values one after the other are θ
+    parameters  name → GridFunction or Parameter that materials, rigid bodies and loads are made of, such as a factor of a
+                blade's way, `Held(body, boundary)`, what is prescribed there at load factor 1, or `Nodes(mesh)`, where the
+                mesh's nodes are; their values one after the other are θ
     observables  what is seen, see `ngbrain.forward.observables`
     times       (s) when; steps end there too. None: at the end of every step
-    newton, every, states   see `Replay`
+    newton, every, states, loads   see `Replay`
 
     >>> import ngsolve as ngs
     >>> from ngbrain.forward.common.material import Material
@@ -75,17 +78,21 @@ class RunModel:
     ((3, 1), (2,))
     """
 
+    way = "way of the tool"
+    """A tool of given force has it for an unknown: what derivatives by it are called."""
+
     def __init__(
         self,
         body: Problem,
         motion: Motion,
         grid: Sequence[float] | Array,
-        parameters: Mapping[str, Parameter | Nodes],
+        parameters: Mapping[str, Parameter | Held | Nodes],
         observables: Sequence[Observable],
         times: Sequence[float] | Array | None = None,
         newton: Newton = TIGHT,
         every: int | None = None,
         states: bool = True,
+        loads: LoadHistory | None = None,
     ) -> None:
         grid = np.asarray(grid, float)
         times = grid[1:] if times is None else np.asarray(times, float)
@@ -97,7 +104,7 @@ class RunModel:
         if not observables:
             raise InputError("observables", "none", "one or more: what is seen of a run")
         self.body, self.parameters, self.times = body, dict(parameters), times
-        values = {name: of for name, of in self.parameters.items() if not isinstance(of, Nodes)}
+        values = {name: of for name, of in self.parameters.items() if not isinstance(of, (Held, Nodes))}
         self.forms = StepForms(body, values)
         nodes = [(name, of) for name, of in self.parameters.items() if isinstance(of, Nodes)]
         self.shapes = {name: StepShapes(self.forms, of) for name, of in nodes}
@@ -108,23 +115,30 @@ class RunModel:
         self.parts = {name: block(name, of) for name, of in self.parameters.items()}
         sizes = [part.size for part in self.parts.values()]
         self.blocks, self.size = dict(zip(self.parts, places(sizes), strict=True)), sum(sizes)
-        self.contacts = ContactForms(body, self.parts)
-        self.carried: list[Carried] = []
+        made_of: dict[str, Block] = dict(self.parts)
+        if body.tool is not None:
+            self._check_tool(grid)
+            made_of[self.way] = Scalar(body.tool.given.parameter)
+        self.held = [(of, self.blocks[name]) for name, of in self.parameters.items() if isinstance(of, Held)]
+        self.n = len(body.x)
+        """Unknowns of the body, the way of a tool of given force among them."""
+        self._made_of, self.contacts = made_of, ContactForms(body, made_of)
+        friction = FrictionStep(body, made_of) if body.friction.frictions else None
+        self.carried: list[Carried] = [] if friction is None else [friction]
         """What steps remember beside the tissue's history."""
-        self.tangents: Tangents | SlidingTangents = Tangents(body)
-        if body.friction.frictions:
-            friction = FrictionStep(body, self.parts)
-            self.carried, self.tangents = [friction], SlidingTangents(body, friction)
         if body.inertia is not None:
-            self.carried.append(InertiaStep(body, self.parts))
+            self.carried.append(InertiaStep(body, made_of))
         for name in self.shapes if self.carried else ():
             raise InputError(f"parameters.{name}", "nodes", "others, of a body that rubs or has mass")
-        self.seen = RunObservables(body, observables, self.parts)
+        pivots = friction is not None or body.pivots or body.form.condense
+        inner = PivotedTangents(body, friction) if pivots else Tangents(body)
+        self.tangents = inner if body.tool is None else BorderedTangents(inner, self.contacts, friction)
+        self.seen = RunObservables(body, observables, made_of)
         self.observed = self.seen.slices
         """Where each observable is in a row of the data."""
-        rubs = self.tangents if isinstance(self.tangents, SlidingTangents) else None
+        system = None if friction is None else TangentSystem(body, self.tangents)
         steps = np.sort(np.concatenate([grid[apart], times]))
-        self.replay = Replay(body, motion, steps, newton, every, states, rubs)
+        self.replay = Replay(body, motion, steps, newton, every, states, system, loads)
         self.row = {int(np.searchsorted(self.replay.grid, t)) - 1: i for i, t in enumerate(times)}
         """Which row of the data a step gives."""
 
@@ -136,7 +150,7 @@ class RunModel:
     @cached_property
     def curvature(self) -> StepCurvature:
         """What second derivatives need; made when first asked for."""
-        return StepCurvature(self.forms, self.parts, self.contacts, self.seen)
+        return StepCurvature(self.forms, self._made_of, self.contacts, self.seen)
 
     def at(self, theta: Array) -> Replayed:
         """The run at θ, and its derivatives; the parameters keep the values of the last call."""
@@ -156,167 +170,20 @@ class RunModel:
         """θ, or a change of it, by parameter."""
         return {name: theta[block] for name, block in self.blocks.items()}
 
+    def asked(self, step: Step) -> Array:
+        """How the force that a tool is asked for at the end of a step changes with θ (size,)."""
+        found, tool = np.zeros(self.size), self.body.tool
+        if tool is not None:
+            for name, of in self.parameters.items():
+                found[self.blocks[name]] += tool.given.slope(self.replay.grid[step.n + 1], of)
+        return found
 
-class Replayed:
-    """The run at one θ: `data` (times, numbers), and the products of J and Jᵀ. It is of use until the model moves on."""
-
-    def __init__(self, model: RunModel) -> None:
-        self.model = model
-        self.data = np.zeros((len(model.times), model.seen.size))
-
-        def seen(step: Step) -> None:
-            if step.n in model.row:
-                self.data[model.row[step.n]] = model.seen.value()
-
-        try:
-            with np.errstate(divide="raise", over="raise", invalid="raise"):
-                model.replay.run(seen)
-        except FloatingPointError as error:
-            raise ConvergenceError(f"a run with parameters that it cannot have: {error}") from error
-
-    def push(self, direction: Array) -> Array:
-        """J δθ, as `data`."""
-        if self.model.size > TOGETHER:
-            return self._pushed(direction[None])[0]
-        return np.tensordot(direction, self.jacobian, 1)
-
-    def pull(self, w: Array) -> Array:
-        """Jᵀ w, by the columns of J where there are few."""
-        return self.gradient(w) if self.model.size > TOGETHER else np.asarray(np.tensordot(self.jacobian, w, 2))
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """J, (θ, times, numbers)."""
-        return self._pushed(np.eye(self.model.size))
-
-    def gradient(self, w: Array) -> Array:
-        """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
-        shaped("w", np.shape(w), self.data.shape)
-        if "jacobian" in vars(self):
-            return np.asarray(np.tensordot(self.jacobian, w, 2))
-        model, forms = self.model, self.model.forms
-        weights, total = np.zeros((forms.size, len(forms.quadrature))), np.zeros(model.size)
-        by_end, memory = np.zeros(model.body.fes.ndof), [np.zeros(each.size) for each in model.carried]
-        for step in model.replay.backwards():
-            adjoint, motion, _ = self._adjoint(step, w, weights, later=(by_end, memory))
-            by_end = np.zeros_like(by_end)
-            for i, each in enumerate(model.carried):
-                by_start, memory[i], by_theta = each.back(adjoint + motion if each.felt else adjoint, memory[i])
-                by_end, total = by_end + by_start, total + by_theta
-            shifts = {name: shapes.slopes(adjoint + motion, weights) for name, shapes in model.shapes.items()}
-            weights, slopes = forms.back(adjoint + motion, weights)
-            slopes |= shifts
-            total += np.concatenate([slopes[name] for name in model.parts]) + self._touched(adjoint)
-            total += model.seen.by_theta(self._row(step, w))
-        return total
-
-    def second(self, w: Array, direction: Array) -> Array:
-        """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
-
-        Raises `InputError` for walls that close on each other and for node positions.
-        """
-        for name in self.model.shapes:
-            raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
-        shaped("w", np.shape(w), self.data.shape)
-        if self.model.carried:
-            raise InputError("body", "with friction or inertia", "without, for second derivatives of a run")
-        model, forms, curved = self.model, self.model.forms, self.model.curvature
-        theta, total = model.split(direction), np.zeros(model.size)
-        weights = turned = np.zeros((forms.size, len(forms.quadrature)))
-        for step, x, history in self._changes_back(direction):
-            adjoint, motion, solve = self._adjoint(step, w, weights, FINER)
-            curved.aim(x, history, theta)
-            model.seen.weigh(self._row(step, w))
-            forces, bent, slopes = curved(adjoint, adjoint + motion, weights)
-            change = -solve(forces + forms.remembered(turned))
-            turned, more = forms.back(change, turned)
-            turned = turned + bent
-            weights, _ = forms.back(adjoint + motion, weights)
-            total += slopes + np.concatenate(list(more.values())) + self._touched(change)
-        return total
-
-    def _adjoint(
-        self,
-        step: Step,
-        w: Array,
-        weights: Array,
-        exact: float = EXACT,
-        later: tuple[Array, Sequence[Array]] | None = None,
-    ) -> tuple[Array, Array, Solve]:
-        """λ and Zᵀw of a step at whose end the body stands, and the solver.
-
-        `later`: how the next step changes with this end, and weights of what it is told besides.
-        """
-        model, solve = self.model, self._begin(step, 1, exact)
-        row = self._row(step, w)
-        b = model.seen.by_state(row, model.tangents.apply) + model.forms.remembered(weights)
-        if later is not None:
-            b += later[0] + sum((each.remembered(m) for each, m in zip(model.carried, later[1], strict=True)), 0.0)
-        return -model.tangents.transposed(b), model.seen.motions.T @ row, solve
-
-    def _row(self, step: Step, w: Array) -> Array:
-        """Weights of what is seen at the end of a step."""
-        return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
-
-    def _touched(self, adjoint: Array) -> Array:
-        """C_θᵀ λ."""
-        self.model.contacts.weigh(adjoint)
-        return self.model.contacts.slopes()
-
-    def _changes_back(self, direction: Array) -> Iterator[tuple[Step, Array, Array]]:
-        """δx and δh of all steps, from the last one back, where the body stands; histories' changes are kept as these are."""
-        replay, forms, theta = self.model.replay, self.model.forms, self.model.split(direction)
-        history, kept, changes = np.zeros((forms.size, len(forms.quadrature))), dict[int, Array](), list[Array]()
-        for step in replay.forwards():
-            if step.n % replay.every == 0:
-                kept[step.n] = history
-            solve = self._begin(step, 1, FINER)
-            changes.append(-solve(forms.changed(history, theta) + self.model.contacts.columns() @ direction))
-            history = forms.moved(changes[-1])
-        for steps in replay.segments():
-            histories = [kept[steps[0].n]]
-            for step in map(replay.stand, steps[:-1]):
-                self._set(step)
-                forms.aim(histories[-1], theta)
-                histories.append(forms.moved(changes[step.n]))
-            for step, history in zip(map(replay.stand, reversed(steps)), reversed(histories), strict=True):
-                yield step, changes[step.n], history
-
-    def _pushed(self, directions: Array) -> Array:
-        """J times each of some directions, with one factor of each step."""
-        model, forms = self.model, self.model.forms
-        data = np.zeros((len(directions), *self.data.shape))
-        histories = np.zeros((len(directions), forms.size, len(forms.quadrature)))
-        ends = np.zeros((len(directions), model.body.fes.ndof))
-        memory = [np.zeros((len(directions), each.size)) for each in model.carried]
-        for step in model.replay.forwards():
-            solve, contacts = self._begin(step, len(directions)), model.contacts.columns()
-            shifted = {name: shapes.columns() for name, shapes in model.shapes.items()}
-            seen = model.row.get(step.n)
-            by_state, by_theta = model.seen.rows(model.tangents.apply) if seen is not None else (np.empty(0),) * 2
-            for i, direction in enumerate(directions):
-                theta = model.split(direction)
-                r = forms.changed(histories[i], theta)
-                r += sum(columns @ theta[name] for name, columns in shifted.items())
-                outer = contacts @ direction
-                for each, before in zip(model.carried, memory, strict=True):
-                    change = each.changed(ends[i], before[i], list(theta.values()))
-                    r, outer = (r + change, outer) if each.felt else (r, outer + change)
-                x = -solve(r + outer)
-                ends[i] = x
-                for each, before in zip(model.carried, memory, strict=True):
-                    before[i] = each.moved(x)
-                if seen is not None:
-                    data[i, seen] = by_state @ x + model.seen.motions @ r + by_theta @ direction
-                histories[i] = forms.moved(x)
-                histories[i] += sum(shapes.moved(theta[name]) for name, shapes in model.shapes.items())
-        return data
-
-    def _begin(self, step: Step, sides: int, exact: float = EXACT) -> Solve:
-        """Forms and tangent of a step at whose end the body stands."""
-        self._set(step)
-        return self.model.tangents.here(sides, exact)
-
-    def _set(self, step: Step) -> None:
-        grid = self.model.replay.grid
-        self.model.forms.begin(step.start.internal, grid[step.n + 1] - grid[step.n])
+    def _check_tool(self, grid: Array) -> None:
+        """Where a tool is clear of the tissue it goes by the nearest point, which is not derived: friction is told of that."""
+        assert self.body.tool is not None
+        given, way = self.body.tool.given, self.body.tool.given.parameter
+        presses = np.array([given.at(t) > 0 for t in grid[1:]])
+        again = np.any(presses[np.argmin(presses) :]) and not presses.all()
+        if again and any(f.moves and f.contact.way is way for f in self.body.friction.frictions):
+            wanted = "one that goes on, with friction along a tool's way, for derivatives of a run"
+            raise InputError("motion", "a force that comes back after it was none", wanted)

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ngbrain.errors import InputError
-from ngbrain.forward.observables.base import Observable, Observed
+from ngbrain.forward.observables.base import Along, Observable, Observed
 from ngbrain.forward.observables.force import Reaction
 from ngbrain.forward.sensitivity.contact_work import ContactForms
 from ngbrain.forward.sensitivity.parameter_blocks import Block, Nodes, places
@@ -84,6 +84,15 @@ class RunObservables:
         """w · value at the body's state, or its derivative along motions, to be differentiated; without the tissue's forces."""
         return [term for outer in self._outer for term in outer.terms(*along)]
 
+    def aim(self, change: Array, along: Along) -> None:
+        """Set the way of `bent`: a change of the unknowns, and from integrals to what gives their change with parameters."""
+        for of in self.each:
+            of.aim(change, along)
+
+    def bent(self, *along: Motion) -> Terms:
+        """What `terms` have where weights within observables change along the way."""
+        return [term for of in self.each for term in of.bent(self.body.gfu, *along)]
+
 
 class _Outer:
     """What one observable has beside the tissue's forces."""
@@ -98,10 +107,12 @@ class _Outer:
             observed.check_apart_from_friction()
             if loads or contacts:
                 self._forms = ContactForms(body, parts, loads, contacts)
-        elif observed.symbolic:
-            self._slopes = [part.slope(observed.functional(body.gfu), body.mesh) for part in parts.values()]
-        elif any(isinstance(part, Nodes) for part in parts.values()):
+            return
+        shapes = any(isinstance(part, Nodes) for part in parts.values())
+        if shapes and not (observed.symbolic and observed.shaped):
             raise InputError("parameters", "nodes", f"others, for {type(observed).__name__.lower()}s of a run")
+        if observed.symbolic:
+            self._slopes = [part.slope(observed.functional(body.gfu), body.mesh) for part in parts.values()]
 
     def weigh(self, weights: Array) -> None:
         if isinstance(self._observed, Reaction):

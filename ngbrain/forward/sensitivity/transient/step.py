@@ -188,7 +188,7 @@ class StepForms:
     def along(self, function: CoefficientFunction) -> CoefficientFunction:
         """Change of a function along δθ."""
         ways = zip(self.slopes(function), self._directions.values(), strict=True)
-        return reduce(add, (slope * way for slope, way in ways))
+        return reduce(add, (slope * way for slope, way in ways), 0.0 * function)
 
     def _nothing(self, size: int) -> Part:
         return Part(ngs.CF((0.0,) * size), [ngs.CF((0.0,) * size)] * len(self.parameters))

@@ -12,7 +12,7 @@ by x, h and θ, with q what is seen beside the tissue's forces: of the contacts 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import ngsolve as ngs
 import numpy as np
@@ -24,7 +24,7 @@ from ngbrain.forward.sensitivity.parameter_blocks import Block
 from ngbrain.forward.sensitivity.transient.quadrature_blocks import values
 from ngbrain.forward.sensitivity.transient.run_observables import RunObservables
 from ngbrain.forward.sensitivity.transient.step import StepForms
-from ngbrain.forward.sensitivity.transient.step_turned import Shifted, Slopes, Symbols
+from ngbrain.forward.sensitivity.transient.step_turned import Shifted, Symbols, TissueSlopes
 from ngbrain.forward.solid.virtual_work import Motion, Terms, vector
 
 Array = np.ndarray
@@ -40,31 +40,40 @@ class StepCurvature:
         self, forms: StepForms, parts: Mapping[str, Block], contacts: ContactForms, seen: RunObservables
     ) -> None:
         self._parts, self._contacts, self._seen, body = list(parts.values()), contacts, seen, forms.body
+        self._mesh = body.mesh
         if any(isinstance(contact, Closing) for contact in body.contacts):
             raise InputError("body", "with walls that close on each other", "without, for second derivatives in time")
-        self._tissues = Shifted(forms, parts) if body.history.flows else Symbols(forms)
-        self._adjoint, self._way = ngs.GridFunction(body.fes), ngs.GridFunction(body.fes)
+        of_tissue = {name: parts[name] for name in forms.parameters}
+        self._tissues = Shifted(forms, of_tissue) if body.history.flows else Symbols(forms)
+        self._way = ngs.GridFunction(body.fes)
         touched = self._touched()
         self._by_state = vector(body.fes, self._touched(body.fes.TestFunction()))
         self._by_theta = [part.slope(touched, body.mesh) for part in self._parts]
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state
+        values(self._way)[:] = state[: len(values(self._way))]
         self._tissues.aim(state, history, theta)
         for part, way in zip(self._parts, theta.values(), strict=True):
             part.turn(way)
+        self._seen.aim(np.array(values(self._way)), self._change)
 
-    def __call__(self, adjoint: Array, motion: Array, weights: Array) -> Slopes:
+    def __call__(self, adjoint: Array, motion: Array, weights: Array) -> TissueSlopes:
         """ℓ' by x, h and θ, with λ, λ + Zᵀw and Λ."""
-        values(self._adjoint)[:] = adjoint
+        self._contacts.weigh(adjoint)
         by_state, by_history, by_theta = self._tissues(motion, weights)
         of_contacts = np.concatenate([slope() for slope in self._by_theta])
-        return by_state + self._by_state(), by_history, by_theta + of_contacts
+        of_contacts[: len(by_theta)] += by_theta
+        return TissueSlopes(by_state + self._by_state(), by_history, of_contacts)
 
     def _touched(self, *tested: Motion) -> Terms:
         """The part of ℓ' that contacts and what is seen have, or its derivative along a motion that is tested."""
-        still = self._contacts.work(self._adjoint, *tested) + self._seen.terms(*tested)
+        still = self._contacts.weighed(*tested) + self._seen.terms(*tested)
         along = [term for part in self._parts for term in part.along(still)]
-        moved = self._contacts.work(self._adjoint, self._way, *tested) + self._seen.terms(self._way, *tested)
-        return moved + along
+        moved = self._contacts.weighed(self._way, *tested) + self._seen.terms(self._way, *tested)
+        return moved + along + self._seen.bent(*tested)
+
+    def _change(self, parts: Terms) -> Callable[[], float]:
+        """With θ, along the parts' directions."""
+        integrals = [term.integral for part in self._parts for term in part.along(parts)]
+        return lambda: sum(float(ngs.Integrate(part, self._mesh)) for part in integrals)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import reduce
 from operator import add
-from typing import TypeAlias
+from typing import NamedTuple
 
 import ngsolve as ngs
 import numpy as np
@@ -30,8 +30,15 @@ from ngbrain.forward.solid.internal_forces import Density
 from ngbrain.materials.base import Deformation
 
 Array = np.ndarray
-Slopes: TypeAlias = tuple[Array, Array, Array]
-"""By x (ndof,), by h, a density at the points, and by θ, one part after the other."""
+NONE = np.zeros(0)
+
+
+class TissueSlopes(NamedTuple):
+    """By x (ndof,), by h, a density at the points, and by θ, one part after the other."""
+
+    by_state: Array
+    by_history: Array
+    by_theta: Array
 
 
 class Symbols:
@@ -47,15 +54,17 @@ class Symbols:
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state
+        values(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._forms.aim(history, theta)
 
-    def __call__(self, motion: Array, weights: Array) -> Slopes:
+    def __call__(self, motion: Array, weights: Array) -> TissueSlopes:
         """ℓ' by all, with μ and Λ."""
         values(self._motion)[:] = motion
         put(self._forms.blocks, "weight", weights)
         by_history, by_theta = np.split(self._forms.points(self._back)[1:], [self._forms.size])
-        return self._by_state(), by_history, np.concatenate(list(self._forms.gathered(by_theta).values()))
+        return TissueSlopes(
+            self._by_state(), by_history, np.concatenate([NONE, *self._forms.gathered(by_theta).values()])
+        )
 
     def _density(self, material: Material) -> Density:
         return lambda at, p: self._turned(self._work(material, at.F, p))
@@ -106,12 +115,16 @@ class Shifted:
 
     def aim(self, state: Array, history: Array, theta: Mapping[str, Array]) -> None:
         """Ways δx (ndof,), δh (size, points) and δθ."""
-        values(self._way)[:] = state
+        values(self._way)[:] = state[: self._forms.body.fes.ndof]
         self._ways = state, history, theta
-        steps = [self._forms.points(self._gradient), history[self._forms.strains], *map(self._relative, theta.items())]
+        steps = [
+            self._forms.points(self._gradient),
+            history[self._forms.strains],
+            *(self._relative(name, theta[name]) for name in self._parts),
+        ]
         self._size = max(float(np.max(np.abs(step), initial=0.0)) for step in steps)
 
-    def __call__(self, motion: Array, weights: Array) -> Slopes:
+    def __call__(self, motion: Array, weights: Array) -> TissueSlopes:
         """ℓ' by all, with μ and Λ."""
         forms, body, theta = self._forms, self._forms.body, {n: part.value for n, part in self._parts.items()}
         values(self._motion)[:] = motion
@@ -138,11 +151,10 @@ class Shifted:
 
         found = change(slopes, self._size)
         stand(0.0)
-        by_state, by_history, by_theta = np.split(found, np.cumsum([state.size, history.size]))
-        return by_state, by_history.reshape(history.shape), by_theta
+        by_state, by_history, by_theta = np.split(found, np.cumsum([body.fes.ndof, history.size]))
+        return TissueSlopes(by_state, by_history.reshape(history.shape), by_theta)
 
-    def _relative(self, of: tuple[str, Array]) -> Array:
-        name, way = of
+    def _relative(self, name: str, way: Array) -> Array:
         return way / (np.max(np.abs(self._parts[name].value)) or 1.0)
 
     def _beginning(self, material: Material) -> CoefficientFunction:

@@ -1,19 +1,26 @@
-"""Solvers with a body's tangent at one state after another, of a run that is linearised: few factors for many steps."""
+"""Solvers with a body's tangent at one state after another, of a run that is linearised.
+
+`Tangents`: symmetric and definite enough, with few factors for many steps. `PivotedTangents`: of what rubs, of pressures that
+follow and of cavities. `BorderedTangents`: of either, with the equation of a tool of given force.
+"""
 
 from __future__ import annotations
 
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import Breakdown, SolverError
+from ngbrain.forward.sensitivity.contact_work import ContactForms
+from ngbrain.forward.sensitivity.transient.friction_step import FrictionStep
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.tangent import Solve, factor
 from ngbrain.solvers.krylov import gmres
 
 Array = np.ndarray
-EXACT, MOST = 1e-11, 12
+EXACT, MOST = 1e-11, 20
 """What is left of a correction when GMRES may stop, and iterations after which a new factor is made."""
-FINER = 1e-13
-"""The first of these for second derivatives, which come from solutions of solutions."""
+FINER, SOONER = 1e-13, 12
+"""These for second derivatives, which come from solutions of solutions: a preconditioner that is far off measures them badly."""
 FEW = 3
 """Right-hand sides at one state up to which an old factor is tried."""
 
@@ -26,8 +33,9 @@ class Tangents:
 
     def __init__(self, body: Problem) -> None:
         self.body, self.factorisations, self.solves = body, 0, 0
-        free = body.weights > 0
-        self._free, self._scale = free.astype(float), np.sqrt(np.where(free, body.weights, 1.0))
+        weights = body.weights[: body.fes.ndof]
+        free = weights > 0
+        self._free, self._scale = free.astype(float), np.sqrt(np.where(free, weights, 1.0))
         self._held = ngs.BitArray(free.tolist())
         self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
         self._factor: Solve | None = None
@@ -38,7 +46,7 @@ class Tangents:
         if flows:
             flows.stiffen()
         self.body.form.AssembleLinearization(self.body.gfu.vec)
-        self._fresh, self._exact = False, exact
+        self._fresh, self._exact, self._most = False, exact, MOST if exact >= EXACT else SOONER
         if sides > FEW:
             self._renew()
         return self._solve
@@ -54,12 +62,14 @@ class Tangents:
         image.data = self.body.form.mat * vector
         return image.FV().NumPy().copy()
 
+    times = turned = apply
+
     def _solve(self, b: Array) -> Array:
         self.solves += 1
         if self._factor is not None and not self._fresh:
             first = self._factor(b)
             x, _, left = gmres(
-                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, MOST
+                lambda y: self.apply(y) * self._free, self._factor, first, self._scale, self._exact, self._most
             )
             if left <= self._exact:
                 return x
@@ -73,3 +83,158 @@ class Tangents:
         self._factor = factor(self.body.form, self._held)
         self._fresh = True
         self.factorisations += 1
+
+
+class PivotedTangents:
+    """The whole tangent of a body at whatever state it stands, factorised with pivots; with friction all that changes in it.
+
+    It is a system for Newton's method too, which settles in few steps where the symmetric tangent of friction would creep.
+    """
+
+    def __init__(self, body: Problem, friction: FrictionStep | None) -> None:
+        self.body, self.factorisations, self.solves = body, 0, 0
+        self._whole = body.uncondensed
+        self._form = self._whole if friction is None else self._with(friction)
+        free = body.weights[: body.fes.ndof] > 0
+        self._free, self._held = free.astype(float), ngs.BitArray(free.tolist())
+        self._vectors = body.gfu.vec.CreateVector(), body.gfu.vec.CreateVector()
+
+    def _with(self, friction: FrictionStep) -> ngs.BilinearForm:
+        form = ngs.BilinearForm(self.body.fes)
+        for part in self.body.tissue.terms:
+            form += part
+        for term in self.body.terms[1:]:
+            if term is not self.body.friction:
+                term.join(form)
+        friction.join_tangent(form)
+        return form
+
+    def here(self, sides: int, exact: float = 0.0) -> Solve:
+        """A solver, of use until the next is asked for."""
+        flows = self.body.history.flows
+        if flows:
+            flows.stiffen()
+        self._whole.AssembleLinearization(self.body.gfu.vec)
+        if self._form is not self._whole:
+            self._form.AssembleLinearization(self.body.gfu.vec)
+        try:
+            self._inverse = self._form.mat.Inverse(self._held, inverse="umfpack")
+        except Exception as error:  # NGSolve raises bare exceptions of several kinds here
+            raise SolverError(f"a step of a run has no derivative: {error}") from error
+        self.factorisations += 1
+        return lambda r: self._times(self._inverse, r * self._free)
+
+    def transposed(self, r: Array) -> Array:
+        """K⁻ᵀ r, with the factor of `here`."""
+        return self._times(self._inverse.T, r * self._free)
+
+    def apply(self, x: Array) -> Array:
+        """Kᵀ x of the tangent without what pressures and normals change in friction, as `Tangents` has it."""
+        matrix = self._whole.mat
+        return self._times(matrix if self.body.symmetric else matrix.T, x, whole=True)
+
+    def times(self, x: Array) -> Array:
+        """K x."""
+        return self._times(self._form.mat, x, whole=True)
+
+    def turned(self, x: Array) -> Array:
+        """Kᵀ x."""
+        return self._times(self._form.mat.T, x, whole=True)
+
+    def _times(self, matrix: ngs.BaseMatrix, r: Array, whole: bool = False) -> Array:
+        self.solves += not whole
+        vec, image = self._vectors
+        vec.FV().NumPy()[:] = r
+        image.data = matrix * vec
+        found = np.array(image.FV().NumPy())
+        return found if whole else found * self._free
+
+
+class BorderedTangents:
+    """The tangent of a body whose tool has a given force, with the equation of its way: vectors have that last."""
+
+    def __init__(
+        self, inner: Tangents | PivotedTangents, contacts: ContactForms, friction: FrictionStep | None
+    ) -> None:
+        assert inner.body.tool is not None
+        self.body, self.inner, self.tool = inner.body, inner, inner.body.tool
+        self._contacts, self._friction = contacts, friction
+        self._row = self._column = np.zeros(self.body.fes.ndof)
+        self._corner = 0.0
+
+    @property
+    def factorisations(self) -> int:
+        """Of the inner tangent."""
+        return self.inner.factorisations
+
+    @property
+    def solves(self) -> int:
+        """With it, those for the border among them."""
+        return self.inner.solves
+
+    def here(self, sides: int, exact: float = EXACT) -> Solve:
+        """A solver, of use until the next is asked for."""
+        self._solve = self.inner.here(sides + 1, exact)
+        if self.tool.given.held is None:
+            row, column = self._contacts.felt_by_state(), self._contacts.column()
+            corner = self._contacts.corner()
+            if self._friction is not None:
+                row, column = row + self._friction.row(), column + self._friction.column()
+                corner += float(self._friction.corner()[0])
+            self._row, self._column, self._corner = row, column, corner
+        return lambda r: self._bordered(self._solve, self._row, self._column, r)
+
+    def transposed(self, r: Array) -> Array:
+        """With all of it turned."""
+        return self._bordered(self.inner.transposed, self._column, self._row, r)
+
+    def apply(self, x: Array) -> Array:
+        """Of the inner tangent."""
+        return self.inner.apply(x)
+
+    def times(self, x: Array) -> Array:
+        """K x, the tool's equation last."""
+        return self._product(self.inner.times, self._column, self._row, x)
+
+    def turned(self, x: Array) -> Array:
+        """Kᵀ x."""
+        return self._product(self.inner.turned, self._row, self._column, x)
+
+    def _product(self, inner: Solve, column: Array, row: Array, x: Array) -> Array:
+        return np.append(inner(x[:-1]) + x[-1] * column, row @ x[:-1] + x[-1] * self._corner)
+
+    def _bordered(self, solve: Solve, row: Array, column: Array, r: Array) -> Array:
+        y = solve(r[:-1])
+        if self.tool.given.held is not None:
+            return np.append(y, 0.0)
+        follows = solve(column)
+        stiffness = self._corner - float(row @ follows)
+        if not stiffness:
+            raise Breakdown("the force does not change with the way")
+        way = (r[-1] - float(row @ y)) / stiffness
+        return np.append(y - way * follows, way)
+
+
+class TangentSystem:
+    """A body with a tangent of its own, as Newton's method asks for it (solvers.newton.System)."""
+
+    def __init__(self, body: Problem, tangents: Tangents | PivotedTangents | BorderedTangents) -> None:
+        self.body, self._tangents = body, tangents
+
+    @property
+    def weights(self) -> Array:
+        """Of the body."""
+        return self.body.weights
+
+    def residual(self, x: Array) -> tuple[Array, float]:
+        """Of the body."""
+        return self.body.residual(x)
+
+    def min_det(self, x: Array) -> float:
+        """Of the body."""
+        return self.body.min_det(x)
+
+    def factorise(self, x: Array, r: Array) -> Solve:
+        """The solver at x."""
+        self.body.residual(x)
+        return self._tangents.here(1)

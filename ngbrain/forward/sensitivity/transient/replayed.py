@@ -1,0 +1,254 @@
+"""A run at one θ, and the products of its derivatives: see `run_model`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from ngbrain.errors import ConvergenceError, InputError, shaped
+from ngbrain.forward.sensitivity.parameter_blocks import Held
+from ngbrain.forward.sensitivity.transient.replay import Step
+from ngbrain.forward.sensitivity.transient.tangents import EXACT, FINER
+from ngbrain.forward.solid.tangent import Solve
+
+if TYPE_CHECKING:
+    from ngbrain.forward.sensitivity.transient.run_model import RunModel
+
+Array = np.ndarray
+TOGETHER = 40
+"""Unknowns in θ up to which the columns of J are found together, with one factor of each step."""
+
+
+@dataclass
+class Left:
+    """Of what a step leaves: changes of it, or how what is to come changes with it.
+
+    end, history, carried   unknowns, tissue's history, and what else is remembered
+    """
+
+    end: Array
+    history: Array
+    carried: list[Array]
+
+    @classmethod
+    def nothing(cls, model: RunModel) -> Left:
+        """Before the first step, or after the last one."""
+        history = np.zeros((model.forms.size, len(model.forms.quadrature)))
+        return cls(np.zeros(model.n), history, [np.zeros(each.size) for each in model.carried])
+
+
+class Replayed:
+    """The run at one θ: `data` (times, numbers), and the products of J and Jᵀ. It is of use until the model moves on."""
+
+    def __init__(self, model: RunModel) -> None:
+        self.model = model
+        self.data = np.zeros((len(model.times), model.seen.size))
+
+        def seen(step: Step) -> None:
+            if step.n in model.row:
+                self.data[model.row[step.n]] = model.seen.value()
+
+        try:
+            with np.errstate(divide="raise", over="raise", invalid="raise"):
+                model.replay.run(seen)
+        except FloatingPointError as error:
+            raise ConvergenceError(f"a run with parameters that it cannot have: {error}") from error
+
+    def push(self, direction: Array) -> Array:
+        """J δθ, as `data`."""
+        if self.model.size > TOGETHER:
+            return self._pushed(direction[None])[0]
+        return np.tensordot(direction, self.jacobian, 1)
+
+    def pull(self, w: Array) -> Array:
+        """Jᵀ w, by the columns of J where there are few."""
+        return self.gradient(w) if self.model.size > TOGETHER else np.asarray(np.tensordot(self.jacobian, w, 2))
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """J, (θ, times, numbers)."""
+        return self._pushed(np.eye(self.model.size))
+
+    def gradient(self, w: Array) -> Array:
+        """Jᵀ w: a solve for each step, or nothing where J's columns are at hand."""
+        shaped("w", np.shape(w), self.data.shape)
+        if "jacobian" in vars(self):
+            return np.asarray(np.tensordot(self.jacobian, w, 2))
+        later, total = Left.nothing(self.model), np.zeros(self.model.size)
+        for step in self.model.replay.backwards():
+            adjoint, motion, shown = self._adjoint(step, w, later)
+            later, by_theta = self._back(step, adjoint, motion, later)
+            total += by_theta + shown
+        return total
+
+    def second(self, w: Array, direction: Array) -> Array:
+        """(w · data)'' δθ: what the curvature of a misfit has beside the Gauss-Newton matrix, with w the misfit's slope.
+
+        Raises `InputError` for walls that close on each other and for node positions.
+        """
+        for name in self.model.shapes:
+            raise InputError(f"parameters.{name}", "nodes", "others, for second derivatives")
+        shaped("w", np.shape(w), self.data.shape)
+        model, curved = self.model, self.model.curvature
+        total, later, turned, n = np.zeros(model.size), Left.nothing(model), Left.nothing(model), model.body.fes.ndof
+        for step, x, before in self._changes_back(direction):
+            adjoint, motion, _ = self._adjoint(step, w, later, FINER)
+            theta = model.split(direction) | ({} if len(x) == n else {model.way: x[n:]})
+            model.seen.weigh(self._row(step, w))
+            curved.aim(x, before.history, theta)
+            bent = curved(adjoint, (adjoint + motion)[:n], later.history)
+            forces, slopes = np.append(bent.by_state, bent.by_theta[model.size :]), bent.by_theta[: model.size]
+            rest = Left(np.zeros(model.n), bent.by_history, [])
+            for each, carried, weights in zip(model.carried, before.carried, later.carried, strict=True):
+                each.aim(x, before.end, carried, list(theta.values()))
+                of = each.turned(adjoint + motion if each.felt else adjoint, weights)
+                forces, slopes = forces + of.by_end, slopes + of.by_theta[: model.size]
+                rest.end += of.by_start
+                rest.carried.append(of.by_carried)
+            b = forces + self._remembered(turned)
+            change = -model.tangents.transposed(b)
+            total += self._by_held(step, b, change)
+            turned, more = self._back(step, change, np.zeros(model.n), turned)
+            turned.end, turned.history = turned.end + rest.end, turned.history + rest.history
+            turned.carried = [a + b for a, b in zip(turned.carried, rest.carried, strict=True)]
+            later, _ = self._back(step, adjoint, motion, later)
+            total += slopes + more
+        return total
+
+    def _adjoint(self, step: Step, w: Array, later: Left, exact: float = EXACT) -> tuple[Array, Array, Array]:
+        """λ and Zᵀw of a step at whose end the body stands, and ∂(w · data)/∂θ there but for what the tissue's forces have."""
+        model = self.model
+        self._begin(step, 1, exact)
+        row, shown = self._row(step, w), np.zeros(model.size)
+        b, motion = self._remembered(later), np.zeros(model.n)
+        if row.any():
+            n, by_theta = model.body.fes.ndof, model.seen.by_theta(row)
+            b[:n] += model.seen.by_state(row, model.tangents.apply)
+            shown, b[n:], motion[:n] = (
+                by_theta[: model.size],
+                b[n:] + by_theta[model.size :],
+                model.seen.motions.T @ row,
+            )
+        adjoint = -model.tangents.transposed(b)
+        return adjoint, motion, shown + self._by_held(step, b, adjoint)
+
+    def _by_held(self, step: Step, b: Array, adjoint: Array) -> Array:
+        """What is left, at unknowns that are held, of what an adjoint takes away at all others (size,)."""
+        found = np.zeros(self.model.size)
+        if self.model.held:
+            left = self.model.replay.factor(step) * (b + self.model.tangents.turned(adjoint))
+            for part, where in self.model.held:
+                found[where] = left[part.places]
+        return found
+
+    def _remembered(self, later: Left) -> Array:
+        """How what is to come changes with where a step ends."""
+        model, found = self.model, later.end.copy()
+        found[: model.body.fes.ndof] += model.forms.remembered(later.history)
+        return found + sum((each.remembered(of) for each, of in zip(model.carried, later.carried, strict=True)), 0.0)
+
+    def _back(self, step: Step, adjoint: Array, motion: Array, later: Left) -> tuple[Left, Array]:
+        """How what is to come changes with what a step starts from, and with θ, with λ and Zᵀw."""
+        model, n = self.model, self.model.body.fes.ndof
+        moved = (adjoint + motion)[:n]
+        shifts = {name: shapes.slopes(moved, later.history) for name, shapes in model.shapes.items()}
+        history, slopes = model.forms.back(moved, later.history)
+        slopes |= shifts | {name: part.value * 0 for name, part in model.parts.items() if isinstance(part, Held)}
+        model.contacts.weigh(adjoint)
+        total = np.concatenate([slopes[name] for name in model.parts]) + model.contacts.slopes()[: model.size]
+        before = Left(np.zeros(model.n), history, [])
+        for each, weights in zip(model.carried, later.carried, strict=True):
+            by_start, carried, by_theta = each.back(adjoint + motion if each.felt else adjoint, weights)
+            before.end, total = before.end + by_start, total + by_theta[: model.size]
+            before.carried.append(carried)
+        return before, total - sum(adjoint[n:]) * model.asked(step)
+
+    def _row(self, step: Step, w: Array) -> Array:
+        """Weights of what is seen at the end of a step."""
+        return np.asarray(w[self.model.row[step.n]] if step.n in self.model.row else np.zeros(w.shape[1]))
+
+    def _changes_back(self, direction: Array) -> Iterator[tuple[Step, Array, Left]]:
+        """Of all steps, from the last one back, where the body stands: changes of their ends, and of what they start from.
+
+        Histories' changes are kept as these are, all others at every step.
+        """
+        model, replay, forms = self.model, self.model.replay, self.model.forms
+        before, theta, kept, changes = Left.nothing(model), model.split(direction), dict[int, Array](), list[Left]()
+        history = before.history
+        for step in replay.forwards():
+            if step.n % replay.every == 0:
+                kept[step.n] = before.history
+            before, _ = self._ahead(step, self._begin(step, 1, FINER), self._columns(step), direction, before)
+            changes.append(Left(before.end, np.empty(0), before.carried))
+        at_rest = Left.nothing(model)
+        for steps in replay.segments():
+            histories = [kept[steps[0].n]]
+            for step in map(replay.stand, steps[:-1]):
+                self._set(step)
+                forms.aim(histories[-1], theta)
+                histories.append(forms.moved(changes[step.n].end[: model.body.fes.ndof]))
+            for step, history in zip(map(replay.stand, reversed(steps)), reversed(histories), strict=True):
+                last = changes[step.n - 1] if step.n else at_rest
+                yield step, changes[step.n].end, Left(last.end, history, last.carried)
+
+    def _pushed(self, directions: Array) -> Array:
+        """J times each of some directions, with one factor of each step."""
+        model, n = self.model, self.model.body.fes.ndof
+        data = np.zeros((len(directions), *self.data.shape))
+        before = [Left.nothing(model) for _ in directions]
+        for step in model.replay.forwards():
+            solve, columns = self._begin(step, len(directions)), self._columns(step)
+            seen = model.row.get(step.n)
+            by_state, by_theta = model.seen.rows(model.tangents.apply) if seen is not None else (np.empty(0),) * 2
+            for i, direction in enumerate(directions):
+                before[i], r = self._ahead(step, solve, columns, direction, before[i])
+                if seen is not None:
+                    x = before[i].end
+                    data[i, seen] = by_state @ x[:n] + model.seen.motions @ r + by_theta @ np.append(direction, x[n:])
+        return data
+
+    def _ahead(
+        self, step: Step, solve: Solve, columns: sp.csr_array, direction: Array, before: Left
+    ) -> tuple[Left, Array]:
+        """What a step leaves of changes of what it starts from and of θ, and how forces that are felt change (ndof,)."""
+        model, theta, n = self.model, self.model.split(direction), self.model.body.fes.ndof
+        r, outer = np.zeros(model.n), columns @ direction
+        r[:n] = model.forms.changed(before.history, theta)
+        for name, shapes in model.shapes.items():
+            r[:n] += shapes.columns() @ theta[name]
+        for each, carried in zip(model.carried, before.carried, strict=True):
+            change = each.changed(before.end, carried, list(theta.values()))
+            r, outer = (r + change, outer) if each.felt else (r, outer + change)
+        driven = np.zeros(model.n)
+        for part, where in model.held:
+            driven[part.places] = model.replay.factor(step) * direction[where]
+        if model.held:
+            outer = outer + model.tangents.times(driven)
+        x = driven - solve(r + outer)
+        history = model.forms.moved(x[:n])
+        for name, shapes in model.shapes.items():
+            history += shapes.moved(theta[name])
+        return Left(x, history, [each.moved(x) for each in model.carried]), r[:n]
+
+    def _columns(self, step: Step) -> sp.csr_array:
+        """How what contacts and loads exert changes with θ, and what a tool feels beyond what is asked for."""
+        model = self.model
+        columns = model.contacts.columns()[:, : model.size]
+        if model.body.tool is None:
+            return columns
+        felt = model.contacts.felt_by_theta()[: model.size] - model.asked(step)
+        return sp.csr_array(sp.vstack([columns, sp.csr_array(felt[None])]))
+
+    def _begin(self, step: Step, sides: int, exact: float = EXACT) -> Solve:
+        """Forms and tangent of a step at whose end the body stands."""
+        self._set(step)
+        return self.model.tangents.here(sides, exact)
+
+    def _set(self, step: Step) -> None:
+        grid = self.model.replay.grid
+        self.model.forms.begin(step.start.internal, grid[step.n + 1] - grid[step.n])
