@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -153,8 +154,7 @@ class Inversion(Result):
     @property
     def following(self) -> dict[str, Array]:
         """Maps (n,) that follow from those found: of G*, or of μ where there are fibres, and of fibres `moduli_of_fibres`."""
-        modulus = derived(shear_of(self.data, self.maps))
-        return {**moduli_of_fibres(self.maps), **{name: modulus[name] for name in FOLLOWING}}
+        return following(self.data, self.maps)
 
     def arrays(self) -> dict[str, Array]:
         """Values at the points of the data, by name, SI: the maps, what follows from G*, the waves.
@@ -324,6 +324,12 @@ def concluded(
         status=best.status,
         end=End(experiment, problem, best.x),
     )
+
+
+def following(data: WaveData, maps: Mapping[str, Array]) -> dict[str, Array]:
+    """What follows from maps that an inversion gives, see `Inversion.following`."""
+    modulus = derived(shear_of(data, maps))
+    return {**moduli_of_fibres(maps), **{name: modulus[name] for name in FOLLOWING}}
 
 
 def of_end(found: Found) -> list[str]:

@@ -26,10 +26,9 @@ import scipy.sparse.linalg
 from ngbrain.adjoint.reduced import Point, Reduced
 from ngbrain.errors import InputError, nearest
 from ngbrain.forward.common.interpolation import evaluation
-from ngbrain.inverse.answers import derived, shear_of
 from ngbrain.inverse.band import LEVEL, Band
 from ngbrain.inverse.evidence import best_prior
-from ngbrain.inverse.inversion import End, Inversion, Row
+from ngbrain.inverse.inversion import End, Inversion, Row, following
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields
 from ngbrain.inverse.posterior import DRAWS, LEAST, Posterior
@@ -43,9 +42,8 @@ from ngbrain.result import Status
 Array = np.ndarray
 EIGENVALUES = 1.8
 """Eigenvalues above `LEAST` for each number that the data determine: 1.7 and 1.8 on CV-G, 25 and 51 points wide."""
-FOLLOWING = ("magnitude", "stiffness")
 PART = 4096
-"""Maps that follow from those looked for and have bands too; points of which draws are held at a time."""
+"""Points of which draws are held at a time."""
 SOME = 200
 """Points at which the variance that is left is compared with that assumed."""
 LOOSE = 1.1
@@ -194,7 +192,7 @@ class Uncertainty:
     def arrays(self) -> dict[str, Array]:
         """`NAME_low` and `NAME_high` of every map at the points of the data (n,): 95 % credible intervals in the map's unit.
 
-        Of the maps that were looked for, and by draws of those of `FOLLOWING` that follow from them.
+        Of the maps that were looked for, and by draws of all that follow from them.
         """
         return dict(self._ends)
 
@@ -215,16 +213,15 @@ class Uncertainty:
         }
 
     def _following(self, level: float = LEVEL) -> dict[str, Band]:
-        """Of magnitude and stiffness, point by point from `DRAWS` draws, by parts of the points as many draws are large."""
+        """Of other maps that are given, point by point from `DRAWS` draws, by parts of the points as many draws are large."""
         x, inside = self.posterior.draws(DRAWS).T, np.flatnonzero(self.experiment.inside)
         tails = (1 - level) / 2, (1 + level) / 2
-        found = {
-            name: np.full((4, len(self.experiment.inside)), np.nan) for name in FOLLOWING if name not in self._sought
-        }
-        middle = derived(shear_of(self.data, self.found.maps))
+        middle = {**self.found.maps, **self.found.following}
+        found = {name: np.full((4, len(self.experiment.inside)), np.nan) for name in middle if name not in self._sought}
         for part in np.array_split(np.arange(len(inside)), -(-len(inside) // PART)):
             drawn = {name: q.transform.value(self._rows[name][part] @ x) for name, q in self._sought.items()}
-            values = derived(shear_of(self.data, as_moduli(drawn)))
+            maps = as_moduli(drawn)
+            values = {**maps, **following(self.data, maps)}
             for name, band in found.items():
                 own = inside[part]
                 band[0, own], band[1, own] = middle[name][own], values[name].std(axis=1)

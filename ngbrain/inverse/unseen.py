@@ -10,6 +10,8 @@ fibres  in plane strain near K/μ → ∞ the energy knows μ(1+φ), of shear al
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ngbrain.inverse.answers import relative_l2_error
@@ -97,7 +99,7 @@ def of_few(determined: dict[str, float]) -> list[str]:
     ]
 
 
-def moduli_of_fibres(maps: dict[str, Array]) -> dict[str, Array]:
+def moduli_of_fibres(maps: Mapping[str, Array]) -> dict[str, Array]:
     """The two moduli of shear in a plane of fibres (Pa): `shear_along` μ(1+φ) and `shear_stretch` μ(1+ζ); none without fibres.
 
     >>> found = moduli_of_fibres({"mu": np.array([2e3]), "zeta": np.array([0.5]), "phi": np.array([0.2])})

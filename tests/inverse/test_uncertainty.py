@@ -110,6 +110,10 @@ def test_fields_taken_for_uniform_are_named(nodal):
     assert len(uniform) == 1 and uniform[0].startswith("loss")
 
 
+def values_of(bars, name):
+    return {**bars.found.maps, **bars.found.following}[name]
+
+
 def test_storage_and_loss_of_magnitude_and_phase():
     data = Phantom.named("CV-G", 9).measured(NOISE, seed=1).data()
     found = bars(data, unknowns="polar")
@@ -119,18 +123,18 @@ def test_storage_and_loss_of_magnitude_and_phase():
     other = bars(data)
     for name in ("storage", "loss"):
         assert found.mean(name).value == pytest.approx(other.mean(name).value, rel=0.1)
-    assert set(found.result()) == {"storage", "loss"} and set(found.arrays()) >= {
-        "magnitude_low",
-        "phase_high",
-        "stiffness_low",
-    }
+    assert set(found.result()) == {"storage", "loss"}
+    for name in (*found.found.maps, *found.found.following):
+        low, high = (found.arrays()[f"{name}_{end}"] for end in ("low", "high"))
+        assert np.all(low < high) and np.mean((low < values_of(found, name)) & (values_of(found, name) < high)) > 0.99
     with pytest.raises(InputError, match="map is 'storage'"):
         found.band("storage")
 
 
 def test_bands_of_what_follows(nodal):
     arrays, there, maps = nodal.arrays(), nodal.experiment.inside, nodal.found.following
-    for name in ("magnitude", "stiffness"):
+    assert set(maps) == {"magnitude", "phase", "damping_ratio", "stiffness"}
+    for name in maps:
         low, high = arrays[f"{name}_low"], arrays[f"{name}_high"]
         assert np.flatnonzero(np.isnan(low)).tolist() == [20]
         assert np.all((low < maps[name])[there] & (maps[name] < high)[there])

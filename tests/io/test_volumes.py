@@ -90,6 +90,9 @@ def test_all_that_is_missing_is_said_at_once_of_the_file_it_belongs_to(tmp_path,
     np.savez(tmp_path / "waves.npz", displacement=volume(rng), spacing=SPACING)
     with pytest.raises(InputError, match="frequency, density, symmetry, rheology, poisson or bulk is missing"):
         read_waves(tmp_path / "waves.npz")
+    np.savez(tmp_path / "bare.npz", displacement=volume(rng))
+    with pytest.raises(InputError, match="points or spacing, frequency, density"):
+        read_waves(tmp_path / "bare.npz")
     nibabel = pytest.importorskip("nibabel")
     nibabel.save(nibabel.Nifti1Image(volume(rng), np.diag([2.0, 2.0, 2.0, 1.0])), tmp_path / "waves.nii.gz")
     (tmp_path / "waves.json").write_text('{"density": 1000}')

@@ -97,7 +97,8 @@ def at_points(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 def lacking(keys: Mapping[str, Any], known: tuple[str, ...] = ()) -> list[str]:
     """Names of all that is missing; `known` are those that another file has."""
-    names = [name for name in REQUIRED if name not in keys and name not in known]
+    required = {name: f"{name} or spacing" if name == "points" else name for name in REQUIRED}
+    names = [said for name, said in required.items() if name not in keys and name not in known]
     through = _text(keys.get("motion")) == "anti_plane" and _text(keys.get("rheology")) == "viscoelastic"
     if "poisson" not in keys and "bulk" not in keys and not through:
         names.append("poisson or bulk")
