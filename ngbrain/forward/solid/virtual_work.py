@@ -129,10 +129,6 @@ class StateView:
         at, numbers = self._moved(state, along)
         return _derived(terms(integrand(at)), numbers)
 
-    def at(self, state: Motion) -> Seen:
-        """A state as functionals see it."""
-        return self._moved(state, ())[0]
-
     def _moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
         """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]

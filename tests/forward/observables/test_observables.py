@@ -30,13 +30,14 @@ from ngbrain.forward.observables import (
     StrainPercentile,
     StressPercentile,
     Unknowns,
+    WallIntegral,
+    WallPass,
     mean_depth,
     patch_pressure,
     region_volume,
 )
 from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.observables.percentiles import Percentile
-from ngbrain.forward.observables.wall import WallIntegral, WallPass
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
