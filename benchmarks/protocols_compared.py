@@ -69,7 +69,7 @@ def rests(hold: float, rest: float) -> Protocol:
 def half_time(course: Course) -> float:
     """Minutes from the peak until half of it is left; nan if more stays."""
     top = course.pressure.argmax()
-    below = course.curve.solve(to_mmHg(course.pressure[top]) / 2, discontinuity=False, extrapolate=False)
+    below = course.curve.crossings(to_mmHg(course.pressure[top]) / 2)
     after = below[below > course.t[top]]
     return float(to_minutes(after[0] - course.t[top])) if after.size else np.nan
 

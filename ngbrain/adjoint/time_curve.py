@@ -100,11 +100,15 @@ class TimeCurve:
         start, end = self.polynomial.x[[0, -1]]
         return float(self.polynomial.integrate(start, end if until is None else until))
 
+    def crossings(self, value: float) -> Array:
+        """Times (s) at which it has a value; where it keeps it, none."""
+        found = self.polynomial.solve(value, discontinuity=False, extrapolate=False)
+        return np.asarray(found[np.isfinite(found)])
+
     def above(self, threshold: float) -> tuple[float, float]:
         """Total and longest uninterrupted time (s) above a threshold."""
         curve = self.polynomial
-        crossings = curve.solve(threshold, discontinuity=False, extrapolate=False)
-        ends = np.unique([*curve.x[[0, -1]], *crossings[np.isfinite(crossings)]])
+        ends = np.unique([*curve.x[[0, -1]], *self.crossings(threshold)])
         lengths = np.where(curve((ends[1:] + ends[:-1]) / 2) > threshold, np.diff(ends), 0.0)
         total = longest = current = 0.0
         for length in lengths.tolist():

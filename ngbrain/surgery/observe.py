@@ -56,7 +56,7 @@ class Row:
 
 
 class Observer:
-    """Evaluates a `Row` of what blades do to walls, and holds the running work.
+    """Evaluates a `Row` of what blades do to walls, its `retraction_observables` in one pass over each, and holds the running work.
 
     Of several blades area is the sum, pressures are of all their patches together, opening and advance the sum of their ways,
     force and net reaction the mean.
@@ -64,8 +64,8 @@ class Observer:
     Pressure is the normal force on the fixed patch of wall under the face over the patch's current area, tip pressure
     the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
     inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
-    along the push. The net reaction is the tissue's own nodal force on the wall along the push, from the equilibrium
-    residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
+    along the push, of its contact and friction. The net reaction is the tissue's own nodal force on the wall along the push, from
+    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
     ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
     friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
     relative to it is not flattered.

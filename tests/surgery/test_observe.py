@@ -16,7 +16,8 @@ from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
-from ngbrain.scene import FACED, Scene
+from ngbrain.scene import Scene
+from ngbrain.scene.operation import FACED
 from ngbrain.surgery.blades import Spatula, Tube
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer, retraction_observables

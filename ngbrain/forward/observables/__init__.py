@@ -3,7 +3,8 @@
 `base` has the interface, `Observable` of any problem and `Observed` of one. `points`: `Displacements`, `Unknowns`; `force`:
 `Force`, `Moment`; `integrals`: `Functional`, any integral of the state, `StrainEnergy`, `region_volume`; `percentiles`:
 `StrainPercentile`, `StressPercentile`; `ratio`: `Ratio`; `wall`, of what rigid bodies press: `patch_pressure`, `NormalForce`,
-`ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`, each on a `Patch` or several.
+`ContactForce`, `ContactArea`, `CurrentArea`, `PatchDisplacement`, `mean_depth`, each on a `Patch` or several; a user's own is a
+`WallIntegral`, and a `WallPass` evaluates many at once.
 
     Force("top", (0, 0, 1)).value(problem)                     where it stands, or at a `State`
     StrainPercentile(95, band=0.05).gradient(problem)          by all unknowns
@@ -26,6 +27,8 @@ from ngbrain.forward.observables.wall import (
     NormalForce,
     Patch,
     PatchDisplacement,
+    WallIntegral,
+    WallPass,
     mean_depth,
     patch_pressure,
 )
@@ -48,6 +51,8 @@ __all__ = [
     "StrainPercentile",
     "StressPercentile",
     "Unknowns",
+    "WallIntegral",
+    "WallPass",
     "mean_depth",
     "patch_pressure",
     "region_volume",

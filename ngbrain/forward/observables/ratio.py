@@ -6,16 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.observables.base import Along, Observable, Observed
-from ngbrain.forward.observables.integrals import Functional
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.forward.solid.virtual_work import Motion, Seen, Terms
-from ngbrain.materials.base import Value
+from ngbrain.forward.solid.virtual_work import Motion, Terms
 
 Array = np.ndarray
 
@@ -50,27 +46,6 @@ class Ratio(Observable):
     def on(self, problem: Problem) -> Quotient:
         """Of one problem."""
         return Quotient(problem, self.numerator, self.denominator)
-
-
-def patch_pressure(contact: Contact, patch: Value = 1.0) -> Ratio:
-    """Mean pressure (Pa) of a rigid body on a patch of a wall: the normal force there over the patch's current area.
-
-    Parameters
-    ----------
-    contact : Contact
-        One of the problem's.
-    patch : float or CoefficientFunction
-        1 on the patch and 0 elsewhere, of places at rest; all of the wall by default.
-    """
-
-    def force(at: Seen) -> ngs.comp.SumOfIntegrals:
-        return at.kinematics.weight() * patch * contact.pressure(at.u, at.offset) * contact.measure()
-
-    def area(at: Seen) -> ngs.comp.SumOfIntegrals:
-        # In the plane the area has no component across it.
-        return at.kinematics.weight() * patch * ngs.Norm(at.area(at.u, contact.wall)) * contact.measure()
-
-    return Ratio(Functional(force), Functional(area), f"pressure on {contact.wall}", "Pa")
 
 
 class Quotient(Observed):

@@ -101,12 +101,13 @@ class WallSum(Symbolic):
         return [
             term.times(self._weight)
             for wall, density in self._densities.items()
-            for term in self._view.of(lambda at, wall=wall, density=density: _over(at, wall, density), state, *along)  # type: ignore[misc]
+            for term in _on(self._view, wall, density, state, *along)
         ]
 
 
-def _over(at: Seen, wall: str, density: Density) -> ngs.comp.SumOfIntegrals:
-    return at.kinematics.weight() * density(at) * ngs.ds(wall, intrules=RULES)
+def _on(view: StateView, wall: str, density: Density, state: Motion, *along: Motion) -> Terms:
+    """The integral over a wall, of a state or its derivative."""
+    return view.of(lambda at: at.kinematics.weight() * density(at) * ngs.ds(wall, intrules=RULES), state, *along)
 
 
 class WallPass:
@@ -139,11 +140,12 @@ class WallPass:
         self.mesh, integrals = problem.mesh, dict[WallIntegral, int]()
         self._places = [[integrals.setdefault(part, len(integrals)) for part in _parts(each)] for each in asked]
         densities = [each.densities(problem) for each in integrals]
-        at, weight = StateView(problem).at(problem.gfu), problem.kinematics.weight()
+        view = StateView(problem)
         self._walls: list[tuple[ngs.Region, ngs.CoefficientFunction, Array]] = []
         for wall in dict.fromkeys(wall for each in densities for wall in each):
             mine = [i for i, each in enumerate(densities) if wall in each]
-            values = ngs.CF(tuple(weight * densities[i][wall](at) for i in mine)).Compile()
+            terms = [_on(view, wall, densities[i][wall], problem.gfu) for i in mine]
+            values = ngs.CF(tuple(term.coef for (term,) in terms)).Compile()
             self._walls.append((self.mesh.Boundaries(wall), values, np.array(mine)))
         self._size = len(integrals)
 

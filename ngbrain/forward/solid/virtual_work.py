@@ -129,10 +129,6 @@ class StateView:
         at, numbers = self.moved(state, along)
         return derived(terms(integrand(at)), numbers)
 
-    def at(self, state: Motion) -> Seen:
-        """A state as functionals see it."""
-        return self.moved(state, ())[0]
-
     def moved(self, state: Motion, motions: Sequence[Motion]) -> tuple[Seen, list[ngs.Parameter]]:
         """A state moved by numbers, all zero; and these. `v` is the first motion."""
         body, numbers = self.body, [ngs.Parameter(0.0) for _ in motions]

@@ -30,6 +30,8 @@ from ngbrain.forward.observables import (
     StrainPercentile,
     StressPercentile,
     Unknowns,
+    WallIntegral,
+    WallPass,
     mean_depth,
     patch_pressure,
     region_volume,
