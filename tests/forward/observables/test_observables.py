@@ -39,7 +39,6 @@ from ngbrain.forward.observables import (
 from ngbrain.forward.observables.base import Linear
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.observables.ratio import Quotient
-from ngbrain.forward.observables.wall import WallIntegral, WallPass
 from ngbrain.forward.sensitivity.parameter_blocks import Nodes
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
