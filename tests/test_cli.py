@@ -98,7 +98,7 @@ def test_a_mesh_that_is_too_coarse(tmp_path, capsys, monkeypatch, no_run):
     scene.write_text(SMALL)
     status, lines = run(capsys, "simulate", scene, "-o", tmp_path / "out", "-q", "--threads", 1)
     assert status == 2 and len(lines) == 1
-    assert lines[0].startswith(f"ngbrain: {scene}: mesh.max_size_mm is 36, ") and "body.near_mm" in lines[0]
+    assert lines[0].startswith(f"ngbrain: {scene}: mesh.max_size_mm is 36, ") and "mesh.craniotomy_size_mm" in lines[0]
 
 
 @pytest.mark.parametrize(("field", "named"), [("tissue", True), ("--resume", False), ("checkpoint", False)])

@@ -160,7 +160,7 @@ def run(arguments):
         time.sleep(0.3)
         progress.LOG.warning("it is cold")
 cli.import_module = lambda name: sys.modules["__main__"]
-sys.exit(cli.main(["solve", "x.toml", *sys.argv[1:]]))
+sys.exit(cli.main(["simulate", "x.toml", *sys.argv[1:]]))
 """
 
 
