@@ -155,7 +155,7 @@ def observable(quantity: Asked, state: State) -> Observable:
     near = None if quantity.radius is None else along(quantity.point or (), state.plane)
     measure = "small" if state.linear else "Green-Lagrange"
     return StrainPercentile(
-        quantity.percentile, quantity.region, near, quantity.radius, BAND, measure, 1 / state.factor
+        quantity.percentile, quantity.region, near, quantity.radius, BAND, measure=measure, factor=1 / state.factor
     )
 
 

@@ -24,6 +24,7 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Seen
 from ngbrain.scene.operation import FACED
 from ngbrain.surgery.blades import Blade, patch
+from ngbrain.surgery.sampling import Part, tissue_percentiles
 
 PATCH_MARGIN = 1e-3
 """The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
@@ -135,7 +136,9 @@ class Observer:
         self._u, self._forces, self._advance, self._driving = u, tissue, advance, driving
 
 
-def retraction_observables(body: Problem, blades: Mapping[str, Blade]) -> dict[str, Observable]:
+def retraction_observables(
+    body: Problem, blades: Mapping[str, Blade], parts: Mapping[str, Part] | None = None
+) -> dict[str, Observable]:
     """What is asked of a body that blades press, by column of a `Row`: as data of a run's model, or a ladder's question.
 
     Parameters
@@ -144,6 +147,8 @@ def retraction_observables(body: Problem, blades: Mapping[str, Blade]) -> dict[s
         With a `Contact` on each wall.
     blades : mapping
         Wall → what presses it.
+    parts : mapping, optional
+        Tissue that counts, as `Model.parts` has it: with it also `mps_p50` to `oss_p99`, see `sampling.tissue_percentiles`.
 
     Returns
     -------
@@ -175,6 +180,7 @@ def retraction_observables(body: Problem, blades: Mapping[str, Blade]) -> dict[s
         "depth": mean_depth(whole),
         "force": ContactForce(whole, across),
         "net_reaction": Force("|".join(blades), motions=[motion]),
+        **(tissue_percentiles(next(iter(blades.values())).cleft, parts) if parts else {}),
     }
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.forward.observables import StrainPercentile
+from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.points import evaluated
 from ngbrain.mesh.cleft import Cleft
+from ngbrain.surgery.blades import coordinates
 from ngbrain.surgery.injury import Strain, stretching_rate, von_mises
 from ngbrain.tensors import deformation_gradient
 from ngbrain.units import to_ml
@@ -26,6 +30,8 @@ the site: of maximum principal strain the largest value is .119, .147, .188, the
 """
 
 
+BANDS = {50: 0.05, 95: 0.02, 99: 0.01}
+"""Percentiles of a measure near the site → of the volume to both sides, what their smoothed ones (`tissue_percentiles`) go over."""
 UNKNOWN = (0.0, math.inf)
 """Range of stretches of a law of which no data are known: all."""
 
@@ -75,15 +81,56 @@ class Sites:
     def spread(self, t: float, values: np.ndarray) -> Spread:
         """Of values at the points near the site."""
         volume = self.volume[self.near]
-        order = np.argsort(values, kind="stable")
-        share = np.cumsum(volume[order]) / np.sum(volume)
-        p50, p95, p99 = (float(values[order][np.searchsorted(share, percent / 100)]) for percent in (50, 95, 99))
+        p50, p95, p99 = (weighted_percentile(values, volume, percent) for percent in BANDS)
         return Spread(t, p50, p95, p99, largest_mean(values, volume, AMOUNT))
 
     def ml(self, mask: np.ndarray) -> dict[str, float]:
         """Name → unloaded volume (ml) of the tissue where a mask of all points holds."""
         sums = np.bincount(self.part[mask], self.volume[mask], len(self.names))
         return dict(zip(self.names, to_ml(sums).tolist(), strict=True))
+
+
+def tissue_percentiles(cleft: Cleft, parts: Mapping[str, Part]) -> dict[str, StrainPercentile]:
+    """The percentiles of strain near the site as observables, with gradients: by key, such as mps_p95 or oss_p50.
+
+    They are those of `Spread`, smoothed over `BANDS` of the volume and at points of their own: `raw` is without.
+
+    Parameters
+    ----------
+    cleft : Cleft
+        Its walls have the site around them.
+    parts : mapping
+        Name → tissue that counts.
+
+    Examples
+    --------
+    >>> named = tissue_percentiles(cleft, model.parts())  # doctest: +SKIP
+    >>> named["mps_p95"].value(body), named["mps_p95"].gradient(body)  # doctest: +SKIP
+    """
+    a, b, c = coordinates(cleft, ngs.CF((ngs.x, ngs.y, ngs.z)))
+    off = [
+        abs_of(a) - cleft.opening / 2,
+        positive(abs_of(b) - cleft.width / 2),
+        positive(-c) + positive(c - cleft.depth),
+    ]
+    near = ngs.IfPos(NEIGHBOURHOOD**2 - sum(each * each for each in off), 1.0, 0.0)
+    where = near * sum(part.where for part in parts.values())
+    measures = {"mps": "Green-Lagrange", "oss": "octahedral"}
+    return {
+        f"{name}_p{percent}": StrainPercentile(percent, band=band, where=where, measure=measure)
+        for name, measure in measures.items()
+        for percent, band in BANDS.items()
+    }
+
+
+def abs_of(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
+    """|x|."""
+    return ngs.IfPos(x, x, -x)
+
+
+def positive(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
+    """x where it is above 0, else 0."""
+    return ngs.IfPos(x, x, 0.0)
 
 
 def largest_mean(values: np.ndarray, volumes: np.ndarray, amount: float) -> float:

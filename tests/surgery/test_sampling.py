@@ -10,7 +10,16 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials import Branch, NeoHooke, Viscous
 from ngbrain.mesh import Cleft, block
 from ngbrain.surgery.runs import Peak
-from ngbrain.surgery.sampling import AMOUNT, NEIGHBOURHOOD, Part, Sampler, Sites, largest_mean
+from ngbrain.surgery.sampling import (
+    AMOUNT,
+    BANDS,
+    NEIGHBOURHOOD,
+    Part,
+    Sampler,
+    Sites,
+    largest_mean,
+    tissue_percentiles,
+)
 
 SIDE = 0.02
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
@@ -137,8 +146,41 @@ def test_a_spread_is_weighted_by_volume_and_near_the_site():
     volume = AMOUNT * np.array([1.0, 0.75, 2.0, 50.0, 25.0])
     sites = Sites(volume, np.zeros(5, int), np.array([0, 1, 2, 4]), ("tissue",))
     spread = sites.spread(3.0, np.array([0.1, 0.3, 0.2, 0.0]))
-    assert (spread.t, spread.p50, spread.p95, spread.p99) == (3.0, 0.0, 0.2, 0.3)
+    # Volumes' middles, of 28.75: 0 at 12.5, .1 at 25.5, .2 at 27, .3 at 28.375.
+    expected = [0.1 * (14.375 - 12.5) / 13, 0.2 + 0.1 * (27.3125 - 27) / 1.375, 0.3]
+    assert spread.t == 3.0 and [spread.p50, spread.p95, spread.p99] == pytest.approx(expected)
     assert spread.largest == pytest.approx(0.75 * 0.3 + 0.25 * 0.2)
+
+
+def test_percentiles_near_the_site_are_observables_with_gradients():
+    """What the sampler reads off its own points, smoothed, and at points of their own; the slope is that of the value."""
+    mesh = block((0.06, 0.05, 0.05), 0.012)
+    body = Problem(mesh, {".*": Material(NeoHooke(700.0), 1e5)}, {"left": 0}, element="P2/P1", history=True)
+    cleft = Cleft(np.array([0.0, 0.025, 0.025]), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 20e-3, 4e-3, 12e-3)
+    parts = {
+        "low": Part(ngs.IfPos(0.03 - ngs.y, 1.0, 0.0), (0.0, 9.0), 1e3),
+        "high": Part(ngs.CF(0.0), (0.0, 9.0), 1e3),
+    }
+    shape = ngs.CF((ngs.x * ngs.y, ngs.x * ngs.z - ngs.x * ngs.x, ngs.x * (0.05 - ngs.y))) * 4
+    body.u.Set(shape)
+    body.tissue_forces()
+    sampler, asked = Sampler(body, cleft, parts), tissue_percentiles(cleft, parts)
+    spreads, x = sampler(1.0).spreads(), body.x
+    assert set(asked) == {f"{name}_p{percent}" for name in ("mps", "oss") for percent in BANDS}
+    motion = ngs.GridFunction(body.fes)
+    motion.components[0].Set(ngs.CF((ngs.sin(60 * ngs.y), ngs.x * 20, ngs.cos(50 * ngs.z))) * ngs.x * 1e-2)
+    direction = np.array(motion.vec.FV().NumPy()) * (body.weights > 0)
+    for key, each in asked.items():
+        name, percent = key.split("_")
+        raw, observed = getattr(spreads[name], percent), each.on(body)
+        print(key, raw, observed.raw, observed.value()[0])
+        assert observed.raw == pytest.approx(raw, rel=0.03) and observed.value()[0] == pytest.approx(raw, rel=0.05)
+        slope, ends = each.gradient(body) @ direction, []
+        for step in (1e-4, -1e-4):
+            body.x = x + step * direction
+            ends.append(observed.value()[0])
+        body.x = x
+        assert (ends[0] - ends[1]) / 2e-4 == pytest.approx(slope, rel=2e-3), key
 
 
 def test_near_is_within_the_neighbourhood_of_the_cleft():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import ngsolve as ngs
@@ -17,13 +17,16 @@ from ngbrain.forward.observables.base import Observable, Observed, Symbolic
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Motion, Seen, StateView, Terms
 from ngbrain.materials.base import Deformation, checked
+from ngbrain.tensors import octahedral_shear
 
 Array = np.ndarray
 ORDER = 2
 """Of the quadrature whose points have a share in a percentile: strains of elements of order 2 have that of their square."""
-MEASURES = ("Green-Lagrange", "small")
+MEASURES = ("Green-Lagrange", "small", "octahedral")
 EQUAL = 1e-9
 """Of a point's largest strain: what differs by less is equal."""
+LEAST = 1e-10
+"""An octahedral shear strain that is none: a root of nothing has no slope."""
 STILL = 1e-8
 """Of the shear modulus: the least stress."""
 
@@ -46,6 +49,8 @@ class Quantile(Observable):
         With `within` only what is so near (m) to a point at rest (m) counts.
     within : float, optional
         See `centre`.
+    where : CoefficientFunction, optional
+        Of places at rest: above 1/2 where the region counts.
     band : float
         Of the volume to both sides, .001 to .5; nearer to 0 or 100 % than this the band is the last one.
 
@@ -64,6 +69,7 @@ class Quantile(Observable):
     centre: Sequence[float] | None = None
     within: float | None = None
     band: float = 0.05
+    where: ngs.CoefficientFunction | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         checked(self.percent, "percent", lambda p: 0 <= p <= 100, "0 to 100")
@@ -78,12 +84,13 @@ class Quantile(Observable):
 
 @dataclass(frozen=True)
 class StrainPercentile(Quantile):
-    """A percentile of the largest principal strain, see `Quantile`.
+    """A percentile of the largest principal strain, or of the octahedral shear strain, see `Quantile`.
 
     Parameters
     ----------
     measure : str
-        "Green-Lagrange" (FᵀF - 1)/2, or "small", the symmetric part of ∇u.
+        The largest principal strain of "Green-Lagrange" (FᵀF - 1)/2, or of "small", the symmetric part of ∇u; or "octahedral", the
+        octahedral shear strain of the logarithmic strain (`tensors.octahedral_shear`).
     factor : float
         Displacements count so many times.
     """
@@ -100,7 +107,8 @@ class StrainPercentile(Quantile):
     @property
     def name(self) -> str:
         """In words."""
-        return self._named(f"largest {self.measure} strain")
+        octahedral = self.measure == "octahedral"
+        return self._named("octahedral shear strain" if octahedral else f"largest {self.measure} strain")
 
     def on(self, problem: Problem) -> Strains:
         """At quadrature points of order 2."""
@@ -151,7 +159,8 @@ class Percentile(Observed):
         self._of, mesh = asked, problem.mesh
         self._space, points = quadrature_points(mesh, ORDER)
         inside = ngs.GridFunction(self._space)
-        inside.Interpolate(mesh.MaterialCF({asked.region: 1.0}, default=0.0))
+        region = mesh.MaterialCF({asked.region: 1.0}, default=0.0)
+        inside.Interpolate(region if asked.where is None else region * asked.where)
         volumes = self._volumes() * (inside.vec.FV().NumPy() > 0.5)
         if asked.within is not None:
             volumes *= np.linalg.norm(points - np.asarray(asked.centre, float), axis=1) <= asked.within
@@ -207,7 +216,7 @@ class Percentile(Observed):
 class Strains(Symbolic, Percentile):
     """A `StrainPercentile` of one problem.
 
-    About where the problem stands, with the axes n, m and their strains e as they are there, the largest strain of E is
+    About where the problem stands, with the axes n, m and their strains e as they are there, the principal strain of E along n is
     n·En + Σ (n·Em)²/(e_n - e_m), with all that is of up to second order in E.
     """
 
@@ -216,7 +225,7 @@ class Strains(Symbolic, Percentile):
         self.asked = asked
         gradient = problem.kinematics.gradient(problem.u, ngs.Grad(problem.u))
         self._gradient, self._F = gradient.Compile(), ngs.GridFunction(ngs.MatrixValued(self._space, 3))
-        self._share, self._apart = ngs.GridFunction(self._space), ngs.GridFunction(ngs.VectorValued(self._space, 2))
+        self._share, self._apart = ngs.GridFunction(self._space), ngs.GridFunction(ngs.VectorValued(self._space, 3))
         self._axes, self._view = ngs.GridFunction(ngs.MatrixValued(self._space, 3)), StateView(problem)
 
     def strains(self) -> tuple[Array, Array, Array]:
@@ -230,8 +239,11 @@ class Strains(Symbolic, Percentile):
         return values, directions, F
 
     def values(self) -> Array:
-        """The largest principal strains."""
-        return self.strains()[0][:, -1]
+        """The largest principal strains, or octahedral ones."""
+        return self._of_principal(self.strains()[0])
+
+    def _of_principal(self, values: Array) -> Array:
+        return octahedral_shear(np.log(1 + 2 * values) / 2) if self.asked.measure == "octahedral" else values[:, -1]
 
     def weigh(self, weights: Array) -> None:
         """Points keep the ranks that they have now where all move a little, so that only strains change."""
@@ -239,25 +251,31 @@ class Strains(Symbolic, Percentile):
             self._share.vec[:] = 0.0
             return
         values, directions, _ = self.strains()
-        self._spread(self._share, weights, values[:, -1])
+        self._spread(self._share, weights, self._of_principal(values))
         self._axes.vec.FV().NumPy().reshape(9, -1)[:, self._counted] = directions.reshape(-1, 9).T
-        apart = values[:, 2:] - values[:, :2]
+        apart = values[:, [2, 2, 1]] - values[:, [0, 1, 0]]
         # Strains that are equal have a slope along either axis, and no more.
         least = EQUAL * np.abs(values).max(axis=1, keepdims=True)
-        self._apart.vec.FV().NumPy().reshape(2, -1)[:, self._counted] = np.divide(
+        self._apart.vec.FV().NumPy().reshape(3, -1)[:, self._counted] = np.divide(
             1.0, apart, out=np.zeros_like(apart), where=apart > least
         ).T
 
     def _weighed(self, at: Seen) -> ngs.comp.SumOfIntegrals:
-        """Largest strains, each as much as its point's share has been set to."""
+        """Strains, each as much as its point's share has been set to."""
         change = self.asked.factor * (at.F - ngs.Id(3))
         E = (change + change.trans) / 2
         if self.asked.measure != "small":
             E = E + change.trans * change / 2
-        first, second, largest = (self._axes[:, i] for i in range(3))
-        strain = ngs.InnerProduct(largest, E * largest)
-        for axis, apart in zip((first, second), (self._apart[0], self._apart[1]), strict=True):
-            strain = strain + apart * ngs.InnerProduct(axis, E * largest) ** 2
+        axes, pairs = [self._axes[:, i] for i in range(3)], {(2, 0): 0, (2, 1): 1, (1, 0): 2}
+        principal = [ngs.InnerProduct(axis, E * axis) for axis in axes]
+        for (upper, lower), i in pairs.items():
+            more = self._apart[i] * ngs.InnerProduct(axes[lower], E * axes[upper]) ** 2
+            principal[upper], principal[lower] = principal[upper] + more, principal[lower] - more
+        if self.asked.measure == "octahedral":
+            one, two, three = (ngs.log(1 + 2 * each) / 2 for each in principal)
+            strain = 2 / 3 * ngs.sqrt((one - two) ** 2 + (two - three) ** 2 + (three - one) ** 2 + LEAST**2)
+        else:
+            strain = principal[2]
         rules = self._space.GetIntegrationRules()
         return at.kinematics.weight() * self._share * strain * ngs.dx(intrules=rules)
 

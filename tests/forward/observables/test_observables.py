@@ -93,6 +93,7 @@ FORCES = {"foot": Force("bottom"), "side": Force("right"), "all round": Force("b
 OTHERS = {
     "strain": StrainPercentile(70, band=0.2),
     "small": StrainPercentile(100, band=0.3, measure="small", factor=2.0),
+    "octahedral": StrainPercentile(60, band=0.3, measure="octahedral"),
     "stress": StressPercentile(70, band=0.2),
     "energy": StrainEnergy(),
     "volume": region_volume(),
@@ -218,6 +219,22 @@ def test_stress_at_rest_has_a_slope_and_relaxing_tissue_none():
     relaxing = Material(Viscous(NeoHooke(300.0), (Branch(NeoHooke(700.0), 3.0),)), 5e3)
     with pytest.raises(InputError, match="relaxes"):
         StressPercentile(50).on(Problem(body.mesh, {".*": relaxing}, {"bottom": 0}, element="P2"))
+
+
+def test_octahedral_strain_and_a_place_of_ones_own():
+    """Of a homogeneous stretch that of ln λ; `where` cuts the region as `centre` and `within` do."""
+    mesh = block((SIDE,) * 3, SIDE / 2)
+    body = Problem(mesh, {".*": Material(NeoHooke(1e3), 5e3)}, {"bottom": (None, None, 0)}, element="P2")
+    stretch = np.array([1.2, 0.9, 0.95])
+    body.u.Set(ngs.CF(tuple((s - 1) * c for s, c in zip(stretch, (ngs.x, ngs.y, ngs.z), strict=True))))
+    one, two, three = np.log(stretch)
+    wanted = 2 / 3 * np.sqrt((one - two) ** 2 + (two - three) ** 2 + (three - one) ** 2)
+    assert StrainPercentile(50, measure="octahedral").value(body) == pytest.approx([wanted])
+    near = ngs.IfPos((SIDE / 3) ** 2 - sum((x - SIDE / 2) ** 2 for x in (ngs.x, ngs.y, ngs.z)), 1.0, 0.0)
+    ball = StrainPercentile(50, centre=(SIDE / 2,) * 3, within=SIDE / 3).on(body)
+    cut = StrainPercentile(50, where=near).on(body)
+    assert np.array_equal(ball.values(), cut.values()) and ball.raw == cut.raw
+    assert 0 < len(cut.values()) < len(StrainPercentile(50).on(body).values())
 
 
 def test_a_narrow_band_is_the_percentile_itself_and_a_wide_one_the_mean():
