@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -18,8 +17,6 @@ from ngbrain.scene import Quantity
 Array = np.ndarray
 BAND = 0.1
 """Of the volume, to both sides of a percentile."""
-KINDS: Mapping[str, type[Observable]] = {"force": Force, "displacement": Displacements, "strain": StrainPercentile}
-"""Quantity of a scene's question → what it is."""
 PLANE = (0, 2)
 """Axes of the body that a section has."""
 
@@ -157,11 +154,6 @@ def observable(quantity: Asked, state: State) -> Observable:
     return StrainPercentile(
         quantity.percentile, quantity.region, near, quantity.radius, BAND, measure=measure, factor=1 / state.factor
     )
-
-
-def unit_of(quantity: Asked) -> str:
-    """Of SI."""
-    return quantity.observable.unit if isinstance(quantity, Question) else quantity.unit
 
 
 def answer(quantity: Asked, state: State) -> float:

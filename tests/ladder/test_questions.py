@@ -8,7 +8,7 @@ import pytest
 import ngbrain
 from ngbrain import ladder
 from ngbrain.errors import InputError
-from ngbrain.forward.observables import Displacements, Force, Functional, Observable, region_volume
+from ngbrain.forward.observables import Displacements, Force, Functional, Observable, StrainPercentile, region_volume
 from ngbrain.forward.observables.base import Linear
 from ngbrain.ladder import Question
 from ngbrain.ladder.bodies import SMALL, Bench, linear_state, solve
@@ -16,6 +16,8 @@ from ngbrain.ladder.quantities import State, answer, slope
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.report.ladder import answers
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
+from ngbrain.scene.quantities import OF_BODIES, OF_OPERATIONS
+from ngbrain.surgery.quantities import QUANTITIES
 
 POINT = (0.01, 0.0, 0.02)
 PRESSED = (DisplacementBC(boundary="bottom"), DisplacementBC(boundary="plate", value=(0, 0, -1e-3)))
@@ -50,6 +52,14 @@ def test_a_users_own_is_answered_as_the_scenes_own_questions_are():
     assert result.value[own["quantity"]] == own["value"] and result["model"].get("space", "solid") == "solid"
     assert [row[1].split()[1] for row in answers(result)] == ["mm", "mm"]
     assert all("plane" not in rung["model"].values() for rung in result["rungs"])  # a section has no y
+
+
+def test_units_of_a_scenes_quantities_are_those_of_what_they_are():
+    kinds = {"force": Force, "displacement": Displacements, "strain": StrainPercentile}
+    for name in OF_BODIES:
+        assert Quantity(name=name).unit == kinds[name].unit
+    for name in OF_OPERATIONS:
+        assert Quantity(name=name).unit == QUANTITIES[name].unit
 
 
 def test_what_is_not_linear_counts_linearly_where_strains_are_small(rng):
