@@ -52,7 +52,7 @@ def test_nine_elements_that_the_question_chooses_are_worth_more_than_nine_at_ran
     bench, model = Bench(scene), {**cheapest(axes_of(scene)), "space": "solid", "order": "2", "extent": "whole"}
     coarse, part, whole = (solve(bench, {**model, "mesh": level}) for level in ("0", "0+", "1"))
     marked = chosen(bench.left_out("whole", False, 0), SHARE[3])
-    meshes = Meshes(plate)
+    meshes = Meshes(plate, 0.02)
     bench.mesh = lambda _: meshes.cut(0, False, np.random.default_rng(1).permutation(marked))
     naive = solve(bench, model)
     left, left_at_random = (

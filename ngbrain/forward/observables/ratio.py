@@ -34,6 +34,7 @@ class Ratio(Observable):
 
     Examples
     --------
+    >>> from ngbrain.forward.observables import Functional
     >>> stretched = Functional(lambda at: ngs.Trace(at.F) / 3 * at.inside(".*"))
     >>> mean = Ratio(stretched, Functional(lambda at: 1.0 * at.inside(".*")), "mean stretch")
     """
