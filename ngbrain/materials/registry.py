@@ -1,8 +1,11 @@
 """Laws by name: what a scene's file or a command may ask for, with the parameters of each, their units and bounds.
 
-A law of one's own takes a class (see `ngbrain.materials.base.Law`) and one line here:
+A law of one's own takes a class (see `ngbrain.materials.base.Law`) and one line, such as
 
->>> REGISTRY["LopezPamies"] = LawEntry(LopezPamies, (MU, Parameter("alpha", low=-50.0, high=50.0)))  # doctest: +SKIP
+    REGISTRY["LopezPamies"] = LawEntry(LopezPamies, (MU, Parameter("a", low=0.1, high=20.0)))
+
+>>> [parameter.key for parameter in REGISTRY["Gent"].parameters]
+['mu_Pa', 'jm']
 """
 
 from __future__ import annotations

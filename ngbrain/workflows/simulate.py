@@ -79,8 +79,16 @@ def simulate(
 
     Examples
     --------
-    >>> result = simulate("plate.toml")  # doctest: +SKIP
-    >>> result["answers"][0]["value"], result["model"]  # doctest: +SKIP
+    >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
+    >>> scene = Scene(
+    ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
+    ...     tissues=[Tissue(mu=1000.0, poissons_ratio=0.3)],
+    ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -1e-4))],
+    ...     quantities=[Quantity(name="force", boundary="top", tolerance=0.5)],
+    ... )
+    >>> (force,) = simulate(scene, richest={"mesh": "0"})["answers"]
+    >>> force["quantity"], force["unit"], force["value"] < 0
+    ('force on top, end', 'N', True)
     """
     if not isinstance(scene, Scene):
         scene = Scene.from_toml(scene)
