@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 from ngbrain import __version__
 from ngbrain.cli import kinds
 from ngbrain.cli.cohort_options import add_cohort
+from ngbrain.cli.simulate_options import add_simulate
 
 PLACE = "X,Y,Z"
 # Names that the library has in tables, which take a second to import; a test holds these to them.
@@ -24,7 +25,6 @@ UNKNOWNS = ("moduli", "polar")
 MISFITS = ("squares", "huber")
 DEVICES = ("auto", "cpu", "cuda", "ngsolve")
 SPREAD = 3.0
-TEMPLATES = ("operation", "body")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -41,7 +41,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentPars
     command = _Parser(prog="ngbrain", description="In silico brain surgery.")
     command.add_argument("--version", action="version", version=f"ngbrain {__version__}")
     verbs = command.add_subparsers(dest="verb", metavar="VERB")
-    demo, scene, mesh = _demo(verbs), _simulate(verbs), _mesh(verbs)
+    demo, scene, mesh = _demo(verbs), add_simulate(verbs), _mesh(verbs)
     invert, predict, stiff = _invert(verbs), _predict(verbs), _calibrate(verbs)
     many = add_cohort(verbs)
     _materials(verbs)
@@ -108,52 +108,6 @@ def _demo(verbs: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--fast", action="store_true", help="a coarse mesh and shorter protocols")
     return parser
-
-
-def _simulate(verbs: Any) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "simulate",
-        help="a scene: an operation, or a body under loads",
-        epilog="A scene that asks quantities with tolerances is answered by the cheapest model that is within them.",
-    )
-    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what is computed; --template prints one")
-    parser.add_argument(
-        "--template",
-        action=_Template,
-        nargs="?",
-        const="operation",
-        choices=TEMPLATES,
-        help="print a commented scene to start from, of an operation or of a body under loads, and stop",
-    )
-    parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
-    parser.add_argument(
-        "--as-described",
-        action="store_true",
-        help="compute it as it is written, also where it asks quantities with tolerances",
-    )
-    return parser
-
-
-class _Template(argparse.Action):
-    """Print a scene that says what can be in one."""
-
-    def __call__(self, parser: argparse.ArgumentParser, _: object, kind: Any, *__: object) -> None:
-        from ngbrain.scene import Scene
-
-        print(Scene.template(kind), end="")
-        parser.exit()
-
-
-class _Schema(argparse.Action):
-    """Print what a scene's file may hold, for editors."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        import json
-
-        from ngbrain.scene import Scene
-
-        print(json.dumps(Scene.schema(), indent=1, ensure_ascii=False))
-        parser.exit()
 
 
 def _mesh(verbs: Any) -> argparse.ArgumentParser:

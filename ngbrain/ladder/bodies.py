@@ -29,7 +29,17 @@ from ngbrain.ladder.levels import MeshLevel, OrderLevel, TimeLevel
 from ngbrain.ladder.local import SHARE, chosen, shares
 from ngbrain.ladder.maps import median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
-from ngbrain.ladder.quantities import Asked, Question, State, along, answer, embedded, in_axes, scale_of
+from ngbrain.ladder.quantities import (
+    Asked,
+    Question,
+    State,
+    along,
+    answer,
+    check_questions,
+    embedded,
+    in_axes,
+    scale_of,
+)
 from ngbrain.ladder.rungs import Model, not_in_section
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import HolzapfelGasserOgden, Viscous
@@ -60,7 +70,7 @@ class Bench:
         self.made_of = (scene, tuple(questions))
         """What another process makes the same of."""
         self.questions: tuple[Asked, ...] = (*scene.quantities, *questions)
-        _check_questions(self.questions, scene, questions)
+        check_questions(self.questions, scene, questions)
         size = scene.mesh.largest
         self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
@@ -327,15 +337,6 @@ def solve(bench: Bench, model: Model, near: Mapping[str, State] | None = None) -
 def answers_of(questions: Sequence[Asked], states: Mapping[str, State]) -> Array:
     """Of all questions."""
     return np.array([answer(quantity, states[quantity.when]) for quantity in questions])
-
-
-def _check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question]) -> None:
-    labels = [quantity.label for quantity in asked]
-    for i, label in enumerate(labels):
-        if label in labels[:i]:
-            raise InputError("questions", repr(label), "a question that is not asked already")
-    if own and scene.time.frequency is not None:
-        raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
 
 
 def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import ngsolve as ngs
@@ -12,7 +13,7 @@ from ngbrain.forward.observables import Displacements, Force, Observable, Strain
 from ngbrain.forward.observables.percentiles import Percentile
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.base import checked
-from ngbrain.scene import Quantity
+from ngbrain.scene import Quantity, Scene
 
 Array = np.ndarray
 BAND = 0.1
@@ -122,6 +123,16 @@ class Question:
 
 
 Asked = Quantity | Question
+
+
+def check_questions(asked: Sequence[Asked], scene: Scene, own: Sequence[Question]) -> None:
+    """Refuse quantities that are asked twice, and observables of one's own of a wave."""
+    labels = [quantity.label for quantity in asked]
+    for i, label in enumerate(labels):
+        if label in labels[:i]:
+            raise InputError("questions", repr(label), "a question that is not asked already")
+    if own and scene.time.frequency is not None:
+        raise InputError("questions", repr(own[0].label), "none of a body that is shaken: its state is a wave")
 
 
 def embedded(state: State, body: Problem, factor: float) -> Array:

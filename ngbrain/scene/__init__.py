@@ -178,6 +178,8 @@ class Scene(Document):
             if waves and not tissue.loss_tangent and not tissue.law().branches:
                 said = [*said, "it neither relaxes nor has a loss: waves in it do not fade"]
             found += [f"tissue#{i} ({tissue.region}): {caution}" for caution in said]
+        if self.time == Time() and any(tissue.law().branches for tissue in self.tissues):
+            found.append(f"time is not given: {self.time.in_words} are assumed")
         if self.geometry.stiffness_map:
             found.append(
                 "geometry.stiffness_map is relative: where it is 1.1 times its mean over a tissue, that tissue's moduli are 1.1 "

@@ -11,7 +11,8 @@ have computed at s is taken off the data, to first order (C: covariance of ln s,
 
     ln s ← ln s - C Jᵀ W (d_finer(s) - d(s)) ,
 
-and by how much that moved a factor is one standard deviation more of it: half of a move by elements 0.7 times as large is left.
+and by how much that moved a factor is one standard deviation more of it: of errors that go with the square of the elements' size as
+much again is left.
 Sources: defect correction, Stetter 1978, 10.1007/BF01432879; errors of the model as a part of the covariance, Kaipio & Somersalo
 2007, 10.1016/j.cam.2005.09.027.
 """

@@ -111,9 +111,9 @@ def tissue_percentiles(cleft: Cleft, parts: Mapping[str, Part]) -> dict[str, Str
     """
     a, b, c = coordinates(cleft, ngs.CF((ngs.x, ngs.y, ngs.z)))
     off = [
-        abs_of(a) - cleft.opening / 2,
-        positive(abs_of(b) - cleft.width / 2),
-        positive(-c) + positive(c - cleft.depth),
+        _magnitude(a) - cleft.opening / 2,
+        _above_zero(_magnitude(b) - cleft.width / 2),
+        _above_zero(-c) + _above_zero(c - cleft.depth),
     ]
     near = ngs.IfPos(NEIGHBOURHOOD**2 - sum(each * each for each in off), 1.0, 0.0)
     where = near * sum(part.where for part in parts.values())
@@ -125,12 +125,12 @@ def tissue_percentiles(cleft: Cleft, parts: Mapping[str, Part]) -> dict[str, Str
     }
 
 
-def abs_of(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
+def _magnitude(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
     """|x|."""
     return ngs.IfPos(x, x, -x)
 
 
-def positive(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
+def _above_zero(x: ngs.CoefficientFunction) -> ngs.CoefficientFunction:
     """x where it is above 0, else 0."""
     return ngs.IfPos(x, x, 0.0)
 

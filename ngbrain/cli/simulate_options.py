@@ -1,0 +1,57 @@
+"""What the verb `simulate` can be given. Nothing is imported here that a `--help` would wait for."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+TEMPLATES = ("operation", "body")
+"""Kinds of scene that there is a template of."""
+
+
+def add_simulate(verbs: Any) -> argparse.ArgumentParser:
+    """Its parser."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "simulate",
+        help="a scene: an operation, or a body under loads",
+        epilog="A scene that asks quantities with tolerances is answered by the cheapest model that is within them.",
+    )
+    parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="what is computed; --template prints one")
+    parser.add_argument(
+        "--template",
+        action=_Template,
+        nargs="?",
+        const="operation",
+        choices=TEMPLATES,
+        help="print a commented scene to start from, of an operation or of a body under loads, and stop",
+    )
+    parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
+    parser.add_argument(
+        "--as-described",
+        action="store_true",
+        help="compute it as it is written, also where it asks quantities with tolerances",
+    )
+    return parser
+
+
+class _Template(argparse.Action):
+    """Print a scene that says what can be in one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, _: object, kind: Any, *__: object) -> None:
+        from ngbrain.scene import Scene
+
+        print(Scene.template(kind), end="")
+        parser.exit()
+
+
+class _Schema(argparse.Action):
+    """Print what a scene's file may hold, for editors."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        import json
+
+        from ngbrain.scene import Scene
+
+        print(json.dumps(Scene.schema(), indent=1, ensure_ascii=False))
+        parser.exit()
