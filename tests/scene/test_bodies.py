@@ -95,3 +95,13 @@ def test_questions_have_names_of_their_own(tmp_path):
     second = "[[quantity]]\nname = 'force'\nboundary = 'plate'\ndirection = [1, 0, 0]\n[[quantity]]"
     names = [quantity.label for quantity in read(tmp_path, TOML.replace("[[quantity]]", second)).quantities]
     assert names == ["force on plate along 1, 0, 0, end", "force on plate, end"]
+
+
+def test_times_that_are_assumed_are_said(tmp_path):
+    """Where tissue relaxes, which griffiths2024:cortex does; not where a scene gives its times."""
+    untimed = TOML.replace("[time]\nramp_s = 1\nend_s = 1\n", "")
+    assert untimed != TOML
+    said = "time is not given: time.ramp_s = 10 and time.end_s = 900 are assumed"
+    assert said in read(tmp_path, untimed).warnings and not any("time is" in w for w in read(tmp_path, TOML).warnings)
+    elastic = untimed.replace('material = "griffiths2024:cortex"', "mu_Pa = 900")
+    assert said not in read(tmp_path, elastic).warnings
