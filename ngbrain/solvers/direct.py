@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -44,7 +44,7 @@ def factorise(name: str, condensed: Condensed) -> Core:
         core = {"mumps": _mumps, "cudss": _cudss}.get(name, partial(_ngsolve, name))(condensed)
     except Exception as error:  # NGSolve and MUMPS raise bare exceptions of several kinds here
         raise Breakdown(f"the tangent cannot be factorised: {name}: {error}", Status.SINGULAR) from error
-    b = np.random.default_rng(0).normal(size=len(condensed.free)) * condensed.free
+    b = _random(len(condensed.free)) * condensed.free
     x = core(b)
     with np.errstate(all="ignore"):
         correction = core(b - condensed.apply(x))
@@ -53,6 +53,12 @@ def factorise(name: str, condensed: Condensed) -> Core:
         said = f"the tangent cannot be factorised: {name} gives no solution, the matrix is singular"
         raise Breakdown(said, Status.SINGULAR)
     return core
+
+
+@lru_cache(maxsize=1)
+def _random(n: int) -> Array:
+    """The same n numbers each time; drawing them costs as much as solving for a small body."""
+    return np.random.default_rng(0).normal(size=n)
 
 
 def _ngsolve(name: str, condensed: Condensed) -> Core:

@@ -99,7 +99,12 @@ class Reactions(Discretisation):
 
     def _on(self, boundary: str, pattern: str | None) -> bool:
         """Whether what acts on a pattern acts on a boundary; a weight has none, nor need one of a user's."""
-        return pattern is not None and bool(boundaries(self.mesh, boundary) & boundaries(self.mesh, pattern))
+        if pattern is None:
+            return False
+        if (boundary, pattern) not in self._meeting:
+            meets = bool(boundaries(self.mesh, boundary) & boundaries(self.mesh, pattern))
+            self._meeting[boundary, pattern] = meets
+        return self._meeting[boundary, pattern]
 
     def force(self, boundary: str) -> Array:
         """Force (N) that acts on a boundary from outside, by components: what its supports, contacts and loads exert together."""
@@ -135,6 +140,11 @@ class Reactions(Discretisation):
         self.x = x
         for term in self.terms:
             term.stand()
+
+    @cached_property
+    def _meeting(self) -> dict[tuple[str, str], bool]:
+        """By two patterns of boundaries, whether they share one."""
+        return {}
 
     @cached_property
     def acting(self) -> list[tuple[str | None, ngs.BilinearForm]]:
