@@ -55,7 +55,8 @@ print(json.dumps(records))
 """
 """Small elastic problems of `peers/ngbrain_case.py`, set up on a mesh that is there, the least time of twenty."""
 QUICK = (
-    "statics_smooth", "statics_block", "griffiths_locking", "flow_steps", "gradient_through_time", "inversion_cases",
+    "statics_smooth", "statics_block", "griffiths_locking", "flow_steps", "gradient_cost", "gradient_cost_statics",
+    "gradient_through_time", "inversion_cases", "inversion_hyperelastic", "inversion_problems", "inversion_relaxing",
     "retraction_hour",
 )  # fmt: skip
 CASES = {"set-up": ["-c", SET_UP]} | {name: [f"{name}.py", "--quick", "--json"] for name in QUICK}

