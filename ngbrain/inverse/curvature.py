@@ -15,6 +15,10 @@ from ngbrain.solvers.krylov import truncated_cg
 Array = np.ndarray
 ROUGH, MOST = 1e-3, 200
 """Of the solutions by which traces are estimated."""
+FORGOTTEN = 2.0
+"""Fits of a small constant arrive by 2 and by 4, in 13 to 28 steps, by 16 none does; four Prony terms take a tenth fewer runs by 2
+than by 1.
+"""
 
 
 class Metric:
@@ -43,8 +47,8 @@ class Metric:
     def of(point: Point, before: Metric | None = None) -> Metric:
         """At a point, with the weights as they are; by one product where there are unknowns that no regulariser holds.
 
-        Of these the largest so far counts, with the metric of a point `before`: one that has become so small that it changes
-        nothing is then not drawn on for that (Moré 1978, 10.1007/BFb0067700).
+        Of these the largest so far counts, less by `FORGOTTEN` with each point since, with the metric of a point `before`: one that
+        has become so small that it changes nothing is then not drawn on for that (Moré 1978, 10.1007/BFb0067700, without less).
         """
         reduced, free = point.reduced, np.zeros(len(point.x))
         loose = {name: block for name, block in reduced.unknowns.blocks.items() if name not in reduced.regularisers}
@@ -58,7 +62,7 @@ class Metric:
                     "unknowns", f"{name}, of which data tell nothing", "those that they tell of, or a regulariser"
                 )
         if before is not None and before.free is not None:
-            free = np.maximum(free, before.free)
+            free = np.maximum(free, before.free / FORGOTTEN)
         return Metric(sp.csr_array(point.regular_matrix + sp.diags_array(free)), free)
 
     def solve(self, b: Array) -> Array:
