@@ -53,7 +53,7 @@ def enclosed(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
     affine[:3, 3] = first
     data, names = np.zeros(shape, np.int32), list[str]()
     for name, surface in parts:
-        inside = _inside(surface, first, spacing, (shape[0], shape[1], shape[2]))
+        inside = inside_surface(surface, first, spacing, (shape[0], shape[1], shape[2]))
         if not inside.any():
             raise InputError(f"surface {name}", "around no voxel", "a larger one, or another unit")
         if name not in names:
@@ -62,7 +62,7 @@ def enclosed(surfaces: Iterable[tuple[str, SurfaceMesh]]) -> LabelMap:
     return LabelMap(Volume(data, affine), dict(enumerate(names, 1)))
 
 
-def _inside(surface: SurfaceMesh, first: np.ndarray, spacing: float, shape: tuple[int, int, int]) -> np.ndarray:
+def inside_surface(surface: SurfaceMesh, first: np.ndarray, spacing: float, shape: tuple[int, int, int]) -> np.ndarray:
     """Voxels whose middle is inside: rays along the third axis change sides where they meet a triangle."""
     x = (surface.points - first) / spacing
     x[:, :2] += _ASIDE

@@ -13,9 +13,9 @@ import numpy as np
 from ngbrain.errors import InputError
 from ngbrain.io import Frame, QuadraticGrid, load
 from ngbrain.mesh import Cleft
-from ngbrain.report.blade import TOOLS, drawn
 from ngbrain.report.state import State, unfolded
 from ngbrain.report.surface import Floats, Ints, faces, triangles
+from ngbrain.report.tool import TOOLS, drawn
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ngbrain.report.blade import ABOVE
 from ngbrain.report.render import Camera, Layer, draw
 from ngbrain.report.state import State
 from ngbrain.report.style import (
@@ -52,7 +51,7 @@ def head(peak: State, scale: StrainScale) -> bytes:
         _triad(axes, camera, (0.12, 0.10))
         bar_mm(axes, 50, 0.40)
         ring, far = _rim_points(peak), peak.points[np.unique(inner)]
-        handle = cleft.entry + 0.9 * ABOVE * cleft.out + peak.blades[0].across(cleft.depth + 0.9 * ABOVE) * cleft.across
+        handle = peak.blades[0].handle
         _call(axes, camera, handle, peak.tool, (0.62, 0.93))
         if len(ring):
             _call(axes, camera, ring[np.argmin(ring @ camera.right)], "craniotomy", (0.13, 0.90))

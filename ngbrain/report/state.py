@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ngbrain.mesh import Cleft
-from ngbrain.report.blade import Drawn
 from ngbrain.report.surface import Floats, Ints, faces, triangles
+from ngbrain.report.tool import Drawn
 
 OPENED = re.compile(r"craniotomy|wall_|end_|floor|lid")
 """Boundaries that do not lie on the skull."""

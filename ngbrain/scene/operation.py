@@ -12,7 +12,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from ngbrain.errors import InputError
-from ngbrain.fields import Section, choice, number
+from ngbrain.fields import Section, choice, number, path
 from ngbrain.mesh.cleft import Cleft as Slot
 
 if TYPE_CHECKING:
@@ -22,6 +22,8 @@ WIDEST = 80e-3
 """Diameter (m) of a craniotomy; from a wider one the surface of the brain curves too far away."""
 NARROWEST = 4e-3
 """Width (m) of a blade on whose face pressure can be read, which is done off its edges."""
+KINDS = ["spatula", "two spatulas", "plate", "tube", "ball", "surface"]
+SURFACES = (".stl", ".ply", ".obj", ".off")
 FACED = 5e-3
 """Height (m) of wall above a blade's tip, where the pressure at the tip is read."""
 
@@ -112,11 +114,12 @@ class Tool(Section):
     Parameters
     ----------
     kind
-        spatula: one, which pushes one wall; two spatulas: push both, half of the travel each; tube: widens between both walls.
+        spatula: one, which pushes one wall; two spatulas: push both, half of the travel each; plate: a spatula that ends below the
+        surface; tube: widens between both walls; ball: pushes one wall; surface: a closed surface of one's own, that of `file`.
     travel
         How far it goes, from its first contact with the wall.
     width
-        Along the walls; of a tube, the width of the wall over which pressure is read.
+        Along the walls; of a tube, the width of the wall over which pressure is read; of a ball, its diameter.
     edge_radius
         Rounding of its edges and its tip.
     tip_clearance
@@ -127,11 +130,16 @@ class Tool(Section):
         Of a spatula that widens from its tip to the surface.
     face_radius
         Of a spatula's face that bulges towards the tissue.
+    height
+        Of a plate, from its tip to its upper edge.
+    file
+        Path of a closed surface (.stl, .ply, .obj, .off) in mm: x the way the tool pushes, y along the wall, z out of the cleft.
+        Its foremost point is put at the unloaded wall, its lowest at `tip_clearance`; edges are rounded by about half a millimetre.
     friction
         Coefficient of Coulomb's friction between tool and tissue.
     """
 
-    kind: str = choice("kind", "spatula", ["spatula", "two spatulas", "tube"])
+    kind: str = choice("kind", "spatula", KINDS)
     travel: float = number("travel_mm", 5e-3, least=0.01)
     width: float = number("width_mm", 10e-3)
     edge_radius: float = number("edge_radius_mm", 2e-3, least=1.0)
@@ -139,25 +147,41 @@ class Tool(Section):
     thickness: float = number("thickness_mm", 4e-3)
     tip_width: float | None = number("tip_width_mm", None)
     face_radius: float | None = number("face_radius_mm", None)
+    height: float | None = number("height_mm", None)
+    file: str | None = path("file", None, "the path of a closed surface (.stl, .ply, .obj, .off)", SURFACES)
     friction: float = number("friction", 0.0, least=0.0)
 
     def _check(self, path: str, scene: Scene) -> None:
-        cleft = scene.operated
+        cleft, own = scene.operated, {"plate": "height", "surface": "file"}.get(self.kind)
+        for name, kind in (("height", "plate"), ("file", "surface")):
+            wanted = f"a value for kind = {kind!r}, and no other kind"
+            self._need((name == own) == (getattr(self, name) is not None), path, name, wanted)
+        self._need(
+            self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force"
+        )
+        if self.kind == "surface":  # its sizes are the file's
+            return
         wanted = f"at most {cleft.shown('width'):g}, cleft.width_mm: not a tool wider than the cleft"
         self._need(self.width <= cleft.width, path, "width", wanted)
+        if self.kind == "ball":
+            wanted = f"at most {cleft.shown('gap'):g}, cleft.gap_mm: not a ball that does not fit into the cleft"
+            self._need(self.width <= cleft.gap, path, "width", wanted)
+            self._need(self.width >= NARROWEST, path, "width", f"at least {1e3 * NARROWEST:g}")
+            for name in ("tip_width", "face_radius"):
+                self._need(getattr(self, name) is None, path, name, "this key left out: a ball has no face")
+            return
         wanted = f"at most {cleft.shown('gap'):g}, cleft.gap_mm: not a tool thicker than the cleft"
         self._need(self.thickness <= cleft.gap, path, "thickness", wanted)
         least = f"at least {1e3 * NARROWEST:g}, and twice tool.edge_radius_mm = {self.shown('edge_radius'):g}"
         self._need(self.width >= max(NARROWEST, 2 * self.edge_radius), path, "width", least)
-        self._need(
-            self.friction <= 1, path, "friction", "at most 1: the largest tangential force over the normal force"
-        )
         if self.kind == "tube":
             self._check_tube(path, scene)
-        else:
-            fits = self.tip_width is None or max(NARROWEST, 2 * self.edge_radius) <= self.tip_width <= self.width
-            wanted = f"{least}, and at most {self.shown('width'):g}, tool.width_mm"
-            self._need(fits, path, "tip_width", wanted)
+            return
+        fits = self.tip_width is None or max(NARROWEST, 2 * self.edge_radius) <= self.tip_width <= self.width
+        self._need(fits, path, "tip_width", f"{least}, and at most {self.shown('width'):g}, tool.width_mm")
+        tall = self.height is None or self.height >= max(FACED, 2 * self.edge_radius)
+        least = f"at least {1e3 * FACED:g}, and twice tool.edge_radius_mm = {self.shown('edge_radius'):g}"
+        self._need(tall, path, "height", least)
 
     def _check_tube(self, path: str, scene: Scene) -> None:
         for name in ("tip_width", "face_radius"):
@@ -170,8 +194,9 @@ class Tool(Section):
         self._need(cleft.gap + self.travel <= cleft.width, path, "kind", wanted)
 
     def _check_wall(self, path: str, wall: float) -> None:
-        wanted = f"{1e3 * FACED:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
-        self._need(self.tip_clearance + FACED <= wall, path, "tip_clearance", wanted)
+        faced = min(FACED, self.width) if self.kind == "ball" else FACED
+        wanted = f"{1e3 * faced:g} or more below {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
+        self._need(self.tip_clearance + faced <= wall, path, "tip_clearance", wanted)
         wanted = f"at most {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"
         self._need(self.travel <= wall, path, "travel", wanted)
         wanted = f"at least {1e3 * wall:.4g}, the height of the wall over cleft.target_mm"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import ngsolve as ngs
 import numpy as np
@@ -27,14 +27,12 @@ from ngbrain.mesh.elements import centres
 from ngbrain.scene import Protocol as SceneProtocol
 from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import relative
-from ngbrain.surgery.blades import Blade, Spatula, Tube
 from ngbrain.surgery.heads import Head, divide, head_of, present
 from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
 from ngbrain.surgery.sampling import UNKNOWN, Part
+from ngbrain.surgery.tools import WALLS, RigidTool, tools_of
 from ngbrain.units import gf
 
-WALLS = ("wall_plus", "wall_minus")
-"""The walls of a cleft: towards its `across`, which one blade pushes, and the other, which a second one or a tube does."""
 PENALTY = 600.0
 """Contact stiffness in initial shear moduli per opening.
 
@@ -91,7 +89,7 @@ class Model:
     head: Head
     mesh: ngs.Mesh
     cleft: Cleft
-    blades: dict[str, Blade]
+    blades: Mapping[str, RigidTool]
 
     @classmethod
     def of(cls, scene: Scene, head: Head | None = None) -> Model:
@@ -103,7 +101,7 @@ class Model:
         mesh = head.opened(
             cleft, where.craniotomy_diameter, Sizes(scene.mesh.wall, scene.mesh.craniotomy, scene.mesh.largest)
         )
-        made = cls(scene, head, mesh, cleft, _blades(scene, cleft))
+        made = cls(scene, head, mesh, cleft, tools_of(scene.tool, cleft))
         made._divide()
         return made
 
@@ -286,25 +284,7 @@ class Model:
         return continuous(self.scene.tool.travel, time.ramp, time.end, name)
 
 
-def _blades(scene: Scene, cleft: Cleft) -> dict[str, Blade]:
-    """What pushes which wall; they share the way that the scene asks for."""
-    tool, plus, minus = scene.tool, *WALLS
-    sides = {plus: cleft, minus: replace(cleft, across=-cleft.across)}
-    if tool.kind == "tube":
-        return {wall: Tube(side, tool.width, tool.edge_radius, tool.tip_clearance) for wall, side in sides.items()}
-    shape = (
-        tool.width,
-        tool.edge_radius,
-        tool.tip_clearance,
-        tool.thickness,
-        tool.tip_width,
-        tool.face_radius or np.inf,
-    )
-    pushed = WALLS if tool.kind == "two spatulas" else (plus,)
-    return {wall: Spatula(sides[wall], *shape) for wall in pushed}
-
-
-def _carried(blade: Blade, sharing: int) -> Moves:
+def _carried(blade: RigidTool, sharing: int) -> Moves:
     """How far its surface has gone at a way that so many blades share."""
     return lambda x, way: blade.moves(x, way / sharing)
 

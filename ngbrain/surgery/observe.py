@@ -23,8 +23,8 @@ from ngbrain.forward.observables.wall import (
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.solid.virtual_work import Seen
 from ngbrain.scene.operation import FACED
-from ngbrain.surgery.blades import Blade, patch
 from ngbrain.surgery.sampling import Part, tissue_percentiles
+from ngbrain.surgery.tools import RigidTool, patch
 
 PATCH_MARGIN = 1e-3
 """The pressure patch stays this far (m) inside the face's edges; its last part, from the tip, has a pressure of its own,"""
@@ -66,13 +66,13 @@ class Observer:
     the same over its last 5 mm, centre pressure within 2.5 mm of its middle. Gap is the smallest of any point, negative
     inside a blade; depth is how far tissue is inside where it presses, the mean ∫ p d / ∫ p. Force is what a blade feels
     along the push, of its contact and friction. The net reaction is the tissue's own nodal force on the wall along the push, from
-    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Blade work is
-    ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
+    the equilibrium residual without the contact term; `balance` is |blades + supports| / |blade| (0 without a force). Its
+    work is ∫ `Contact.driving` d(advance), and what friction adds; it goes into the contact energy, which the penalty stores, into
     friction and the tissue work ∫∫ P:Ḟ. The size of that, Σ |∫ P:ΔF| over steps, is at most ∫∫ |P:Ḟ|, so that a balance
     relative to it is not flattered.
     """
 
-    def __init__(self, body: Problem, blades: Mapping[str, Blade], fixed: str) -> None:
+    def __init__(self, body: Problem, blades: Mapping[str, RigidTool], fixed: str) -> None:
         self.body, self.asked = body, retraction_observables(body, blades)
         """Columns of a `Row` that are of any problem with these contacts, as `Observable`s by name."""
         contacts, reaction = _under(body, blades), self.asked["net_reaction"]
@@ -137,7 +137,7 @@ class Observer:
 
 
 def retraction_observables(
-    body: Problem, blades: Mapping[str, Blade], parts: Mapping[str, Part] | None = None
+    body: Problem, blades: Mapping[str, RigidTool], parts: Mapping[str, Part] | None = None
 ) -> dict[str, Observable]:
     """What is asked of a body that blades press, by column of a `Row`: as data of a run's model, or a ladder's question.
 
@@ -159,7 +159,7 @@ def retraction_observables(
     contacts = _under(body, blades)
     across = [_across(blade) for blade in blades.values()]
 
-    def patches(name: str, where: Callable[[Contact, Blade], ngs.CoefficientFunction]) -> list[Patch]:
+    def patches(name: str, where: Callable[[Contact, RigidTool], ngs.CoefficientFunction]) -> list[Patch]:
         return [
             Patch(contacts[wall], where(contacts[wall], each), f"{name} on {wall}") for wall, each in blades.items()
         ]
@@ -184,17 +184,17 @@ def retraction_observables(
     }
 
 
-def _under(body: Problem, blades: Mapping[str, Blade]) -> dict[str, Contact]:
+def _under(body: Problem, blades: Mapping[str, RigidTool]) -> dict[str, Contact]:
     """Wall → its contact."""
     contacts = {each.wall: each for each in body.contacts if isinstance(each, Contact)}
     return {wall: contacts[wall] for wall in blades}
 
 
-def _across(blade: Blade) -> tuple[float, ...]:
+def _across(blade: RigidTool) -> tuple[float, ...]:
     return tuple(map(float, blade.cleft.across))
 
 
-def _centre(body: Problem, contact: Contact, blade: Blade) -> ngs.CoefficientFunction:
+def _centre(body: Problem, contact: Contact, blade: RigidTool) -> ngs.CoefficientFunction:
     """1 in the middle of a blade's patch, 0 elsewhere."""
     x, where = ngs.CF((ngs.x, ngs.y, ngs.z)), patch(blade, PATCH_MARGIN)
     on = body.mesh.Boundaries(contact.wall)

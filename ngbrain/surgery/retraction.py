@@ -261,6 +261,6 @@ def _geometry(model: Model) -> dict[str, Any]:
         "opening_m": cleft.opening,
         "width_m": cleft.width,
         "craniotomy_m": model.scene.operated.craniotomy_diameter,
-        "blade": {"kind": blade.kind}
-        | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name not in ("kind", "friction")},
+        "blade": {"kind": blade.kind, "file": blade.file}
+        | {f"{f.name}_m": getattr(blade, f.name) for f in fields(blade) if f.name not in ("kind", "friction", "file")},
     }

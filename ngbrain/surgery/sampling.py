@@ -14,8 +14,8 @@ from ngbrain.forward.observables.percentiles import weighted_percentile
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.materials.points import evaluated
 from ngbrain.mesh.cleft import Cleft
-from ngbrain.surgery.blades import coordinates
 from ngbrain.surgery.injury import Strain, stretching_rate, von_mises
+from ngbrain.surgery.tools import coordinates
 from ngbrain.tensors import deformation_gradient
 from ngbrain.units import to_ml
 

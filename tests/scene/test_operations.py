@@ -361,7 +361,7 @@ BAD = [
     ("cleft.width_mm", 10**400, r"cleft\.width_mm is 1000"),
     ("cleft.width_mm", 10**5000, r"cleft\.width_mm is a number of thousands of digits"),
     ("cleft.width_mm", [12.0], r"cleft\.width_mm is \[12\.0\]"),
-    ("tool.kind", "spatual", r"tool#1\.kind is 'spatual'; wanted: one of spatula, two spatulas, tube"),
+    ("tool.kind", "spatual", r"tool#1\.kind is 'spatual'; wanted: one of spatula, two spatulas, plate, tube, ball, surface"),
     ("tool.tip_width_mm", 3.0, r"tool#1\.tip_width_mm is 3\.0; wanted: at least 4, and .*at most 10, tool\.width_mm"),
     ("tool.face_radius_mm", 9.0, r"tool#1\.face_radius_mm is 9\.0; wanted: at least .*, the height of the wall"),
     ("tool", {"kind": "tube", "face_radius_mm": 60.0}, r"tool#1\.face_radius_mm is 60\.0; wanted: this key left out"),

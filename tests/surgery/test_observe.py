@@ -18,10 +18,10 @@ from ngbrain.materials import NeoHooke
 from ngbrain.mesh import Cleft, block
 from ngbrain.scene import Scene
 from ngbrain.scene.operation import FACED
-from ngbrain.surgery.blades import Spatula, Tube
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.observe import CENTRE, PATCH_MARGIN, Observer, retraction_observables
 from ngbrain.surgery.protocols import Protocol
+from ngbrain.surgery.tools import Spatula, Tube
 
 SIZE = (0.02, 0.04, 0.01)
 TIP, WIDTH, DEPTH = 4e-3, 12e-3, 32e-3

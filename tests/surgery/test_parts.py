@@ -8,9 +8,9 @@ from netgen.occ import unit_cube
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.errors import InputError
 from ngbrain.mesh import Cleft
-from ngbrain.surgery.blades import Spatula, Tube
 from ngbrain.surgery.injury import Strain, dose
 from ngbrain.surgery.protocols import CLEAR, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.tools import Spatula, Tube
 
 CLEFT = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
 BLADE = Spatula(CLEFT, 10e-3, 1e-3, 4e-3, 2e-3)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import ngsolve as ngs
 from ngsolve import CoefficientFunction
+from ngsolve.comp import IntegrationRuleSpaceSurface
 
 from ngbrain.forward.common.kinematics import Solid
 from ngbrain.forward.common.penalty import soft_penalty
@@ -40,7 +42,8 @@ class Contact:
     from the energy.
 
     wall       boundary name or pattern; it sees only this body
-    distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside
+    distance   x ↦ φ(x), signed distance (m) to the body at the current position x, negative inside; one that is looked up has
+               `follow(x, points, wall)` and `look()` besides (`surgery.tools.closed_surface`)
     penalty    ε (Pa/m)
     softness   s (m)
     share      θ in [0, 1), of the depth that the offset makes up for; 0: a penalty alone, a = 0
@@ -55,6 +58,19 @@ class Contact:
     softness: float
     share: float = 0.0
     way: ngs.Parameter | None = None
+
+    def follow(self, u: ngs.GridFunction) -> Callable[[], None] | None:
+        """Say which displacement tells where points stand, to a distance that is looked up: its `look`; else None."""
+        looked_up: Any = self.distance
+        if not hasattr(looked_up, "follow"):
+            return None
+        mesh = u.space.mesh
+        wall = mesh.Boundaries(self.wall)
+        points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=wall)
+        looked_up.follow(ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u, points, wall)
+        look: Callable[[], None] = looked_up.look
+        look()
+        return look
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
         """φ(X + u) in m."""

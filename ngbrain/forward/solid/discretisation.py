@@ -70,6 +70,7 @@ class Discretisation:
         self._vec = self.gfu.vec.CreateVector()
         now = self.layout.fields(self.gfu)
         self.u, self.p, self.offset = now.u, now.p, now.offset
+        self._looks = [look for each in rigid if (look := each.follow(self.u))]
         check_elements(mesh)
         self.prescribed, self.held = self.supports.coefficients(spaces[0])
         part = np.repeat(np.arange(self.layout.count), [space.ndof for space in spaces])
@@ -93,6 +94,8 @@ class Discretisation:
         self._unknowns[:] = x[: len(self._unknowns)]
         if self.tool is not None:
             self.tool.way = x[-1]
+        for look in self._looks:
+            look()
 
     def _applied(self, form: ngs.BilinearForm) -> Array:
         """What a form's energy or virtual work gives at the unknowns that stand, one number for each."""

@@ -1,0 +1,79 @@
+"""Retractors as rigid bodies, one class each; `tools_of` makes those that a scene asks for.
+
+`base` has the interface `RigidTool` and what follows from a distance; `blades`: `Spatula` (a plate too), `Tube`, `Ball`;
+`closed_surface`: `ClosedSurface`, of a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ngbrain.io.surfacefile import read_surface
+from ngbrain.mesh.cleft import Cleft
+from ngbrain.scene import Tool
+from ngbrain.surgery.tools.base import HANDLE, RigidTool, Signed, coordinates, patch
+from ngbrain.surgery.tools.blades import Ball, Spatula, Tube
+from ngbrain.surgery.tools.closed_surface import ClosedSurface
+
+__all__ = [
+    "HANDLE",
+    "WALLS",
+    "Ball",
+    "ClosedSurface",
+    "RigidTool",
+    "Signed",
+    "Spatula",
+    "Tube",
+    "coordinates",
+    "patch",
+    "tools_of",
+]
+
+WALLS = ("wall_plus", "wall_minus")
+"""The walls of a cleft: towards its `across`, which one tool pushes, and the other, which a second one or a tube does."""
+
+
+def tools_of(tool: Tool, cleft: Cleft) -> Mapping[str, RigidTool]:
+    """What pushes which wall; they share the way that a scene asks for.
+
+    Parameters
+    ----------
+    tool : scene.Tool
+    cleft : Cleft
+        Its `across` is the way of the first one.
+
+    Raises
+    ------
+    InputError
+        For a file of a closed surface that cannot be read, or whose body does not fit into the cleft.
+
+    Examples
+    --------
+    >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+    >>> {wall: float(each.cleft.across[0]) for wall, each in tools_of(Tool(kind="two spatulas"), cleft).items()}
+    {'wall_plus': 1.0, 'wall_minus': -1.0}
+    """
+    plus, minus = WALLS
+    other = replace(cleft, across=-cleft.across)
+    if tool.kind == "tube":
+        return {
+            wall: Tube(side, tool.width, tool.edge_radius, tool.tip_clearance)
+            for wall, side in ((plus, cleft), (minus, other))
+        }
+    if tool.kind == "ball":
+        return {plus: Ball(cleft, tool.width, tool.tip_clearance)}
+    if tool.kind == "surface":
+        return {plus: ClosedSurface.of(read_surface(str(tool.file)), cleft, tool.tip_clearance, str(tool.file))}
+    shape = (
+        tool.width,
+        tool.edge_radius,
+        tool.tip_clearance,
+        tool.thickness,
+        tool.tip_width,
+        tool.face_radius or np.inf,
+    )
+    blade = Spatula(cleft, *shape, tool.height or np.inf)
+    return {plus: blade, minus: replace(blade, cleft=other)} if tool.kind == "two spatulas" else {plus: blade}

@@ -1,0 +1,197 @@
+"""Tools whose distance is a formula: spatulas and plates, tubes, balls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+
+from ngbrain.mesh.cleft import Cleft
+from ngbrain.surgery.tools.base import INSIDE, RigidTool, Signed, coordinates, larger, rounded
+
+
+@dataclass(frozen=True)
+class Spatula(RigidTool):
+    """A blade with rounded edges that goes towards `cleft.across`, extended behind its face so that nothing slips through.
+
+    Parameters
+    ----------
+    cleft : Cleft
+    width : float
+        Along the walls (m), at the surface.
+    edge_radius : float
+        Of its side edges and tip (m).
+    tip : float
+        Height of the tip above the cleft's floor (m).
+    thickness : float
+        Front to back (m), for pictures and for room in the cleft: contact sees only the front face.
+    tip_width : float, optional
+        Along the walls at its tip (m), from where it widens evenly up to the surface; None: as wide as there.
+    bend : float
+        Radius (m) of its face, which bulges towards the tissue halfway up the wall; inf: flat.
+    height : float
+        From the tip to its upper edge (m), rounded as the others: a plate; inf: it goes on beyond the surface.
+
+    Examples
+    --------
+    >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+    >>> low, high = Spatula(cleft, 10e-3, 1e-3, 4e-3, 2e-3).bounds(1e-3)
+    >>> print(1e3 * high)
+    [ 3.  5. 55.]
+    """
+
+    cleft: Cleft
+    width: float
+    edge_radius: float
+    tip: float
+    thickness: float
+    tip_width: float | None = None
+    bend: float = np.inf
+    height: float = np.inf
+
+    def distance(self, advance: CoefficientFunction) -> Signed:
+        """x ↦ signed distance (m) to {across ≤ face, |along| ≤ half the width, height ≥ tip} with edges rounded."""
+        r, face = self.edge_radius, self.cleft.opening / 2 + advance
+
+        def signed(x: CoefficientFunction) -> CoefficientFunction:
+            a, b, c = coordinates(self.cleft, x)
+            inward = [self._before(a - face, c) + r, self._beside(b, c) + r, self.tip + r - c]
+            if np.isfinite(self.height):
+                inward.append(c - self.tip - self.height + r)
+            return rounded(inward, r)
+
+        return signed
+
+    def body(self, advance: CoefficientFunction) -> Signed:
+        """As it is thick, up to where it is drawn."""
+        front, face = self.distance(advance), self.cleft.opening / 2 + advance
+
+        def signed(x: CoefficientFunction) -> CoefficientFunction:
+            a, _, c = coordinates(self.cleft, x)
+            return larger(larger(front(x), -self.thickness - self._before(a - face, c)), c - self.top)
+
+        return signed
+
+    def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
+        """With what the face bends back."""
+        face, half = self.cleft.opening / 2 + advance, max(self.width, self.tip_width or 0.0) / 2
+        off = min(max(self.top - self.middle, self.middle - self.tip), self.bend)
+        sag = 0.0 if np.isinf(self.bend) else self.bend - np.sqrt(self.bend**2 - off**2)
+        return np.array([face - self.thickness - sag, -half, self.tip]), np.array([face, half, self.top])
+
+    def _before(self, a: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
+        """Distance (m) to the face's plane or cylinder, at a height c and a in front of its foremost line."""
+        if np.isinf(self.bend):
+            return a
+        return ngs.sqrt((a + self.bend) ** 2 + (c - self.middle) ** 2 + INSIDE**2) - self.bend
+
+    def _beside(self, b: CoefficientFunction, c: CoefficientFunction) -> CoefficientFunction:
+        """Distance (m) to the side edges' planes."""
+        along = ngs.sqrt(b * b + INSIDE**2)
+        if self.tip_width is None:
+            return along - self.width / 2
+        slope = (self.width - self.tip_width) / 2 / (self.cleft.depth - self.tip)
+        return (along - self.tip_width / 2 - slope * (c - self.tip)) / np.hypot(1, slope)
+
+    @property
+    def middle(self) -> float:
+        """Height (m) halfway from the tip to the surface, or to the upper edge."""
+        return (self.tip + min(self.cleft.depth, self.tip + self.height)) / 2
+
+
+@dataclass(frozen=True)
+class Tube(RigidTool):
+    """A round retractor that widens: a cylinder around the cleft's axis, which first touches both walls halfway along.
+
+    Its way is by how much its radius has grown.
+
+    Parameters
+    ----------
+    cleft : Cleft
+    width : float
+        Of the wall (m) over which pressure is read.
+    edge_radius : float
+        Of its lower rim (m).
+    tip : float
+        Height of the rim above the cleft's floor (m).
+    """
+
+    cleft: Cleft
+    width: float
+    edge_radius: float
+    tip: float
+    single = True
+
+    def distance(self, advance: CoefficientFunction) -> Signed:
+        """x ↦ signed distance (m) to {across² + along² ≤ radius², height ≥ tip} with the rim rounded."""
+        r, radius = self.edge_radius, self.cleft.opening / 2 + advance
+
+        def signed(x: CoefficientFunction) -> CoefficientFunction:
+            a, b, c = coordinates(self.cleft, x)
+            return rounded((ngs.sqrt(a * a + b * b + INSIDE**2) - radius + r, self.tip + r - c), r)
+
+        return signed
+
+    def body(self, advance: CoefficientFunction) -> Signed:
+        """Up to where it is drawn."""
+        front = self.distance(advance)
+        return lambda x: larger(front(x), coordinates(self.cleft, x)[2] - self.top)
+
+    def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Around the cleft's axis."""
+        radius = self.cleft.opening / 2 + advance
+        return np.array([-radius, -radius, self.tip]), np.array([radius, radius, self.top])
+
+    def moves(self, x: CoefficientFunction, advance: CoefficientFunction) -> CoefficientFunction:
+        """Away from its axis."""
+        a, b, _ = coordinates(self.cleft, x)
+        across, along = (ngs.CF(tuple(map(float, axis))) for axis in (self.cleft.across, self.cleft.along))
+        return advance * (a * across + b * along) / ngs.sqrt(a * a + b * b + INSIDE**2)
+
+
+@dataclass(frozen=True)
+class Ball(RigidTool):
+    """A ball that goes towards `cleft.across`, in the middle along the walls.
+
+    Parameters
+    ----------
+    cleft : Cleft
+    width : float
+        Its diameter (m).
+    tip : float
+        Height of its lowest point above the cleft's floor (m).
+
+    Examples
+    --------
+    >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 6e-3, 12e-3)
+    >>> print(1e3 * Ball(cleft, 6e-3, 10e-3).signed(2e-3, np.array([[8e-3, 0, 13e-3], [2e-3, 0, 13e-3]])))
+    [ 3. -3.]
+    """
+
+    cleft: Cleft
+    width: float
+    tip: float
+
+    def distance(self, advance: CoefficientFunction) -> Signed:
+        """x ↦ distance (m) to its middle, less its radius."""
+        radius = self.width / 2
+        middle = self.cleft.opening / 2 - radius + advance
+
+        def signed(x: CoefficientFunction) -> CoefficientFunction:
+            a, b, c = coordinates(self.cleft, x)
+            return ngs.sqrt((a - middle) ** 2 + b * b + (c - self.tip - radius) ** 2 + INSIDE**2) - radius
+
+        return signed
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """Its diameter (m)."""
+        return self.width
+
+    def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of the cube around it."""
+        radius = self.width / 2
+        middle = np.array([self.cleft.opening / 2 - radius + advance, 0.0, self.tip + radius])
+        return middle - radius, middle + radius

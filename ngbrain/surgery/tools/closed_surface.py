@@ -1,0 +1,248 @@
+"""A tool of any shape, given as a closed surface: its distance on a grid, with slopes and curvatures of their own.
+
+NGSolve cannot look up a grid at a trial function, nor differentiate what it finds there. So the distance about where a point of the
+wall stands, y₀, is φ + g·(y - y₀) + (y - y₀)·H(y - y₀)/2 with φ, g, H looked up at y₀ whenever the body moves: its value, slope
+and curvature at y = y₀ are those of the grid, which is all that Newton's method asks for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import ngsolve as ngs
+import numpy as np
+from ngsolve import CoefficientFunction
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from ngbrain.errors import InputError
+from ngbrain.image.enclosed import inside_surface
+from ngbrain.mesh.cleft import Cleft
+from ngbrain.mesh.surfacemesh import SurfaceMesh
+from ngbrain.surgery.tools.base import RigidTool, Signed, coordinates
+
+STEP, AROUND = 0.5e-3, 5e-3
+"""Of the grid (m), over which edges are rounded, and how far it goes on around the surface."""
+RIM = 3
+"""Steps of the grid that are left out all around."""
+NEAREST = 6
+"""Triangles whose distance is tried at each point."""
+LOOSE = 0.1e-3
+"""By how much (m) a tool may be larger than the cleft."""
+
+
+PAIRS = [(i, j) for i in range(3) for j in range(i, 3)]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Signed distances on a grid, in the tool's own axes, with a cubic spline through them.
+
+    low, high   corners (m)
+    spline      coefficients (nx + 2, ny + 2, nz + 2), one more at each side than points
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    spline: np.ndarray
+
+    @classmethod
+    def of(cls, surface: SurfaceMesh) -> Grid:
+        """Around a surface."""
+        low = surface.points.min(axis=0) - AROUND
+        n = np.ceil((surface.points.max(axis=0) + AROUND - low) / STEP).astype(int) + 1
+        shape = (int(n[0]), int(n[1]), int(n[2]))
+        axes = [low[i] + STEP * np.arange(many) for i, many in enumerate(shape)]
+        at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        distance = _distance(surface, at.reshape(-1, 3)).reshape(shape)
+        distance = np.where(inside_surface(surface, low, STEP, shape), -distance, distance)
+        spline = ndimage.spline_filter(distance, order=3, mode="mirror")
+        return cls(low, low + STEP * (np.array(shape) - 1), np.pad(spline, 1, mode="reflect"))
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """At points (n, 3) m: where they are inside of the grid (3), distance, slopes, curvatures there, (13, n).
+
+        Beyond the grid curvatures are 0: it goes straight on.
+        """
+        inside = np.clip(points, self.low + RIM * STEP, self.high - RIM * STEP)  # the spline is flat at its ends
+        place = (inside - self.low) / STEP
+        first = np.minimum(place.astype(int), np.array(self.spline.shape) - 4)
+        around = first[:, :, None] + np.arange(4)
+        near = self.spline[around[:, 0, :, None, None], around[:, 1, None, :, None], around[:, 2, None, None, :]]
+        basis = _basis(place - first)
+
+        def along(*orders: int) -> np.ndarray:
+            weights = [basis[order][:, i] for i, order in enumerate(orders)]
+            return np.asarray(np.einsum("nabc,na,nb,nc->n", near, *weights, optimize=True)) / STEP ** sum(orders)
+
+        unit, bent = np.eye(3, dtype=int), np.all(inside == points, axis=1)
+        slopes = [along(*unit[i]) for i in range(3)]
+        return np.stack([*inside.T, along(0, 0, 0), *slopes, *(bent * along(*unit[i] + unit[j]) for i, j in PAIRS)])
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """Signed distances (m) of points (n, 3)."""
+        found = self.at(points)
+        return np.asarray(found[3] + np.einsum("in,in->n", found[4:7], np.transpose(points) - found[:3]))
+
+
+class LookedUp:
+    """x ↦ the distance to a tool that has gone some way, at points of a wall that a problem has it follow."""
+
+    def __init__(self, tool: ClosedSurface, advance: CoefficientFunction) -> None:
+        self._tool = tool
+        self._found: ngs.GridFunction | None = None
+        self._own = ngs.CF((tool.cleft.opening / 2 + advance, 0.0, tool.tip))
+
+    def follow(self, x: CoefficientFunction, points: ngs.FESpace, wall: ngs.Region) -> None:
+        """Say where the points of a wall's quadrature stand (m); `look` says that they moved."""
+        self._place = ngs.GridFunction(ngs.VectorValued(points, 3))
+        self._found = ngs.GridFunction(ngs.VectorValued(points, 13))
+        self._there, self._wall = self._in_own_axes(x).Compile(), wall
+
+    def look(self) -> None:
+        """Look up what is where they stand now."""
+        assert self._found is not None
+        self._place.Interpolate(self._there, definedon=self._wall)
+        at = self._place.vec.FV().NumPy().reshape(3, -1)
+        self._found.vec.FV().NumPy().reshape(13, -1)[:] = self._tool.grid.at(at.T)
+
+    def __call__(self, x: CoefficientFunction) -> CoefficientFunction:
+        """Signed distance (m)."""
+        if self._found is None:
+            raise InputError("distance", "asked of a closed surface", "a problem first, whose contact it is")
+        at, known = self._in_own_axes(x), self._found
+        off = [at[i] - known[i] for i in range(3)]
+        value = known[3]
+        for i in range(3):
+            value = value + known[4 + i] * off[i]
+        for k, (i, j) in enumerate(PAIRS):
+            value = value + (0.5 if i == j else 1.0) * known[7 + k] * off[i] * off[j]
+        return value
+
+    def _in_own_axes(self, x: CoefficientFunction) -> CoefficientFunction:
+        return ngs.CF(coordinates(self._tool.cleft, x)) - self._own
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedSurface(RigidTool):
+    """A tool whose surface is given: x the way it pushes, y along the wall, z out of the cleft.
+
+    Its foremost point lies at the unloaded wall, its lowest at the height `tip`, its middle in the middle along the wall.
+
+    Parameters
+    ----------
+    cleft : Cleft
+    width : float
+        Along the wall (m).
+    tip : float
+        Height of its lowest point (m).
+    depth : float
+        From its back to its foremost point (m).
+    grid : Grid
+        Its distance.
+    height : float
+        From its lowest to its highest point (m).
+
+    Examples
+    --------
+    >>> cleft = Cleft(np.zeros(3), np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), 30e-3, 4e-3, 12e-3)
+    >>> x = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * [4e-3, 8e-3, 2e-2]
+    >>> faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+    ...          [1, 5, 7], [1, 7, 3]]
+    >>> box = ClosedSurface.of(SurfaceMesh(x, np.array(faces)), cleft, 4e-3)
+    >>> low, high = box.bounds(1e-3)
+    >>> print(1e3 * low, 1e3 * high)
+    [-1. -4.  4.] [ 3.  4. 24.]
+    """
+
+    cleft: Cleft
+    width: float
+    tip: float
+    depth: float
+    grid: Grid
+    height: float
+
+    @classmethod
+    def of(cls, surface: SurfaceMesh, cleft: Cleft, tip: float, name: str = "surface") -> ClosedSurface:
+        """From a surface (m) in axes of its own; raises `InputError` where it does not fit into the cleft."""
+        low, high = surface.points.min(axis=0), surface.points.max(axis=0)
+        depth, width, height = high - low
+        for size, most, said in (
+            (depth, cleft.opening, "cleft.gap_mm, along x"),
+            (width, cleft.width, "cleft.width_mm, along y"),
+        ):
+            if size > most + LOOSE:
+                raise InputError("tool.file", f"{name}, {1e3 * size:.3g} mm", f"at most {1e3 * most:.3g}: {said}")
+        origin = np.array([high[0], (low[1] + high[1]) / 2, low[2]])
+        grid = Grid.of(SurfaceMesh(surface.points - origin, surface.triangles))
+        return cls(cleft, float(width), tip, float(depth), grid, float(height))
+
+    def distance(self, advance: CoefficientFunction) -> Signed:
+        """Looked up; a problem says where its points stand (`Contact.follow`)."""
+        return LookedUp(self, advance)
+
+    def signed(self, advance: float, at: np.ndarray) -> np.ndarray:
+        """By the grid."""
+        return self.grid.distances(np.asarray(at) - [self.cleft.opening / 2 + advance, 0.0, self.tip])
+
+    def bounds(self, advance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of the surface."""
+        face = self.cleft.opening / 2 + advance
+        return np.array([face - self.depth, -self.width / 2, self.tip]), np.array(
+            [face, self.width / 2, self.tip + self.height]
+        )
+
+
+def _basis(t: np.ndarray) -> list[np.ndarray]:
+    """The four cubic B-splines that are not 0 at shares t (n, 3) of a step, (n, 3, 4), and their first and second slopes."""
+    s = 1 - t
+    return [
+        np.stack([s**3, 3 * t**3 - 6 * t**2 + 4, 3 * s**3 - 6 * s**2 + 4, t**3], axis=-1) / 6,
+        np.stack([-(s**2), 3 * t**2 - 4 * t, 4 * s - 3 * s**2, t**2], axis=-1) / 2,
+        np.stack([s, 3 * t - 2, 3 * s - 2, t], axis=-1),
+    ]
+
+
+def _distance(surface: SurfaceMesh, at: np.ndarray) -> np.ndarray:
+    """Of points (n, 3) to a surface, by the triangles that points spread over it are nearest on."""
+    spread, triangle = _spread(surface)
+    found = np.full(len(at), np.inf)
+    corners = surface.points[surface.triangles]
+    _, near = cKDTree(spread).query(at, NEAREST)
+    for k in range(NEAREST):
+        found = np.minimum(found, _to_triangles(at, corners[triangle[near[:, k]]]))
+    return found
+
+
+def _spread(surface: SurfaceMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Points on a surface, no farther apart than a step of the grid, and whose triangles they are."""
+    corners = surface.points[surface.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    parts = np.ceil(longest / STEP).astype(int) + 1
+    points, owner = [], []
+    for n in np.unique(parts):
+        mine = np.flatnonzero(parts == n)
+        i, j = (each.ravel() for each in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
+        weights = np.stack([i, j, n - i - j], axis=1)[i + j <= n] / n
+        points.append((weights @ corners[mine]).reshape(-1, 3))
+        owner.append(np.repeat(mine, len(weights)))
+    return np.concatenate(points), np.concatenate(owner)
+
+
+def _to_triangles(at: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Distance of each point (n, 3) to its triangle (n, 3, 3): to its plane where the foot lies in it, else to an edge."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    normal = np.cross(b - a, c - a)
+    size = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    foot = np.ones(len(at), bool)
+    edges = np.full(len(at), np.inf)
+    for p, q in ((a, b), (b, c), (c, a)):
+        along = q - p
+        share = np.clip(_dot(at - p, along) / np.maximum(_dot(along, along), 1e-300), 0, 1)
+        edges = np.minimum(edges, np.linalg.norm(at - p - share[:, None] * along, axis=1))
+        foot &= _dot(np.cross(along, at - p), normal) >= 0
+    return np.where(foot, np.abs(_dot(at - a, normal)) / size, edges)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,ij->i", a, b)
