@@ -7,14 +7,8 @@ apart. d are a whole run's: finite strains, contact and memory, on times that an
 Derivatives are those of the run (`forward.sensitivity.transient`).
 
 Elements that resolve the contact poorly make the same tissue look stiffer or softer, by more than noise does. What finer ones would
-have computed at s is taken off the data, to first order (C: covariance of ln s, J: derivatives, W: weights),
-
-    ln s ← ln s - C Jᵀ W (d_finer(s) - d(s)) ,
-
-and by how much that moved a factor is one standard deviation more of it: of errors that go with the square of the elements' size as
-much again is left.
-Sources: defect correction, Stetter 1978, 10.1007/BF01432879; errors of the model as a part of the covariance, Kaipio & Somersalo
-2007, 10.1016/j.cam.2005.09.027.
+have computed at s is taken off the data, to first order (`inverse.defect`), and by how much that moved a factor is one standard
+deviation more of it: of errors that go with the square of the elements' size as much again is left.
 """
 
 from __future__ import annotations
@@ -34,6 +28,7 @@ from ngbrain.forward.observables import Displacements, Force, Observable
 from ngbrain.forward.sensitivity.transient.replay import times_of
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.inverse.band import LEVEL, Band
+from ngbrain.inverse.defect import corrected
 from ngbrain.inverse.found import Found, Iteration, plotted
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.parameters import Fields, Log, Unknown
@@ -223,11 +218,7 @@ def _finer(model: Model, retracted: Retracted, point: Point, posterior: Posterio
         retracted.protocol,
         retracted.grid,
     )
-    state, misfit = point.state, point.reduced.misfit
-    theta = point.reduced.unknowns.theta(point.x)
-    change = np.asarray(other.run.at(theta).data) - state.data
-    moved = -posterior.covariance() @ (point.jacobian.T @ state.pull(misfit.bend(state.data, change)))
-    return moved, state.data + change + state.push(point.jacobian @ moved)
+    return corrected(point, posterior, other.run.at(point.reduced.unknowns.theta(point.x)).data)
 
 
 def _stiff(tissue: Tissue, factor: float) -> Tissue:
