@@ -119,14 +119,19 @@ def pressed(tool, way=None):
 def test_pressing_by_a_surface_is_pressing_by_its_shape(ball_file):
     """The force of 2 mm by the triangles of a ball within 3 % of the formula's."""
     surface, forces = read_surface(ball_file), []
+    gaps = []
     for tool in (lambda cleft: ClosedSurface.of(surface, cleft, 4e-3), lambda cleft: Ball(cleft, 6e-3, 4e-3)):
         body, way = pressed(tool)
+        way.Set(1e-3)
+        body.x = body.x
+        gaps.append(body.min_gap())
         for advance in (0.7e-3, 1.4e-3, 2e-3):
             way.Set(advance)
             record = LoadPath(body).solve()
             assert record.converged
         forces.append(body.force("bottom")[2])
-    print(forces)
+    print(forces, gaps)
+    assert gaps[0] == pytest.approx(gaps[1], abs=0.05e-3) and gaps[1] < -0.2e-3
     assert forces[0] == pytest.approx(forces[1], rel=0.03) and forces[1] > 0.01
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ngs
+import numpy as np
 from ngsolve import CoefficientFunction
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
@@ -61,16 +62,37 @@ class Contact:
 
     def follow(self, u: ngs.GridFunction) -> Callable[[], None] | None:
         """Say which displacement tells where points stand, to a distance that is looked up: its `look`; else None."""
-        looked_up: Any = self.distance
-        if not hasattr(looked_up, "follow"):
+        if not self._looked_up:
             return None
+        looked_up: Any = self.distance
         mesh = u.space.mesh
-        wall = mesh.Boundaries(self.wall)
-        points = IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=wall)
-        looked_up.follow(ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u, points, wall)
+        looked_up.follow(ngs.CF((ngs.x, ngs.y, ngs.z)[: mesh.dim]) + u, self._points(mesh), mesh.Boundaries(self.wall))
         look: Callable[[], None] = looked_up.look
         look()
         return look
+
+    def gaps(self, u: ngs.GridFunction) -> Callable[[], np.ndarray]:
+        """What gives φ (m) at the points of the wall's quadrature, where the body stands then."""
+        mesh, gap = u.space.mesh, self.gap(u).Compile()
+        wall = mesh.Boundaries(self.wall)
+        if not self._looked_up:
+            points = mesh.MapToAllElements(surface_rules(mesh), wall)
+            return lambda: np.asarray(gap(points))
+        found = ngs.GridFunction(self._points(mesh))  # fields on them are read rightly by fields on them alone
+
+        def at_points() -> np.ndarray:
+            found.Interpolate(gap, definedon=wall)
+            return np.asarray(found.vec.FV().NumPy())
+
+        return at_points
+
+    @property
+    def _looked_up(self) -> bool:
+        return hasattr(self.distance, "follow")
+
+    def _points(self, mesh: ngs.Mesh) -> ngs.FESpace:
+        """Space with an unknown for each point of the wall's quadrature."""
+        return IntegrationRuleSpaceSurface(mesh, order=SURFACE_ORDER // 2, definedon=mesh.Boundaries(self.wall))
 
     def gap(self, u: CoefficientFunction) -> CoefficientFunction:
         """φ(X + u) in m."""

@@ -17,7 +17,7 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.regions import boundaries, check_apart, check_regions, check_types
 from ngbrain.forward.contact.force_control import DrivenTool, GivenForce
 from ngbrain.forward.contact.friction import Friction, Grip
-from ngbrain.forward.contact.rigid import Contact, Sliding, Touch, surface_rules
+from ngbrain.forward.contact.rigid import Contact, Sliding, Touch
 from ngbrain.forward.solid.external_loads import ExternalLoads
 from ngbrain.forward.solid.inertia import Inertia, Momentum
 from ngbrain.forward.solid.stateful import Stateful
@@ -138,10 +138,7 @@ class Problem(Stateful):
         self.inertia = Momentum(*parts, masses, solid, self.element.order) if masses else None
         self.external = ExternalLoads(self.fes, self.layout, solid, self.element.order, self.loads, self.contacts)
         self.factor = self.external.factor
-        self.gaps = [
-            (each.gap(self.u).Compile(), mesh.MapToAllElements(surface_rules(mesh), mesh.Boundaries(each.wall)))
-            for each in rigid
-        ]
+        self.gaps = [each.gaps(self.u) for each in rigid]
         given = next((each for each in contacts if isinstance(each, GivenForce)), None)
         if given is not None:
             self.tool = DrivenTool(given, *parts, self.contacts, self.friction, solid, self.min_gap)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import ngsolve as ngs
@@ -29,7 +30,7 @@ class Reactions(Discretisation):
     external: ExternalLoads
     form: ngs.BilinearForm
     terms: tuple[Term, ...]
-    gaps: list[tuple[CoefficientFunction, Array]]
+    gaps: list[Callable[[], Array]]
     _cavities: list[CavityVolume]
 
     @property
@@ -39,7 +40,7 @@ class Reactions(Discretisation):
 
     def min_gap(self) -> float:
         """Smallest signed distance (m) between tissue and rigid bodies over the walls' quadrature points."""
-        return min((float(np.min(gap(points))) for gap, points in self.gaps), default=float("inf"))
+        return min((float(np.min(gaps())) for gaps in self.gaps), default=float("inf"))
 
     def tissue_forces(self) -> Array:
         """Forces (N) that the tissue exerts on its nodes at the current state, one for each displacement unknown."""
