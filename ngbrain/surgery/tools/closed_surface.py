@@ -59,6 +59,11 @@ class Grid:
         spline = ndimage.spline_filter(distance, order=3, mode="mirror")
         return cls(low, low + STEP * (np.array(shape) - 1), np.pad(spline, 1, mode="reflect"))
 
+    def moved(self, x: float) -> Grid:
+        """By so much (m) along the first axis: a spline bulges a little beyond a flat face with edges."""
+        by = np.array([x, 0.0, 0.0])
+        return Grid(self.low + by, self.high + by, self.spline)
+
     def at(self, points: np.ndarray) -> np.ndarray:
         """At points (n, 3) m: where they are inside of the grid (3), distance, slopes, curvatures there, (13, n).
 
@@ -175,6 +180,12 @@ class ClosedSurface(RigidTool):
                 raise InputError("tool.file", f"{name}, {1e3 * size:.3g} mm", f"at most {1e3 * most:.3g}: {said}")
         origin = np.array([high[0], (low[1] + high[1]) / 2, low[2]])
         grid = Grid.of(SurfaceMesh(surface.points - origin, surface.triangles))
+        face = np.stack(
+            np.meshgrid(
+                0.0, *(np.arange(a, b, STEP / 3) for a, b in ((-width / 2, width / 2), (0, height))), indexing="ij"
+            )
+        )
+        grid = grid.moved(min(0.0, float(grid.distances(face.reshape(3, -1).T).min())))
         return cls(cleft, float(width), tip, float(depth), grid, float(height))
 
     def distance(self, advance: CoefficientFunction) -> Signed:
