@@ -54,7 +54,8 @@ class Entry:
 
     `size` is 1, the length of a list, or 0 for a list of any length but zero (a single value is one too). `hint` says what
     is wanted in place of a text that was not accepted. `kind` is a single value's JSON schema,
-    `convert` makes something of a value and its path that has a `to_dict` back.
+    `convert` makes something of a value and its path that has a `to_dict` back; `relocate` makes paths in a value, relative to a
+    folder, what they are from here.
     """
 
     key: str
@@ -66,6 +67,7 @@ class Entry:
     hint: Callable[[str], str] | None = None
     is_path: bool = False
     convert: Callable[[Any, str], Any] | None = None
+    relocate: Callable[[Any, Path], Any] | None = None
     kind: Mapping[str, Any] = field(default_factory=lambda: {"type": "string"})
 
     def read(self, raw: Any, path: str) -> Any:
@@ -141,8 +143,9 @@ def named(
     kind: Mapping[str, Any],
     wanted: str,
     hint: Callable[[str], str],
+    relocate: Callable[[Any, Path], Any] | None = None,
 ) -> Any:
-    """One of several names, or a table that `read` makes something of, optional."""
+    """One of several names, or a table that `read` makes something of, optional; for `relocate` see `Entry`."""
 
     def convert(raw: Any, path: str) -> Any:
         return read(raw, path) if isinstance(raw, Mapping) else raw
@@ -151,7 +154,22 @@ def named(
         return isinstance(raw, Mapping) or (isinstance(raw, str) and raw in names)
 
     schema = {"anyOf": [{"enum": list(names)}, kind]}
-    return _field(Entry(key, wanted, fits, hint=hint, convert=convert, kind=schema), None)
+    return _field(Entry(key, wanted, fits, hint=hint, convert=convert, relocate=relocate, kind=schema), None)
+
+
+def converted(
+    key: str,
+    read: Callable[[Mapping[str, Any], str], Any],
+    kind: Mapping[str, Any],
+    wanted: str,
+    relocate: Callable[[Any, Path], Any] | None = None,
+) -> Any:
+    """A table that `read` makes something of, or a list of them, optional."""
+
+    def fits(raw: Any) -> bool:
+        return isinstance(raw, Mapping)
+
+    return _field(Entry(key, wanted, fits, size=0, convert=read, relocate=relocate, kind=kind), None)
 
 
 def pattern(key: str, default: Any = MISSING) -> Any:
@@ -267,6 +285,8 @@ def _from_folder(part: type[Section], data: Any, folder: Path) -> Any:
         value = data.get(entry.key)
         if entry.is_path and isinstance(value, str) and value.strip():
             found[entry.key] = str(folder / value)
+        elif entry.relocate and value is not None:
+            found[entry.key] = entry.relocate(value, folder)
         elif entry.table and isinstance(value, list):
             found[entry.key] = [_from_folder(entry.table, each, folder) for each in value]
         elif entry.table:
@@ -306,6 +326,8 @@ def to_toml(data: dict[str, Any]) -> str:
     def inline(value: Any) -> str:
         if isinstance(value, dict):
             return f"{{ {', '.join(f'{key} = {inline(each)}' for key, each in value.items())} }}"
+        if isinstance(value, list):
+            return f"[{', '.join(map(inline, value))}]"
         return json.dumps(value, ensure_ascii=False)
 
     def lines(values: dict[str, Any]) -> list[str]:

@@ -56,6 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def perform(arguments: argparse.Namespace) -> int:
     """Do what parsed arguments ask for; returns the exit status, and raises what `ERRORS` has and whatever else goes wrong."""
     with _logging(arguments.quiet):
+        for file in getattr(arguments, "own_laws", None) or ():
+            import_module("ngbrain.materials.registry").register(file)
         module = import_module(module_of(arguments.verb))  # a second or two
         with claimed(arguments) if arguments.verb in WRITING else nullcontext():
             return int(module.run(arguments) or 0)

@@ -9,8 +9,8 @@ from typing import Any
 VERBS = ("mesh", "invert", "predict", "simulate")
 """What the rows of a list can ask for."""
 SAMPLE = Path(__file__).parents[1] / "samples" / "cohort.csv"
-OWN = ("help", "output", "overwrite", "quiet", "resume", "threads", "executor")
-"""Where options go that a cohort gives its rows itself."""
+OWN = ("help", "output", "overwrite", "own_laws", "quiet", "resume", "threads", "executor")
+"""Where options go that a cohort gives its rows itself, and of a file that is run, which no list may name."""
 
 
 class _List(argparse.Action):

@@ -9,7 +9,7 @@ from ngbrain.errors import InputError
 from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import relaxation_time, shear_modulus
-from ngbrain.materials.registry import REGISTRY
+from ngbrain.materials.registry import REGISTRY, register
 from ngbrain.materials.viscous import viscous
 from ngbrain.scene.tissues import NEARLY_INCOMPRESSIBLE
 from ngbrain.units import to_kPa
@@ -37,7 +37,9 @@ material = "{name}"
 def run(arguments: argparse.Namespace) -> None:
     """Print the list, or one entry."""
     name = arguments.name
-    if arguments.laws:
+    if arguments.laws is not None:
+        if arguments.laws:
+            register(arguments.laws)
         print(laws())
         return
     if name in CATALOGUE:

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from ngbrain import __version__
 from ngbrain.cli import kinds
 from ngbrain.cli.cohort_options import add_cohort
-from ngbrain.cli.simulate_options import add_simulate
+from ngbrain.cli.simulate_options import add_laws, add_simulate
 
 PLACE = "X,Y,Z"
 # Names that the library has in tables, which take a second to import; a test holds these to them.
@@ -323,6 +323,7 @@ def _calibrate(verbs: Any) -> argparse.ArgumentParser:
         "--tissues", metavar="NAMES", help="which are looked for: regions of the scene, with commas (all)"
     )
     parser.add_argument("--protocol", metavar="NAME", help="which of the scene's was seen (the first)")
+    add_laws(parser)
     parser.add_argument(
         "--spread",
         type=float,
@@ -349,7 +350,11 @@ def _materials(verbs: Any) -> None:
         "name", nargs="?", metavar="NAME", help="one of them, or a part of several names; all by default"
     )
     parser.add_argument(
-        "--laws", action="store_true", help="list the laws that scenes take by name, with their parameters"
+        "--laws",
+        nargs="?",
+        const="",
+        metavar="FILE.py",
+        help="list the laws that scenes take by name, with their parameters; with those of a file of yours, which is run",
     )
     parser.set_defaults(quiet=False, output=None)
 

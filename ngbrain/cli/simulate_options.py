@@ -27,12 +27,25 @@ def add_simulate(verbs: Any) -> argparse.ArgumentParser:
         help="print a commented scene to start from, of an operation or of a body under loads, and stop",
     )
     parser.add_argument("--schema", action=_Schema, nargs=0, help="print the JSON schema of a scene, and stop")
+    add_laws(parser)
     parser.add_argument(
         "--as-described",
         action="store_true",
         help="compute it as it is written, also where it asks quantities with tolerances",
     )
     return parser
+
+
+def add_laws(parser: argparse.ArgumentParser) -> None:
+    """The option that gives laws of the user's own."""
+    parser.add_argument(
+        "--laws",
+        dest="own_laws",
+        action="append",
+        type=Path,
+        metavar="FILE.py",
+        help="a Python file, which is run: its laws have names in this run, see `ngbrain materials --laws FILE.py`",
+    )
 
 
 class _Template(argparse.Action):

@@ -1,8 +1,12 @@
 """Laws by name: what a scene's file or a command may ask for, with the parameters of each, their units and bounds.
 
-A law of one's own takes a class (see `ngbrain.materials.base.Law`) and one line, such as
+A law of one's own takes a class (see `ngbrain.materials.base.Law`) that says its `initial_modulus`, and one line, such as
 
     REGISTRY["LopezPamies"] = LawEntry(LopezPamies, (MU, Parameter("a", low=0.1, high=20.0)))
+
+in a Python file for `--laws` (`register`), or no line at all: a scene's `path = "my_laws.py:LopezPamies"` then takes the
+arguments of the class. `ngbrain.materials.admission` is what it has to pass. The file is run, so a scene that a run wrote may
+not ask for it.
 
 >>> [parameter.key for parameter in REGISTRY["Gent"].parameters]
 ['mu_Pa', 'jm']
@@ -10,14 +14,24 @@ A law of one's own takes a class (see `ngbrain.materials.base.Law`) and one line
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import inspect
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.materials import admission
 from ngbrain.materials.base import Law
+from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, UnsplitNeoHooke, Yeoh
 
 Number = float | tuple[float, ...]
@@ -75,10 +89,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class LawEntry:
-    """A law that has a name: what makes it of its parameters."""
+    """A law that has a name: what makes it of its parameters, and of a user's own `FILE.py:CLASS` or `package.module:CLASS`."""
 
     make: Callable[..., Law]
     parameters: tuple[Parameter, ...]
+    source: str = ""
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is none of the package."""
+        return not self.make.__module__.startswith("ngbrain.")
 
     @property
     def about(self) -> str:
@@ -86,6 +106,8 @@ class LawEntry:
         return (inspect.getdoc(self.make) or "").partition("\n")[0]
 
 
+ETA = Parameter("eta", "Pa_s", 1e-6, 1e12)
+"""Of a branch, whatever its law is."""
 MU = Parameter("mu", "Pa", 1e-3, 1e9)
 REGISTRY: dict[str, LawEntry] = {
     "NeoHooke": LawEntry(NeoHooke, (MU,)),
@@ -109,14 +131,167 @@ REGISTRY: dict[str, LawEntry] = {
 """Name → law; `ngbrain materials --laws` lists them."""
 
 
+RESULT = "result.json"
+"""What says that a folder has results in it."""
+WHERE = "FILE.py:CLASS, or package.module:CLASS"
+_loaded: dict[str, dict[str, LawEntry]] = {}
+"""Files and modules that were run → their laws."""
+_given: ContextVar[str] = ContextVar("given", default="a scene that is not read from a file")
+"""Why a scene may not name a file to be run; nothing where it may."""
+
+
+@contextmanager
+def reading(file: str | Path) -> Iterator[None]:
+    """A user's own file is read, which may name a file of laws; one beside a result.json may not, as a run wrote it."""
+    folders = {Path(file).parent, Path(file).resolve().parent}
+    of_results = [folder for folder in folders if (folder / RESULT).exists()]
+    token = _given.set(f"a scene beside {of_results[0] / RESULT}" if of_results else "")
+    try:
+        yield
+    finally:
+        _given.reset(token)
+
+
+def register(where: str | Path) -> list[str]:
+    """Give the laws of a Python file, or of a module that can be imported, their names in `REGISTRY`; it is run.
+
+    Parameters
+    ----------
+    where : str or Path
+        The file, or the module's name. Every class in it that has an `energy` is a law under its name, with the arguments of the
+        class or the `Parameter`s that its `parameters` lists; so is what the file itself puts into `REGISTRY`.
+
+    Returns
+    -------
+    list of str
+        Their names.
+
+    Raises
+    ------
+    InputError
+        It cannot be run, has no law, or has a name that is taken.
+
+    Examples
+    --------
+    >>> register("ngbrain.materials.linear")
+    Traceback (most recent call last):
+    ngbrain.errors.InputError: --laws is 'ngbrain.materials.linear', which is the package's own; wanted: laws of your own
+    """
+    place = _place(str(where))
+    if place.split(".")[0] == "ngbrain":
+        raise InputError("--laws", f"{str(where)!r}, which is the package's own", "laws of your own")
+    found = _laws_of(place, "--laws")
+    if not found:
+        raise InputError("--laws", f"{where}, without a law", "a file with a class that has `energy(C)`")
+    for name, entry in found.items():
+        if name in REGISTRY and REGISTRY[name].source != entry.source:
+            raise InputError("--laws", f"{where}, with another {name!r}", "a name that no other law has")
+    REGISTRY.update(found)
+    return list(found)
+
+
+def _place(where: str) -> str:
+    """A file's whole path, a module's name as it is."""
+    return str(Path(where).resolve()) if where.endswith(".py") else where
+
+
+def _laws_of(place: str, path: str) -> dict[str, LawEntry]:
+    """The laws of a file or module, which is run once."""
+    if place not in _loaded:
+        before = dict(REGISTRY)
+        try:
+            module = _run(place, path)
+            lines = {name: entry for name, entry in REGISTRY.items() if before.get(name) is not entry}
+        finally:
+            REGISTRY.clear()
+            REGISTRY.update(before)
+        if taken := [name for name in lines if name in before]:
+            raise InputError(path, f"{place}, with another {taken[0]!r}", "a name that no other law has")
+        made = {entry.make for entry in lines.values()}
+        classes = {
+            name: LawEntry(each, _arguments(each, path))
+            for name, each in vars(module).items()
+            if isinstance(each, type) and callable(getattr(each, "energy", None)) and each not in made
+            if each.__module__ == module.__name__
+        }
+        _loaded[place] = {name: replace(each, source=f"{place}:{name}") for name, each in (lines | classes).items()}
+    return _loaded[place]
+
+
+def _run(place: str, path: str) -> ModuleType:
+    """The module; whatever goes wrong in it is an `InputError`."""
+    try:
+        if not place.endswith(".py"):
+            return importlib.import_module(place)
+        if not Path(place).is_file():
+            raise InputError(path, f"{place}, where no file is", "a Python file with a law in it")
+        name = f"ngbrain_own_laws_{len(_loaded)}_{Path(place).stem}"
+        spec = importlib.util.spec_from_file_location(name, place)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(path, f"{place}, which ends in {_said(error)}", "a file that can be run") from None
+
+
+def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
+    """What a class says of its parameters, or the arguments that it takes."""
+    declared = getattr(make, "parameters", None)
+    if isinstance(declared, tuple) and all(isinstance(each, Parameter) for each in declared):
+        return declared
+    if declared is not None:
+        raise InputError(path, f"{make.__name__}.parameters = {declared!r}", "a tuple of `Parameter`s")
+    found = []
+    for name, argument in inspect.signature(make).parameters.items():
+        default = argument.default if isinstance(argument.default, int | float) else None
+        if argument.default is argument.empty or default is not None:
+            found.append(Parameter(name, default=default))
+    return tuple(found)
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _entry_at(source: str, path: str) -> LawEntry:
+    """A user's own law by its place; `InputError` unless that was run already, or the file that names it may have it run."""
+    where, _, name = source.rpartition(":")
+    if not where or not name.isidentifier():
+        raise InputError(f"{path}.path", repr(source), WHERE)
+    place = _place(where)
+    if place not in _loaded and (why := _given.get()):
+        wanted = "no code to be run: give the file by --laws (in Python: ngbrain.materials.registry.register), or move the scene"
+        raise InputError(f"{path}.path", f"{source!r}, in {why}", wanted)
+    laws = _laws_of(place, f"{path}.path")
+    if name not in laws and not place.endswith(".py"):  # a class that the module has from elsewhere
+        made = getattr(sys.modules[place], name, None)
+        if isinstance(made, type) and callable(getattr(made, "energy", None)):
+            laws[name] = LawEntry(made, _arguments(made, f"{path}.path"), f"{place}:{name}")
+    if name not in laws:
+        raise InputError(f"{path}.path", repr(source), f"a class with `energy(C)` in it, {nearest(name, list(laws))}")
+    return laws[name]
+
+
+def from_folder(material: Any, folder: Path) -> Any:
+    """A material, or a list of them, as a file in a folder has it, with the path of its law as it is from here."""
+    if isinstance(material, list):
+        return [from_folder(each, folder) for each in material]
+    source = material.get("path") if isinstance(material, dict) else None
+    where = source.rpartition(":")[0] if isinstance(source, str) else ""
+    return {**material, "path": str(folder / str(source))} if where.endswith(".py") else material
+
+
 @dataclass(frozen=True)
 class NamedLaw:
-    """A law by its name in the registry, with its parameters' values (SI).
+    """A law by its name in the registry, or by its place, with its parameters' values (SI).
 
     Parameters
     ----------
     name : str
-        One of `REGISTRY`.
+        One of `REGISTRY`, or FILE.py:CLASS, package.module:CLASS.
     values : tuple of (str, number or tuple)
         The parameters given, in the order of the registry.
 
@@ -131,18 +306,24 @@ class NamedLaw:
 
     @classmethod
     def read(cls, data: Mapping[str, Any], path: str = "material") -> NamedLaw:
-        """From a table of a file: `name`, and the law's parameters with the unit in the key.
+        """From a table of a file: `name`, or the `path` of a law of one's own, and its parameters with the unit in the key.
 
-        Raises `InputError` for a name that is none, a parameter that is missing, unknown or out of its bounds, and for values that
-        the law itself refuses.
+        Raises `InputError` for a name that is none, a file that may not be run, a parameter that is missing, unknown or out of its
+        bounds, for values that the law itself refuses, and for a law of one's own that is not admitted.
         """
-        name = data.get("name")
-        if not isinstance(name, str) or name not in REGISTRY:
+        name, source = data.get("name"), data.get("path")
+        if source is not None and name is not None:
+            raise InputError(f"{path}.path", repr(source), "this key or name, not both")
+        if source is not None:
+            entry = _entry_at(str(source), path)
+            name = entry.source
+        elif not isinstance(name, str) or name not in REGISTRY:
             found = "missing" if name is None else repr(name)
             raise InputError(f"{path}.name", found, nearest(str(name or ""), list(REGISTRY)))
-        entry = REGISTRY[name]
+        else:
+            entry = REGISTRY[name]
         known = {parameter.key: parameter for parameter in entry.parameters}
-        if unknown := [key for key in data if key != "name" and key not in known]:
+        if unknown := [key for key in data if key not in ("name", "path") and key not in known]:
             raise InputError(f"{path}.{unknown[0]}", "not a known key", nearest(unknown[0], list(known)))
         values = []
         for key, parameter in known.items():
@@ -150,16 +331,99 @@ class NamedLaw:
                 values.append((parameter.name, parameter.read(data[key], path)))
             elif parameter.default is None:
                 raise InputError(f"{path}.{key}", "missing", parameter.wanted)
-        made = cls(name, tuple(values))
-        made.law()
+        made = cls(str(name), tuple(values))
+        if not entry.is_own:
+            made.law()
+            return made
+        try:
+            _admitted(made)
+        except InputError as error:
+            raise InputError(f"{path}: {error.field}", error.value, error.wanted) from None
         return made
+
+    @property
+    def entry(self) -> LawEntry:
+        """Of the registry, or of the file that was run."""
+        return _entry_at(self.name, "material") if ":" in self.name else REGISTRY[self.name]
 
     def law(self) -> Law:
         """The law."""
-        return REGISTRY[self.name].make(**{name: list(v) if isinstance(v, tuple) else v for name, v in self.values})
+        return self.entry.make(**{name: list(v) if isinstance(v, tuple) else v for name, v in self.values})
+
+    @property
+    def cautions(self) -> list[str]:
+        """Where a law of one's own is not elliptic, or has no energy, in words."""
+        return list(_admitted(self)) if self.entry.is_own else []
 
     def to_dict(self) -> dict[str, Any]:
         """As a file has it."""
-        keys = {parameter.name: parameter.key for parameter in REGISTRY[self.name].parameters}
+        keys = {parameter.name: parameter.key for parameter in self.entry.parameters}
         shown = {keys[name]: list(v) if isinstance(v, tuple) else v for name, v in self.values}
-        return {"name": self.name, **shown}
+        return {"path" if ":" in self.name else "name": self.name, **shown}
+
+    def __reduce__(self) -> tuple[Any, ...]:  # another process has to run the file too
+        return _restored, (self.name, self.values, self.entry.source)
+
+
+@dataclass(frozen=True)
+class NamedBranch:
+    """A Maxwell branch: a law by its name or place, and a viscosity (Pa s).
+
+    Parameters
+    ----------
+    named : NamedLaw
+        Of the spring, an isotropic one.
+    eta : float
+        η (Pa s); the branch relaxes in η/μ at small strain.
+
+    Examples
+    --------
+    >>> NamedBranch.read({"name": "Gent", "mu_Pa": 900.0, "jm": 0.5, "eta_Pa_s": 1800.0}).branch().tau
+    2.0
+    """
+
+    named: NamedLaw
+    eta: float
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any], path: str = "maxwell") -> NamedBranch:
+        """From a table of a file: that of a law, and `eta_Pa_s`; `InputError` for a law that cannot be a branch."""
+        if ETA.key not in data:
+            raise InputError(f"{path}.{ETA.key}", "missing", ETA.wanted)
+        named = NamedLaw.read({key: value for key, value in data.items() if key != ETA.key}, path)
+        made = cls(named, float(ETA.read(data[ETA.key], path)))  # type: ignore[arg-type]
+        try:
+            made.branch()
+        except InputError as error:
+            raise InputError(path, named.name, error.wanted) from None
+        return made
+
+    def branch(self) -> Maxwell:
+        """The branch."""
+        return Maxwell(self.named.law(), self.eta)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a file has it."""
+        return {**self.named.to_dict(), ETA.key: self.eta}
+
+
+def _restored(name: str, values: tuple[tuple[str, Number], ...], source: str) -> NamedLaw:
+    place = source.rpartition(":")[0]
+    if place and ":" in name:
+        _laws_of(place, "material.path")
+    elif place:
+        register(place)
+    return NamedLaw(name, values)
+
+
+@lru_cache(maxsize=256)
+def _admitted(named: NamedLaw) -> tuple[str, ...]:
+    """What to know of a law of one's own; `InputError` where it is not admitted."""
+    name = named.name.rpartition(":")[2]
+    try:
+        law = named.law()
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(name, f"a class that raises {_said(error)}", "one that takes these parameters") from None
+    return tuple(admission.admit(law, name))

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Document, Section, brief, entries, table, text
+from ngbrain.materials.registry import reading
 from ngbrain.mesh.shapes import Ellipsoids
 from ngbrain.scene.conditions import DisplacementBC, Gravity, Traction
 from ngbrain.scene.geometry import Geometry, MeshSize
@@ -193,6 +194,12 @@ class Scene(Document):
     def _check_unique(key: str, parts: tuple[Section, ...], name: str, values: list[str]) -> None:
         for i, part in enumerate(parts):
             part._need(values[i] not in values[:i], f"{key}#{i + 1}", name, "one that is not used before")
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> Self:
+        """From a file; paths in it are relative to its folder. It may name laws of the user's own (`registry.reading`)."""
+        with reading(path):
+            return super().from_toml(path)
 
     @classmethod
     def shipped(cls, name: str) -> Scene:

@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, named, number, path, pattern
+from ngbrain.fields import Section, converted, named, number, path, pattern
 from ngbrain.materials import CATALOGUE, Prony, RelaxingOgden, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
-from ngbrain.materials.registry import REGISTRY, NamedLaw
+from ngbrain.materials.registry import REGISTRY, NamedBranch, NamedLaw, from_folder
 from ngbrain.materials.viscous import viscous
 
 if TYPE_CHECKING:
@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 LEAST_SCALE, MOST_SCALE = 1e-6, 1e6
 NEARLY_INCOMPRESSIBLE, DENSITY = 1000.0, 1040.0
 """Of tissue of which nothing else is known: bulk over initial shear modulus, and density (kg/m³)."""
-LAWS = {"type": "object", "properties": {"name": {"enum": list(REGISTRY)}}, "required": ["name"]}
-"""JSON schema of a law by its name; its parameters are checked by the registry."""
+LAWS = {
+    "anyOf": [
+        {"type": "object", "properties": {"name": {"enum": list(REGISTRY)}}, "required": ["name"]},
+        {"type": "object", "properties": {"path": {"type": "string"}}, "required": ["path"]},
+    ]
+}
+"""JSON schema of a law by its name or place; its parameters are checked by the registry."""
 OWN = ("mu", "alpha", "eta", "tau")
 """Fields of moduli of one's own, as `RelaxingOgden` takes them."""
 
@@ -35,11 +40,15 @@ class Tissue(Section):
         A name or a regular expression.
     material
         Name in the catalogue, which `ngbrain materials` lists, or a law by its name with its parameters, such as
-        { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these.
+        { name = "Gent", mu_Pa = 900.0, jm = 0.5 }; `ngbrain materials --laws` lists these. A law of your own by its place, such
+        as { path = "my_laws.py:MyLaw", mu = 900.0 }: the file is run, and no scene beside a result.json may ask for it.
     prony_g
         Shares of that law's stress that relax (a quasi-linear Prony series).
     prony_tau
         Relaxation times (s) of these shares.
+    maxwell
+        Relaxing branches of finite viscoelasticity beside that law: the table of a law and its viscosity each, such as
+        [{ name = "Gent", mu_Pa = 400.0, jm = 0.5, eta_Pa_s = 900.0 }]; the law is isotropic, and may be another one.
     mu
         In place of `material`: shear moduli (Pa) of the equilibrium part, then of the relaxing branches.
     alpha
@@ -78,6 +87,7 @@ class Tissue(Section):
         LAWS,
         "a name in the catalogue, which `ngbrain materials` lists, or a table of a law's name and its parameters",
         suggest,
+        from_folder,
     )
     mu: tuple[float, ...] | None = number("mu_Pa", None, size=0)
     alpha: tuple[float, ...] | None = number("alpha", None, signed=True, size=0)
@@ -85,6 +95,13 @@ class Tissue(Section):
     tau: tuple[float, ...] | None = number("tau_s", None, size=0)
     prony_g: tuple[float, ...] | None = number("prony_g", None, size=0)
     prony_tau: tuple[float, ...] | None = number("prony_tau_s", None, size=0)
+    maxwell: tuple[NamedBranch, ...] | None = converted(
+        "maxwell",
+        NamedBranch.read,
+        LAWS,
+        "a table of a law, its parameters and eta_Pa_s, or a list of them",
+        from_folder,
+    )
     scale: float | None = number("scale", None)
     bulk_to_shear_ratio: float | None = number("bulk_to_shear_ratio", None)
     poissons_ratio: float | None = number("poissons_ratio", None, least=0.0)
@@ -138,12 +155,20 @@ class Tissue(Section):
 
     def _check_prony(self, path: str) -> None:
         g, tau = self.prony_g or (), self.prony_tau or ()
+        wanted = "this key only with a law that does not relax by itself: material = { name = ... }"
+        self._need(not self.maxwell or isinstance(self.material, NamedLaw), path, "maxwell", wanted)
         if not (g or tau):
             return
-        wanted = "this key only with a law that does not relax by itself: material = { name = ... }"
         self._need(isinstance(self.material, NamedLaw), path, "prony_g", wanted)
+        self._need(not self.maxwell, path, "maxwell", "this key or prony_g, not both")
         self._need(len(g) == len(tau), path, "prony_tau", f"as many values as prony_g, {len(g)}")
         self._need(sum(g) < 1, path, "prony_g", "shares that add up to less than 1")
+
+    @property
+    def _named(self) -> tuple[NamedLaw, ...]:
+        """Laws by their names, those of branches too."""
+        own = (self.material,) if isinstance(self.material, NamedLaw) else ()
+        return own + tuple(branch.named for branch in self.maxwell or ())
 
     @property
     def published(self) -> Published | None:
@@ -158,6 +183,8 @@ class Tissue(Section):
     def _law(self) -> Viscous:
         if isinstance(self.material, NamedLaw):
             law = self.material.law()
+            if self.maxwell:
+                return Viscous(law, tuple(each.branch() for each in self.maxwell))
             return Prony(law, self.prony_g, self.prony_tau) if self.prony_g and self.prony_tau else viscous(law)
         entry = self.published
         return viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
@@ -166,7 +193,7 @@ class Tissue(Section):
     def initial_modulus(self) -> float:
         """Shear modulus (Pa) of an instantaneous small strain."""
         if isinstance(self.material, NamedLaw):
-            modulus = float(shear_modulus(self.material.law()))
+            modulus = sum(float(shear_modulus(each.law())) for each in self._named)
         else:
             modulus = self.published.initial_modulus if self.published else sum(self.mu or ())
         return modulus if self.scale is None else self.scale * modulus
@@ -196,6 +223,7 @@ class Tissue(Section):
     def cautions(self) -> list[str]:
         """What to know of the constants, and what is assumed of the change of volume, in words."""
         entry, found = self.published, list[str]()
+        found += dict.fromkeys(caution for each in self._named for caution in each.cautions)
         if entry and entry.cautions:
             of = "" if entry.species == "none" else f"{entry.species} "
             found.append(f"{entry.name} ({of}{entry.region}): {'; '.join(entry.cautions)}")
@@ -218,6 +246,7 @@ class Tissue(Section):
         own |= {
             "prony_g": None,
             "prony_tau": None,
+            "maxwell": None,
             "mu": mu,
             "alpha": (alpha,) * len(mu),
             "bulk_to_shear_ratio": self.volume_ratio,

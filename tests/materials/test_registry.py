@@ -9,7 +9,7 @@ from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, solve
 from ngbrain.ladder.rungs import axes_of, cheapest
-from ngbrain.materials import Gent, Prony, lab
+from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
 from ngbrain.materials.base import Addable, positive
 from ngbrain.materials.families import shear_modulus
 from ngbrain.materials.registry import MU, REGISTRY, LawEntry, NamedLaw, Parameter
@@ -37,10 +37,21 @@ class LopezPamies(Addable):
     def __post_init__(self) -> None:
         positive(self.mu, "LopezPamies.mu")
 
+    @property
+    def initial_modulus(self):
+        return self.mu
+
     def energy(self, C):
         """W (Pa)."""
         first = C[0, 0] + C[1, 1] + C[2, 2]
         return 3 ** (1 - self.a) / (2 * self.a) * self.mu * (first**self.a - 3**self.a)
+
+
+@dataclass(frozen=True)
+class Fibres(HolzapfelGasserOgden):
+    """A law with directions, which no Maxwell branch can have."""
+
+    initial_modulus: float = 500.0
 
 
 @pytest.fixture
@@ -115,6 +126,41 @@ def test_a_prony_series_belongs_to_a_law_that_does_not_relax():
     times = np.concatenate([np.linspace(0, 2, 81), np.linspace(2, 20, 181)[1:]])
     history = lab.history(scene.tissues[0].law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
     assert found == pytest.approx(history[-1] * 6e-4, rel=5e-3)
+
+
+def test_maxwell_branches_are_of_any_isotropic_law(tmp_path, own):
+    branches = [{"name": "Demiray", "mu_Pa": 600.0, "b": 3.0, "eta_Pa_s": 1800.0}, {**own, "eta_Pa_s": 9000.0}]
+    data = bar({"name": "Gent", "mu_Pa": 500.0, "jm": 2.0}, 0.93).to_dict()
+    data["tissue"][0]["maxwell"] = branches
+    scene = Scene.from_dict(data)
+    (tmp_path / "scene.toml").write_text(scene.to_toml())
+    assert Scene.from_toml(tmp_path / "scene.toml") == scene and hash(scene)
+    tissue, springs = scene.tissues[0], (Demiray(600.0, 3.0), LopezPamies(900.0, 1.7))
+    assert tissue.law() == Viscous(Gent(500.0, 2.0), (Maxwell(springs[0], 1800.0), Maxwell(springs[1], 9000.0)))
+    assert tissue.initial_modulus == pytest.approx(2000.0) and tissue.scaled(2.0).initial_modulus == pytest.approx(
+        4000.0
+    )
+    assert tissue.with_alpha(-4.7).law().flowing[0].law == Ogden(600.0, -4.7)
+    levels = {"space": "solid", "strain": "finite", "pressure": "unknown", "time": "flowing"}
+    assert axes_of(scene)["time"].levels[-1] == "flowing"
+    found = solve(Bench(scene), cheapest(axes_of(scene)) | levels).answers[0]
+    times = np.concatenate([np.linspace(0, 2, 81), np.linspace(2, 20, 181)[1:]])
+    history = lab.history(tissue.law(), "uniaxial", times, 1 - 0.07 * np.minimum(times / 2.0, 1.0))
+    assert found == pytest.approx(history[-1] * 6e-4, rel=5e-3) and abs(history[-1]) < 0.5 * abs(history[80])
+    (branch,), fibres = branches[:1], Fibres(500.0, 2000.0, 5.0, 0.0, (1, 0, 0))
+    for more, said in (
+        ({"maxwell": [{"name": "Demiray", "mu_Pa": 600.0, "b": 3.0}]}, r"maxwell\.eta_Pa_s is missing"),
+        ({"maxwell": [branch | {"eta_Pa_s": 0}]}, r"maxwell\.eta_Pa_s is 0; wanted"),
+        ({"maxwell": [branch | {"mu": 3}]}, r"maxwell\.mu is not a known key"),
+        ({"maxwell": branch, "prony_g": 0.4, "prony_tau_s": 1.0}, "this key or prony_g, not both"),
+        ({"maxwell": branch, "material": "griffiths2024:cortex"}, "does not relax by itself"),
+        ({"maxwell": "Gent"}, "a table of a law"),
+        ({"maxwell": {"name": "Fibres", "eta_Pa_s": 1.0}}, "maxwell is Fibres; wanted: an isotropic law"),
+    ):
+        REGISTRY["Fibres"] = LawEntry(lambda: fibres, ())
+        with pytest.raises(InputError, match=said):
+            Scene.from_dict(data | {"tissue": [data["tissue"][0] | {"maxwell": None} | more]})
+        del REGISTRY["Fibres"]
 
 
 def test_a_law_of_ones_own_takes_a_class_and_a_line(own, capsys):

@@ -52,8 +52,17 @@ def ellipticity(law: Law, mode: str, stretches: ArrayLike) -> np.ndarray:
     values = test.checked(stretches)
     specimen = Specimen.of_law(law, test, values.size)
     specimen.stretch_to(values.ravel())
-    F = specimen.motion()[0]
-    return _slowest(_moduli(law, F), F).reshape(values.shape)
+    return acoustic(law, specimen.motion()[0]).reshape(values.shape)
+
+
+def acoustic(law: Law, F: np.ndarray) -> np.ndarray:
+    """The same at any deformations F (n, 3, 3) of determinant 1.
+
+    >>> from ngbrain.materials import NeoHooke
+    >>> round(float(acoustic(NeoHooke(1000.0), np.diag([2.0, 1.0, 0.5])[None])[0]), 6)
+    250.0
+    """
+    return _slowest(_moduli(law, F), F)
 
 
 def _moduli(law: Law, F: np.ndarray) -> np.ndarray:
