@@ -6,7 +6,8 @@ import tomllib
 import pytest
 
 from ngbrain.cli import main
-from ngbrain.materials import CATALOGUE, constants
+from ngbrain.materials import CATALOGUE, constants, lab
+from ngbrain.materials.viscous import viscous
 from ngbrain.scene import Tissue
 
 
@@ -56,6 +57,35 @@ def test_constants_are_shown_as_the_law_has_them(capsys):
     assert "μ = 2249.3, 4575.84 Pa, α = 4.309, 7.736" in said(capsys, "franceschini2006:brain")
     law = constants("franceschini2006:brain").law()
     assert law.mu == pytest.approx([2249.3, 4575.84], rel=1e-5) and law.alpha == [4.309, 7.736]
+
+
+@pytest.mark.parametrize(("name", "lines"), [("griffiths2024:cortex", (2, 2)), ("cortex", (11, 3)), ("skull", (1, 1))])
+def test_a_picture_of_what_is_listed(capsys, tmp_path, monkeypatch, name, lines):
+    """A line over the stretches of its data each, and a thin one of what is left where it relaxes, of the stresses of the lab."""
+    pytest.importorskip("matplotlib")
+    pages = []
+    drawn = lab.plot_published
+    monkeypatch.setattr(lab, "plot_published", lambda entries: pages.append(drawn(entries)) or pages[0])
+    file = tmp_path / "plot.png"
+    assert str(file) in said(capsys, name, "--plot", str(file)) and file.read_bytes()[:4] == b"\x89PNG"
+    tension, shear = (axes.lines[:-2] for axes in pages[0].axes)
+    assert (len(tension), len(shear)) == lines
+    entries = [CATALOGUE[name]] if name in CATALOGUE else [entry for known, entry in CATALOGUE.items() if name in known]
+    for entry in entries:
+        (line,) = [each for each in tension if each.get_label() == entry.name]
+        at, law = line.get_xdata(), viscous(entry.law())
+        assert (at[0], at[-1]) == pytest.approx(entry.stretch)
+        assert 1e3 * line.get_ydata() == pytest.approx(
+            lab.stress(law.instantaneous, "uniaxial", at), rel=1e-9, abs=1e-9
+        )
+    assert main(["materials", name, "--plot", str(file)]) == 2 and "--force" in capsys.readouterr().err
+    assert main(["materials", name, "--plot", str(tmp_path / "plot.jpg")]) == 2 and ".svg" in capsys.readouterr().err
+    assert main(["materials", name, "--plot", str(file), "--force"]) == 0
+
+
+def test_a_picture_of_everything_is_refused(capsys, tmp_path):
+    assert main(["materials", "--plot", str(tmp_path / "plot.png")]) == 2
+    assert f"NAME is of {len(CATALOGUE)} entries; wanted: a part of the names of at most 18" in capsys.readouterr().err
 
 
 def test_a_misspelt_name_is_one_line_with_the_nearest(capsys):

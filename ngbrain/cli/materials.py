@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from ngbrain.errors import InputError
-from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous
+from ngbrain.materials import CATALOGUE, Law, Maxwell, Scaled, Viscous, lab
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import relaxation_time, shear_modulus
 from ngbrain.materials.registry import REGISTRY, register
@@ -14,6 +15,9 @@ from ngbrain.materials.viscous import viscous
 from ngbrain.scene.tissues import NEARLY_INCOMPRESSIBLE
 from ngbrain.units import to_kPa
 
+PICTURES = (".png", ".pdf", ".svg")
+MOST = 18
+"""Lines that can be told apart."""
 NAMES = {"NeoHooke": "Neo-Hooke", "Polynomial": "polynomial"}
 """Class of a law → its name, where that is another."""
 SYMBOLS = {"mu": "μ", "alpha": "α", "b": "b", "jm": "J_m"}
@@ -42,13 +46,28 @@ def run(arguments: argparse.Namespace) -> None:
             register(arguments.laws)
         print(laws())
         return
-    if name in CATALOGUE:
-        print(details(CATALOGUE[name]))
-        return
     found = [entry for known, entry in CATALOGUE.items() if not name or name.casefold() in known]
     if not found:
         raise InputError("NAME", repr(name), suggest(name))
-    print(listed(found))
+    if name in CATALOGUE:
+        found = [CATALOGUE[name]]
+    if arguments.plot:
+        draw(found, arguments.plot, arguments.force)
+    print(details(found[0]) if name in CATALOGUE else listed(found))
+
+
+def draw(entries: list[Published], file: Path, replace: bool) -> None:
+    """Stress against stretch of entries, as a file; `InputError` for one that cannot be written, or is there already."""
+    if file.suffix.casefold() not in PICTURES:
+        raise InputError("--plot", str(file), f"a name that ends in {', '.join(PICTURES)}")
+    if file.exists() and not replace:
+        raise InputError("--plot", f"{file}, which is there", "--force to replace it, or another name")
+    if len(entries) > MOST:
+        raise InputError(
+            "NAME", f"of {len(entries)} entries", f"a part of the names of at most {MOST}, such as a region"
+        )
+    lab.plot_published(entries).savefig(file, dpi=150)
+    print(f"plot: {file}\n")
 
 
 def laws() -> str:

@@ -356,6 +356,13 @@ def _materials(verbs: Any) -> None:
         metavar="FILE.py",
         help="list the laws that scenes take by name, with their parameters; with those of a file of yours, which is run",
     )
+    parser.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FILE.png",
+        help="draw stress against stretch of what is listed, such as all of a region, over the stretches of the data (.pdf, .svg)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace a picture that is there")
     parser.set_defaults(quiet=False, output=None)
 
 

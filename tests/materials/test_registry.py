@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from lopez_pamies import LINE, LopezPamies
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench, solve
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
-from ngbrain.materials.base import Addable, positive
 from ngbrain.materials.families import shear_modulus
-from ngbrain.materials.registry import MU, REGISTRY, LawEntry, NamedLaw, Parameter
+from ngbrain.materials.registry import REGISTRY, LawEntry, NamedLaw
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
 GIVEN = {
@@ -28,26 +28,6 @@ HEIGHT = 0.04
 
 
 @dataclass(frozen=True)
-class LopezPamies(Addable):
-    """W = 3^(1-a)/(2a) μ (I₁^a - 3^a), which the package does not have."""
-
-    mu: float
-    a: float
-
-    def __post_init__(self) -> None:
-        positive(self.mu, "LopezPamies.mu")
-
-    @property
-    def initial_modulus(self):
-        return self.mu
-
-    def energy(self, C):
-        """W (Pa)."""
-        first = C[0, 0] + C[1, 1] + C[2, 2]
-        return 3 ** (1 - self.a) / (2 * self.a) * self.mu * (first**self.a - 3**self.a)
-
-
-@dataclass(frozen=True)
 class Fibres(HolzapfelGasserOgden):
     """A law with directions, which no Maxwell branch can have."""
 
@@ -56,7 +36,7 @@ class Fibres(HolzapfelGasserOgden):
 
 @pytest.fixture
 def own(monkeypatch):
-    monkeypatch.setitem(REGISTRY, "LopezPamies", LawEntry(LopezPamies, (MU, Parameter("a", low=0.1, high=20.0))))
+    monkeypatch.setitem(REGISTRY, *LINE)
     return {"name": "LopezPamies", "mu_Pa": 900.0, "a": 1.7}
 
 

@@ -10,9 +10,12 @@ import numpy as np
 from ngbrain.errors import InputError, require
 from ngbrain.look import STYLE, figure
 from ngbrain.materials.base import Law
+from ngbrain.materials.catalogue import Published
+from ngbrain.materials.families import instantaneous_law
 from ngbrain.materials.lab.curves import Curve
 from ngbrain.materials.lab.elastic import stress
 from ngbrain.materials.lab.modes import MODES, mode_named
+from ngbrain.materials.viscous import viscous
 
 LINES = (
     ("#0072B2", "-"), ("#D55E00", (0, (5, 1.6))), ("#009E73", (0, (6, 1.4, 1.4, 1.4))), ("#CC79A7", (0, (1.5, 1.5))),
@@ -72,3 +75,68 @@ def _panel(axes: Any, mode: str, laws: Mapping[str, Law], curves: list[tuple[Cur
     axes.set_axisbelow(True)
     axes.set_title(mode)
     axes.set_xlabel("stretch λ" if rest else "amount of shear γ")
+
+
+def plot_published(entries: Sequence[Published]) -> Any:
+    """Nominal stress (kPa) of published laws in tension, compression and shear, each over the stretches of its data.
+
+    Parameters
+    ----------
+    entries : sequence of Published
+        Of the catalogue. Of laws that relax the line is what a sudden strain meets, and a thin one of the same colour what is
+        left of it in the end.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Two panels. A shear γ counts as the stretches 1 ± γ/2, so that what was pulled or pressed alone has no line there.
+
+    Raises
+    ------
+    InputError
+        No entry, or more than lines can be told apart for.
+
+    Examples
+    --------
+    >>> from ngbrain.materials import constants
+    >>> page = plot_published([constants("budday2017:cortex"), constants("griffiths2024:cortex")])
+    >>> [axes.get_xlabel() for axes in page.axes]
+    ['stretch λ', 'amount of shear γ']
+    """
+    looks = [(colour, dash) for dash in ("-", (0, (5, 1.6)), (0, (1.5, 1.5))) for colour, _ in LINES]
+    if not 0 < len(entries) <= len(looks):
+        wanted = f"1 to {len(looks)}, so that lines can be told apart"
+        raise InputError("entries", f"{len(entries)} of them", wanted)
+    with require("matplotlib", "report").rc_context(STYLE):
+        page = figure(8.6, 3.9 + 0.2 * (len(entries) // 2))
+        panels = page.subplots(1, 2)
+        for entry, (colour, dash) in zip(entries, looks, strict=False):
+            law = viscous(entry.law())
+            shown = [(instantaneous_law(law), 1.8)] + ([(law.equilibrium, 0.9)] if law.branches else [])
+            for axes, mode in zip(panels, ("uniaxial", "shear"), strict=True):
+                low, high = entry.stretch
+                if mode == "shear":
+                    high = 2 * min(1 - low, high - 1)
+                    low = -high
+                if low == high:
+                    continue
+                at = np.linspace(low, high, SAMPLES)
+                for each, width in shown:
+                    label = entry.name if width > 1 else f"{entry.name}, in the end"
+                    axes.plot(at, stress(each, mode, at) / 1e3, color=colour, ls=dash, lw=width, label=label)
+        for axes, title, name, rest in zip(
+            panels,
+            ("tension and compression", "simple shear"),
+            ("stretch λ", "amount of shear γ"),
+            (1.0, 0.0),
+            strict=True,
+        ):
+            axes.axhline(0, color="#999999", lw=0.6, zorder=0)
+            axes.axvline(rest, color="#999999", lw=0.6, zorder=0)
+            axes.grid(color="#e8e8e8", lw=0.6)
+            axes.set_axisbelow(True)
+            axes.set_title(title)
+            axes.set_xlabel(name)
+        panels[0].set_ylabel("nominal stress (kPa)")
+        page.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    return page
