@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -23,11 +22,12 @@ from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
+from ngbrain.image.directions import read_directions
 from ngbrain.image.volume import Volume
 from ngbrain.ladder.edges import torn
 from ngbrain.ladder.levels import MeshLevel, OrderLevel, TimeLevel
 from ngbrain.ladder.local import SHARE, chosen, shares
-from ngbrain.ladder.maps import median, over, read
+from ngbrain.ladder.maps import fibres, median, over, read
 from ngbrain.ladder.pieces import CUT, Meshes, near
 from ngbrain.ladder.quantities import (
     Asked,
@@ -42,16 +42,15 @@ from ngbrain.ladder.quantities import (
 )
 from ngbrain.ladder.rungs import Model, not_in_section
 from ngbrain.ladder.waves import shaken
-from ngbrain.materials import HolzapfelGasserOgden, Viscous
+from ngbrain.materials import Viscous
 from ngbrain.materials.base import Law, Value
 from ngbrain.materials.families import elastic_law, hereditary_form, instantaneous_law, scale, stiffen
+from ngbrain.materials.fibre import Fibre
 from ngbrain.scene import DisplacementBC, Scene, Tissue
 
 Array = np.ndarray
 SMALL = 1e-4
 """Load factor at which strains are small enough to be linear to four digits."""
-FIBRES_ALONE = 1e-6
-"""Part of the modulus that Holzapfel's law keeps where its fibres are added to another one."""
 RAMP, HOLD = 6, 8
 """Steps of time in a ramp, and in a hold, which get longer."""
 CROSSING, LONGER = 12, 1.15
@@ -158,6 +157,13 @@ class Bench:
         mesh = self._meshes["whole"].at(0, plane=False)
         return median(over(self._maps[tissue.shear_modulus_map], mesh), region) / tissue.initial_modulus
 
+    def _fibre(self, tissue: Tissue, mesh: ngs.Mesh, region: str) -> Fibre:
+        """Its direction in a region of a mesh, one or a field."""
+        if tissue.fibre is not None:
+            return in_axes(tissue.fibre, mesh.dim == 2)
+        directions = read_directions(str(tissue.fibre_map), str(tissue.fibre_map_convention))
+        return fibres(directions, mesh, np.array([each.mat == region for each in mesh.Elements()]))
+
     def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
         """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
         by = along(bc.value, mesh.dim == 2)
@@ -238,13 +244,10 @@ class Bench:
         materials, weights = {}, {}
         for region in sorted(set(mesh.GetMaterials())):
             tissue, factor = self.tissue(region, model), self.factor(region, model)
-            made: Any = law(tissue.law(), factor)
-            if tissue.fibre_stiffness is not None and tissue.fibre is not None and model.get("fibres") == "all":
-                soft = FIBRES_ALONE * tissue.initial_modulus
-                made = made + HolzapfelGasserOgden(
-                    soft, tissue.fibre_stiffness, tissue.fibre_exponent, 0.0, in_axes(tissue.fibre, plane)
-                )
-            materials[region], weights[region] = Material(made, factor * tissue.bulk), tissue.rho
+            own = tissue.law()
+            if tissue.fibre_stiffness is not None and model.get("fibres") == "all":
+                own = tissue.with_fibres(own, self._fibre(tissue, mesh, region))
+            materials[region], weights[region] = Material(law(own, factor), factor * tissue.bulk), tissue.rho
         self._check_conditions(names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [

@@ -1,4 +1,4 @@
-"""Measured maps of stiffness, as fields over a body."""
+"""Measured maps of stiffness and of fibres, as fields over a body."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.forward.common.interpolation import quadrature_points
 from ngbrain.forward.observables.percentiles import weighted_percentile
-from ngbrain.image.maps import filled, read_map
+from ngbrain.image.directions import Directions, principal
+from ngbrain.image.maps import COVERED, filled, read_map
 from ngbrain.image.volume import Volume
 
 
@@ -37,6 +39,27 @@ def over(volume: Volume, mesh: ngs.Mesh) -> ngs.GridFunction:
     field = ngs.GridFunction(ngs.H1(mesh, order=1))
     field.vec.FV().NumPy()[:] = volume.at(volume.to_world(np.clip(where, 0, last)))
     return field
+
+
+def fibres(directions: Directions, mesh: ngs.Mesh, where: np.ndarray) -> ngs.CoefficientFunction:
+    """Directions over a mesh of space: of each element the principal one of the mean of its points' structure tensors.
+
+    Raises `InputError` where less than half of some elements (`where`, a mask) lies in voxels with a direction.
+    """
+    space, points = quadrature_points(mesh, 2)
+    rules = space.GetIntegrationRules()
+    element = np.repeat(np.arange(mesh.ne), [len(rules[each.type].weights) for each in mesh.Elements()])
+    covered = directions.covers(points[where[element]])
+    if covered.mean() < COVERED:
+        found = f"without a direction at {1 - covered.mean():.0%} of the tissue"
+        raise InputError("fibre_map", found, "one in the space of the body, measured over most of it")
+    tensors = np.zeros((mesh.ne, 3, 3))
+    np.add.at(tensors, element, directions.tensors(points))
+    parts = []
+    for values in principal(tensors).T:
+        parts.append(ngs.GridFunction(ngs.L2(mesh, order=0)))
+        parts[-1].vec.FV().NumPy()[:] = values
+    return ngs.CF(tuple(parts))
 
 
 def median(field: ngs.GridFunction, region: str) -> float:

@@ -260,6 +260,8 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
         if abs(vector[1]) > IN_PLANE * math.hypot(*vector):
             return f"{name} has a part along y"
     for tissue in scene.tissues:
+        if tissue.fibre_map is not None:
+            return f"the fibres of {tissue.region!r} are those of a map"
         if tissue.fibre_stiffness is not None and tissue.fibre is not None:
             x, y, z = tissue.fibre
             if min(abs(y), math.hypot(x, z)) > IN_PLANE * math.hypot(x, y, z):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Complex, Real
 from typing import Any, Protocol, TypeAlias, cast, runtime_checkable
@@ -82,6 +82,25 @@ def density(law: Law, at: Deformation) -> CoefficientFunction:
     return found
 
 
+def density_of_logs(law: Law, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+    """Energy density (Pa) of an isotropic law at three logarithmic strains that add up to 0.
+
+    A law may have `of_logs`, which says it without a search for eigenvalues; of a law made of others each part says its own.
+
+    >>> import ngsolve as ngs
+    >>> from ngbrain.materials import Ogden
+    >>> density_of_logs(Scaled(Ogden(900.0, -19.0), 0.5), [ngs.x, -ngs.x, ngs.CF(0.0)]).dim
+    1
+    """
+    own = getattr(law, "of_logs", None)
+    if own is not None:
+        return cast(CoefficientFunction, own(logs))
+    zero = ngs.CF(0.0)
+    squares = [ngs.exp(2 * log) for log in logs]
+    stretch = ngs.CF((squares[0], zero, zero, zero, squares[1], zero, zero, zero, squares[2]), dims=(3, 3))
+    return density(law, Deformation.of_stretch(stretch))
+
+
 class Addable:
     """Gives a law the `+` that makes a `Sum`."""
 
@@ -129,6 +148,11 @@ class Sum(Composite):
         first, *rest = (density(part, at) for part in self.parts)
         return sum(rest, first)
 
+    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
+        first, *rest = (density_of_logs(part, logs) for part in self.parts)
+        return sum(rest, first)
+
 
 @dataclass(frozen=True)
 class Scaled(Composite):
@@ -140,6 +164,10 @@ class Scaled(Composite):
     def density(self, at: Deformation) -> CoefficientFunction:
         """Energy density (Pa)."""
         return self.factor * density(self.law, at)
+
+    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
+        return self.factor * density_of_logs(self.law, logs)
 
 
 def checked(value: Value, name: str, fits: Callable[[float], bool], wanted: str, complex_too: bool = False) -> Value:

@@ -15,7 +15,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density
+from ngbrain.materials.base import Composite, Deformation, Law, Scaled, Sum, Value, density, density_of_logs
 from ngbrain.materials.fibre import Fung, Guccione, HolzapfelGasserOgden
 from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, Polynomial, UnsplitNeoHooke
@@ -61,6 +61,11 @@ class Piecewise(Composite):
     def density(self, at: Deformation) -> CoefficientFunction:
         """Energy density (Pa)."""
         first, *rest = (ngs.IfPos(share - 0.5, density(law, at), 0.0) for law, share in self.parts)
+        return sum(rest, first)
+
+    def of_logs(self, logs: Sequence[CoefficientFunction]) -> CoefficientFunction:
+        """The same (Pa) at logarithmic strains, see `density_of_logs`."""
+        first, *rest = (ngs.IfPos(share - 0.5, density_of_logs(law, logs), 0.0) for law, share in self.parts)
         return sum(rest, first)
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngbrain.errors import InputError
-from ngbrain.materials.base import Deformation, Law, Value, density, positive
+from ngbrain.materials.base import Law, Value, density_of_logs, positive
 from ngbrain.materials.points import EVERYWHERE, Points, initial_modulus, isotropic, number, varies
 from ngbrain.tensors import of_six, principal_values, six
 
@@ -77,11 +77,7 @@ class Maxwell:
         """W, ∂W (2 entries) and ∂²W (11, 12, 22) at elastic strains given by their two coordinates (see `PLANE`)."""
         first, second = ((1.0 * strain[i]).MakeVariable() for i in range(2))
         logs = [float(PLANE[0, i]) * first + float(PLANE[1, i]) * second for i in range(3)]
-        zero = ngs.CF(0.0)
-        squares = [ngs.exp(2 * log) for log in logs]
-        stretch = ngs.CF((squares[0], zero, zero, zero, squares[1], zero, zero, zero, squares[2]), dims=(3, 3))
-        of_logs = getattr(self.law, "of_logs", None)
-        W = of_logs(logs) if of_logs else density(self.law, Deformation.of_stretch(stretch))
+        W = density_of_logs(self.law, logs)
         by = W.Diff(first), W.Diff(second)
         return ngs.CF((W, *by, by[0].Diff(first), by[0].Diff(second), by[1].Diff(second))).Compile()
 

@@ -6,10 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, converted, named, number, path, pattern
-from ngbrain.materials import CATALOGUE, Prony, RelaxingOgden, Viscous
+from ngbrain.fields import Section, choice, converted, named, number, path, pattern
+from ngbrain.image.directions import CONVENTIONS
+from ngbrain.materials import CATALOGUE, HolzapfelGasserOgden, Prony, RelaxingOgden, Viscous
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
+from ngbrain.materials.fibre import Fibre
 from ngbrain.materials.registry import REGISTRY, NamedBranch, NamedLaw, from_folder
 from ngbrain.materials.viscous import viscous
 
@@ -26,6 +28,8 @@ LAWS = {
     ]
 }
 """JSON schema of a law by its name or place; its parameters are checked by the registry."""
+FIBRES_ALONE = 1e-6
+"""Part of the modulus that Holzapfel's law keeps where its fibres are added to another one."""
 OWN = ("mu", "alpha", "eta", "tau")
 """Fields of moduli of one's own, as `RelaxingOgden` takes them."""
 
@@ -74,6 +78,12 @@ class Tissue(Section):
         k₂ of the fibres: how fast their stiffness grows with strain.
     fibre
         Direction of the fibres.
+    fibre_map
+        Path of a NIfTI file of directions in the body's own axes, in place of one direction: vectors (x, y, z, 3), or tensors of
+        diffusion (x, y, z, 6) or (x, y, z, 3, 3), of which the principal direction counts; 0 where none is known.
+    fibre_map_convention
+        Along which axes its components are. fsl: the voxels' own, the first reversed where the affine keeps handedness, tensors
+        xx xy xz yy yz zz; mrtrix: the scanner's, tensors xx yy zz xy xz yz; nifti: the scanner's, tensors xx xy yy xz yz zz.
     shear_modulus_map
         Path of a NIfTI volume of shear moduli (Pa) of instantaneous small strain, in the body's own axes (mm): all moduli and
         viscosities are in proportion to it, and only their ratios are taken from the above.
@@ -110,6 +120,8 @@ class Tissue(Section):
     fibre_stiffness: float | None = number("fibre_stiffness_Pa", None)
     fibre_exponent: float = number("fibre_exponent", 1.0)
     fibre: tuple[float, float, float] | None = number("fibre", None, signed=True, size=3)
+    fibre_map: str | None = path("fibre_map", None, "the path of a volume (.nii, .nii.gz)", (".nii", ".nii.gz"))
+    fibre_map_convention: str | None = choice("fibre_map_convention", None, tuple(CONVENTIONS))
     shear_modulus_map: str | None = path(
         "shear_modulus_map", None, "the path of a volume (.nii, .nii.gz)", (".nii", ".nii.gz")
     )
@@ -128,14 +140,22 @@ class Tissue(Section):
         self._need(not given, path, "poissons_ratio", "this key or bulk_to_shear_ratio, not both")
         self._need(self.poissons_ratio is None or self.poissons_ratio < 0.5, path, "poissons_ratio", "less than 0.5")
         self._need(1e-3 <= self.volume_ratio <= 1e9, path, "bulk_to_shear_ratio", "a ratio of 0.001 to 1e9")
-        wanted = "a direction to go with fibre_stiffness_Pa, and only with it"
-        self._need((self.fibre_stiffness is None) == (self.fibre is None), path, "fibre", wanted)
+        wanted = "a direction to go with fibre_stiffness_Pa, and only with it, or fibre_map"
+        directed = self.fibre is not None or self.fibre_map is not None
+        self._need((self.fibre_stiffness is None) != directed, path, "fibre", wanted)
+        self._need(self.fibre is None or self.fibre_map is None, path, "fibre_map", "this key or fibre, not both")
+        wanted = (
+            f"{', '.join(CONVENTIONS)}: along which axes components are"
+            if self.fibre_map
+            else "this key only with a map"
+        )
+        self._need(
+            (self.fibre_map is None) == (self.fibre_map_convention is None), path, "fibre_map_convention", wanted
+        )
         self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
         if scene.cleft is not None:
-            for name in ("fibre_stiffness", "shear_modulus_map"):
-                self._need(
-                    getattr(self, name) is None, path, name, "this key left out: an operation does not have it yet"
-                )
+            wanted = "this key left out: an operation has geometry.stiffness_map"
+            self._need(self.shear_modulus_map is None, path, "shear_modulus_map", wanted)
 
     def _check_moduli(self, path: str) -> None:
         mu, alpha, eta, tau = (getattr(self, name) or () for name in OWN)
@@ -188,6 +208,13 @@ class Tissue(Section):
             return Prony(law, self.prony_g, self.prony_tau) if self.prony_g and self.prony_tau else viscous(law)
         entry = self.published
         return viscous(entry.law()) if entry else RelaxingOgden(*(getattr(self, name) or () for name in OWN))
+
+    def with_fibres(self, law: Viscous, fibre: Fibre) -> Viscous:
+        """This tissue's law with its fibres beside what stays of it, along a direction or a field of them."""
+        if self.fibre_stiffness is None:
+            return law
+        soft, stiffness = FIBRES_ALONE * self.initial_modulus, self.fibre_stiffness * (self.scale or 1.0)
+        return law + HolzapfelGasserOgden(soft, stiffness, self.fibre_exponent, 0.0, fibre)
 
     @property
     def initial_modulus(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ngbrain.adjoint.time_curve import TimeCurve
 from ngbrain.scene import Patient
+from ngbrain.surgery.heads import FIBRES
 from ngbrain.surgery.injury import dose
 from ngbrain.surgery.model import TISSUE, Model
 from ngbrain.surgery.perfusion import perfusion
@@ -95,7 +96,9 @@ def left_out(made: Model, runs: Runs) -> list[str]:
     """What the model leaves out, in words; blades of given force go as they went in their runs."""
     rubs = made.scene.tool.friction > 0
     said = [text for text in LEFT_OUT if not (rubs and "friction" in text)]
-    return [_inertia(made, runs), *said, made.head.left_out]
+    has_fibres = any(tissue.fibre_stiffness for tissue in made.scene.tissues)
+    of_head = made.head.left_out.replace(FIBRES, "") if has_fibres else made.head.left_out
+    return [_inertia(made, runs), *said, of_head]
 
 
 def _inertia(made: Model, runs: Runs) -> str:

@@ -39,6 +39,8 @@ from ngbrain.mesh.outline import Outlines, outlines
 from ngbrain.scene import Geometry, Scene
 from ngbrain.scene.operation import Openable
 
+FIBRES = "fibres, and "
+"""What is left out unless a tissue has some."""
 PART = "."
 """Between a region's name and the number of a part of it."""
 
@@ -99,7 +101,7 @@ class Scanned:
     stiffness: Volume | None = None
     left_out = (
         "pia, dura, vessels and the sulci of the cortex: sulcal fluid inside the hull takes grey matter's law; "
-        "fibres, and differences between parts of grey and of white matter"
+        f"{FIBRES}differences between parts of grey and of white matter"
     )
 
     def __post_init__(self) -> None:

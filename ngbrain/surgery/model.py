@@ -18,6 +18,8 @@ from ngbrain.forward.solid.advance import newton_for
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
+from ngbrain.image.directions import read_directions
+from ngbrain.ladder.maps import fibres
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import by_family, law_after, stiffen
@@ -74,8 +76,10 @@ FOCUS = 28e-3
 TISSUE = "^(?!ventricle).*"
 """Regions that strain and volumes are counted over: all but the ventricles."""
 
-Laws = Callable[[Tissue], Law | Viscous]
-"""A tissue's law, as it is or as a question needs it."""
+Laws = Callable[[Tissue, Viscous], Law | Viscous]
+"""From a tissue and its law, with its fibres, to the law as a question needs it."""
+SOME_FIBRE = (1.0, 0.0, 0.0)
+"""Where a direction does not count."""
 
 
 @dataclass
@@ -111,18 +115,19 @@ class Model:
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
         for region, shares in mixtures.items():
             where = present(self.mesh, region, shares)
-            groups = by_family({name: tissues[name].law() for name in shares})
+            laws = {name: tissues[name].with_fibres(tissues[name].law(), SOME_FIBRE) for name in shares}
+            groups = by_family(laws)
             if len(groups) > 1:
                 masks = [np.any([where[name] for name in group], axis=0) for group in groups]
                 self.mesh = divide(self.mesh, region, masks)
 
     def materials(self, order: int | None = None) -> dict[str, Material]:
         """Region of the mesh → law of shape and bulk modulus, for a body of some order (the scene's)."""
-        return self._materials(Tissue.law, order)
+        return self._materials(lambda _, law: law, order)
 
     def elastic(self, seconds: float, order: int | None = None) -> dict[str, Material]:
         """The same with the elastic tissues that one step of `seconds` from rest amounts to at small strain."""
-        return self._materials(lambda tissue: law_after(tissue.law(), seconds), order)
+        return self._materials(lambda _, law: law_after(law, seconds), order)
 
     def scaled(self, factors: Mapping[str, Value]) -> dict[str, Material]:
         """The same with moduli and viscosities of some tissues (their `region`) times a factor: stiffer, as quick to relax.
@@ -132,7 +137,7 @@ class Model:
         known = [tissue.region for tissue in self.scene.tissues]
         if unknown := [name for name in factors if name not in known]:
             raise InputError("tissue", repr(unknown[0]), nearest(unknown[0], known))
-        return self._materials(lambda tissue: stiffen(tissue.law(), factors.get(tissue.region, 1.0)))
+        return self._materials(lambda tissue, law: stiffen(law, factors.get(tissue.region, 1.0)))
 
     def _materials(self, law: Laws, order: int | None = None) -> dict[str, Material]:
         order = order or self.scene.mesh.order
@@ -143,11 +148,18 @@ class Model:
             ratio = relative.fields(volume, self.mesh, _counted(mixtures), order - 1)
         materials = {}
         for region, shares in mixtures.items():
-            found = [name for name, where in present(self.mesh, region, shares).items() if where.any()]
-            laws = {name: law(tissues[name]) for name in found}
+            found = {name: where for name, where in present(self.mesh, region, shares).items() if where.any()}
+            laws = {name: law(tissues[name], self._with_fibres(tissues[name], where)) for name, where in found.items()}
             laws |= {name: stiffen(viscous(laws[name]), ratio[name]) for name in found if name in ratio}
             materials[region] = _mixed([(tissues[name], laws[name], shares[name]) for name in found])
         return materials
+
+    def _with_fibres(self, tissue: Tissue, where: np.ndarray) -> Viscous:
+        """A tissue's law with its fibres in some elements (a mask)."""
+        if tissue.fibre_map is None:
+            return tissue.with_fibres(tissue.law(), tissue.fibre or SOME_FIBRE)
+        directions = read_directions(tissue.fibre_map, str(tissue.fibre_map_convention))
+        return tissue.with_fibres(tissue.law(), fibres(directions, self.mesh, where))
 
     def stiffness_map(self) -> dict[str, dict[str, float]]:
         """What the head's measured map of moduli does to each tissue (`relative.summary`); nothing where there is none."""

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from ngbrain import ladder
+from ngbrain.image.niftifile import write_nifti
+from ngbrain.image.volume import Volume
 from ngbrain.ladder.bodies import Bench, _times, solve
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.ladder.waves import modulus
@@ -90,6 +92,32 @@ def test_the_modulus_of_waves_is_that_of_the_law(name):
     omega, stuff = 2 * np.pi * np.array([0.1, 50.0]), Tissue(material=name)
     wanted = fourier(constants(name).law())(omega) * np.ones(2)
     assert [modulus(stuff, float(w), True) for w in omega] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_fibres_of_a_map_are_those_of_one_direction(tmp_path):
+    """Along a bar and across it; a map has no section."""
+    pytest.importorskip("nibabel")
+    place = np.diag([2e-3, 2e-3, 2e-3, 1.0])
+    place[:3, 3] = -0.02, -0.02, -0.005
+    found = {}
+    for name, along in (("along", (0, 0, 1)), ("across", (1, 0, 0))):
+        write_nifti(tmp_path / f"{name}.nii.gz", Volume(np.tile(np.array(along, float), (21, 21, 26, 1)), place))
+        a_map = {"fibre_map": str(tmp_path / f"{name}.nii.gz"), "fibre_map_convention": "nifti"}
+        for kind, way in (("one", {"fibre": along}), ("map", a_map)):
+            tissue = Tissue(material="budday2017:cortex", poissons_ratio=KEPT, fibre_stiffness=3e3, **way)
+            scene = stretched("budday2017:cortex", 1.08, tissues=(tissue,))
+            model = model_of(scene, strain="finite", pressure="unknown", fibres="all")
+            found[name, kind] = solve(Bench(scene), model).answers[0]
+            assert "space" not in axes_of(scene) or kind == "one" or axes_of(scene)["space"].levels == ("solid",)
+    # k₁ E exp(k₂ E²) 2λ of nominal stress beside the law's, E = λ² - 1
+    E = 1.08**2 - 1
+    wanted = (
+        float(lab.stress(constants("budday2017:cortex").law(), "uniaxial", 1.08)) + 3e3 * E * np.exp(E * E) * 2 * 1.08
+    )
+    assert found["along", "one"] == pytest.approx(wanted * AREA, rel=1e-3)
+    for name in ("along", "across"):
+        assert found[name, "map"] == pytest.approx(found[name, "one"], rel=1e-9)
+    assert found["across", "one"] < 0.5 * found["along", "one"]
 
 
 def test_hereditary_tissue_has_no_richer_memory():

@@ -29,6 +29,7 @@ from ngbrain.materials import (
     density,
     mix,
 )
+from ngbrain.materials.base import density_of_logs
 from ngbrain.materials.families import (
     FAMILIES,
     Piecewise,
@@ -105,6 +106,19 @@ def test_a_sum_of_laws_is_as_few_energies(laws, count):
     one = merge(laws)
     assert energy(one) == pytest.approx(sum(energy(law) for law in laws), rel=1e-12)
     assert len(getattr(one, "parts", [one])) == count
+
+
+def test_laws_made_of_others_say_their_energy_at_logarithmic_strains():
+    """As at the tensor of these, and by Ogden's own formula where there is a part of his: no search for eigenvalues."""
+    logs = [ngs.CF(0.03), ngs.CF(-0.05), ngs.CF(0.02)]
+    C = ngs.CF(tuple(np.diag(np.exp(2 * np.array([0.03, -0.05, 0.02]))).ravel()), dims=(3, 3))
+    ogden, gent = Ogden(900.0, -19.0), Gent(500.0, 1.0)
+    for law in (ogden, gent, Scaled(ogden, 0.3), ogden + gent, Piecewise(((ogden, LEFT), (gent, 1 - LEFT)))):
+        found, wanted = density_of_logs(law, logs)(PLACES), density(law, Deformation.of_stretch(C))(PLACES)
+        assert found == pytest.approx(wanted, rel=1e-6)
+        assert (np.ptp(found) > 0) == isinstance(law, Piecewise)
+        assert "acos" not in str(density_of_logs(law, logs))
+    assert "acos" in str(density(ogden, Deformation.of_stretch(C)))
 
 
 def test_stiffer_tissue_relaxes_as_quickly():

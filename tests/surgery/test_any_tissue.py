@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from ngsolve.comp import IntegrationRuleSpace
 
+from ngbrain.errors import InputError
 from ngbrain.forward.solid.problem import Problem
+from ngbrain.image.niftifile import write_nifti
+from ngbrain.image.volume import Volume
 from ngbrain.materials import CATALOGUE, Demiray, NeoHooke, Ogden, constants
 from ngbrain.materials.families import Piecewise, law_after, shear_modulus
 from ngbrain.mesh import block
@@ -118,6 +121,52 @@ def test_elements_have_the_laws_of_the_tissues_in_them():
     assert whole.materials().keys() == {"tissue"}
     alike = model_of(scene_of("budday2017:cortex:neohooke:tension"), border=0.4, cells=4)
     assert alike.materials().keys() == {"tissue"}
+
+
+def fibres_of(tmp_path, along, size=1e-3):
+    """A map of one direction over the block, of signs drawn anew in each voxel, in FSL's axes of a left-handed picture."""
+    count = round(1.5 * SIZE / size)
+    place = np.diag([-size, size, size, 1.0])
+    place[:3, 3] = 0.75 * SIZE, -0.75 * SIZE, -0.25 * SIZE
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (count, count, count, 1))
+    write_nifti(tmp_path / "v1.nii.gz", Volume(signs * np.array(along) * [-1, 1, 1], place))
+    return {"fibre_map": str(tmp_path / "v1.nii.gz"), "fibre_map_convention": "fsl"}
+
+
+def test_fibres_of_an_operation_are_those_of_one_direction_or_of_a_map(tmp_path):
+    """White matter beside grey of its own family, which has none: k₁ E² a² at most is what they add, where they are pulled."""
+    pytest.importorskip("nibabel")
+    forces, along = {}, (0.6, 0.0, 0.8)
+    ways = {
+        "none": {},
+        "one": {"fibre": along},
+        "map": fibres_of(tmp_path, along),
+        "turned": {"fibre": (0.8, 0.0, -0.6)},
+    }
+    for name, way in ways.items():
+        more = {"fibre_stiffness": 2000.0, **way} if way else {}
+        scene = scene_of("griffiths2024:cortex")
+        scene = replace(scene, tissues=(scene.tissues[0], replace(scene.tissues[1], **more)))
+        made = model_of(scene, border=0.4, cells=4)
+        body = Problem(made.mesh, made.materials(), {"bottom": 0}, element=f"P{ORDER}/P{ORDER - 1}", history=True)
+        assert set(made.materials()) == ({"tissue", "tissue.1", "tissue.2"} if way else {"tissue"})
+        body.u.Set(0.05 * ngs.CF((ngs.x, -ngs.y / 2, ngs.z)))
+        body.begin(0.5)
+        forces[name] = body.residual(body.x)[0]
+    size = np.abs(forces["one"]).max()
+    assert forces["map"] == pytest.approx(forces["one"], abs=1e-6 * size)
+    assert min(np.abs(forces["one"] - forces[other]).max() for other in ("none", "turned")) > 1e-2 * size
+    with pytest.raises(InputError, match=r"tissue#2\.fibre_map_convention is missing; wanted: fsl, mrtrix, nifti"):
+        scene_with(scene, {"fibre_stiffness": 1e3, "fibre_map": "v1.nii"})
+    with pytest.raises(InputError, match="this key or fibre, not both"):
+        scene_with(scene, {"fibre_stiffness": 1e3, "fibre": along, **ways["map"]})
+    with pytest.raises(InputError, match=r"fibre_map is missing|fibre is missing"):
+        scene_with(scene, {"fibre_stiffness": 1e3})
+
+
+def scene_with(scene, more):
+    white = Tissue(region="white", material="griffiths2024:white_matter", **more)
+    return replace(scene, tissues=(scene.tissues[0], white))
 
 
 def test_a_law_without_energy_counts_only_where_its_tissue_is():
