@@ -19,19 +19,16 @@ import importlib.util
 import inspect
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from ngbrain.errors import InputError, nearest
-from ngbrain.materials import admission
 from ngbrain.materials.base import Law
-from ngbrain.materials.flow import Maxwell
 from ngbrain.materials.isotropic import Demiray, Gent, MooneyRivlin, NeoHooke, Ogden, UnsplitNeoHooke, Yeoh
 
 Number = float | tuple[float, ...]
@@ -106,8 +103,6 @@ class LawEntry:
         return (inspect.getdoc(self.make) or "").partition("\n")[0]
 
 
-ETA = Parameter("eta", "Pa_s", 1e-6, 1e12)
-"""Of a branch, whatever its law is."""
 MU = Parameter("mu", "Pa", 1e-3, 1e9)
 REGISTRY: dict[str, LawEntry] = {
     "NeoHooke": LawEntry(NeoHooke, (MU,)),
@@ -180,7 +175,7 @@ def register(where: str | Path) -> list[str]:
     place = _place(str(where))
     if place.split(".")[0] == "ngbrain":
         raise InputError("--laws", f"{str(where)!r}, which is the package's own", "laws of your own")
-    found = _laws_of(place, "--laws")
+    found = laws_of(place, "--laws")
     if not found:
         raise InputError("--laws", f"{where}, without a law", "a file with a class that has `energy(C)`")
     for name, entry in found.items():
@@ -195,7 +190,7 @@ def _place(where: str) -> str:
     return str(Path(where).resolve()) if where.endswith(".py") else where
 
 
-def _laws_of(place: str, path: str) -> dict[str, LawEntry]:
+def laws_of(place: str, path: str) -> dict[str, LawEntry]:
     """The laws of a file or module, which is run once."""
     if place not in _loaded:
         before = dict(REGISTRY)
@@ -234,7 +229,7 @@ def _run(place: str, path: str) -> ModuleType:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise InputError(path, f"{place}, which ends in {_said(error)}", "a file that can be run") from None
+        raise InputError(path, f"{place}, which ends in {in_words(error)}", "a file that can be run") from None
 
 
 def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
@@ -252,11 +247,12 @@ def _arguments(make: type, path: str) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _said(error: BaseException) -> str:
+def in_words(error: BaseException) -> str:
+    """What went wrong in code of a user's, in a line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def _entry_at(source: str, path: str) -> LawEntry:
+def entry_at(source: str, path: str) -> LawEntry:
     """A user's own law by its place; `InputError` unless that was run already, or the file that names it may have it run."""
     where, _, name = source.rpartition(":")
     if not where or not name.isidentifier():
@@ -265,7 +261,7 @@ def _entry_at(source: str, path: str) -> LawEntry:
     if place not in _loaded and (why := _given.get()):
         wanted = "no code to be run: give the file by --laws (in Python: ngbrain.materials.registry.register), or move the scene"
         raise InputError(f"{path}.path", f"{source!r}, in {why}", wanted)
-    laws = _laws_of(place, f"{path}.path")
+    laws = laws_of(place, f"{path}.path")
     if name not in laws and not place.endswith(".py"):  # a class that the module has from elsewhere
         made = getattr(sys.modules[place], name, None)
         if isinstance(made, type) and callable(getattr(made, "energy", None)):
@@ -273,157 +269,3 @@ def _entry_at(source: str, path: str) -> LawEntry:
     if name not in laws:
         raise InputError(f"{path}.path", repr(source), f"a class with `energy(C)` in it, {nearest(name, list(laws))}")
     return laws[name]
-
-
-def from_folder(material: Any, folder: Path) -> Any:
-    """A material, or a list of them, as a file in a folder has it, with the path of its law as it is from here."""
-    if isinstance(material, list):
-        return [from_folder(each, folder) for each in material]
-    source = material.get("path") if isinstance(material, dict) else None
-    where = source.rpartition(":")[0] if isinstance(source, str) else ""
-    return {**material, "path": str(folder / str(source))} if where.endswith(".py") else material
-
-
-@dataclass(frozen=True)
-class NamedLaw:
-    """A law by its name in the registry, or by its place, with its parameters' values (SI).
-
-    Parameters
-    ----------
-    name : str
-        One of `REGISTRY`, or FILE.py:CLASS, package.module:CLASS.
-    values : tuple of (str, number or tuple)
-        The parameters given, in the order of the registry.
-
-    Examples
-    --------
-    >>> NamedLaw.read({"name": "Gent", "mu_Pa": 900.0, "jm": 0.5}).law()
-    Gent(mu=900.0, jm=0.5)
-    """
-
-    name: str
-    values: tuple[tuple[str, Number], ...]
-
-    @classmethod
-    def read(cls, data: Mapping[str, Any], path: str = "material") -> NamedLaw:
-        """From a table of a file: `name`, or the `path` of a law of one's own, and its parameters with the unit in the key.
-
-        Raises `InputError` for a name that is none, a file that may not be run, a parameter that is missing, unknown or out of its
-        bounds, for values that the law itself refuses, and for a law of one's own that is not admitted.
-        """
-        name, source = data.get("name"), data.get("path")
-        if source is not None and name is not None:
-            raise InputError(f"{path}.path", repr(source), "this key or name, not both")
-        if source is not None:
-            entry = _entry_at(str(source), path)
-            name = entry.source
-        elif not isinstance(name, str) or name not in REGISTRY:
-            found = "missing" if name is None else repr(name)
-            raise InputError(f"{path}.name", found, nearest(str(name or ""), list(REGISTRY)))
-        else:
-            entry = REGISTRY[name]
-        known = {parameter.key: parameter for parameter in entry.parameters}
-        if unknown := [key for key in data if key not in ("name", "path") and key not in known]:
-            raise InputError(f"{path}.{unknown[0]}", "not a known key", nearest(unknown[0], list(known)))
-        values = []
-        for key, parameter in known.items():
-            if key in data:
-                values.append((parameter.name, parameter.read(data[key], path)))
-            elif parameter.default is None:
-                raise InputError(f"{path}.{key}", "missing", parameter.wanted)
-        made = cls(str(name), tuple(values))
-        if not entry.is_own:
-            made.law()
-            return made
-        try:
-            _admitted(made)
-        except InputError as error:
-            raise InputError(f"{path}: {error.field}", error.value, error.wanted) from None
-        return made
-
-    @property
-    def entry(self) -> LawEntry:
-        """Of the registry, or of the file that was run."""
-        return _entry_at(self.name, "material") if ":" in self.name else REGISTRY[self.name]
-
-    def law(self) -> Law:
-        """The law."""
-        return self.entry.make(**{name: list(v) if isinstance(v, tuple) else v for name, v in self.values})
-
-    @property
-    def cautions(self) -> list[str]:
-        """Where a law of one's own is not elliptic, or has no energy, in words."""
-        return list(_admitted(self)) if self.entry.is_own else []
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a file has it."""
-        keys = {parameter.name: parameter.key for parameter in self.entry.parameters}
-        shown = {keys[name]: list(v) if isinstance(v, tuple) else v for name, v in self.values}
-        return {"path" if ":" in self.name else "name": self.name, **shown}
-
-    def __reduce__(self) -> tuple[Any, ...]:  # another process has to run the file too
-        return _restored, (self.name, self.values, self.entry.source)
-
-
-@dataclass(frozen=True)
-class NamedBranch:
-    """A Maxwell branch: a law by its name or place, and a viscosity (Pa s).
-
-    Parameters
-    ----------
-    named : NamedLaw
-        Of the spring, an isotropic one.
-    eta : float
-        η (Pa s); the branch relaxes in η/μ at small strain.
-
-    Examples
-    --------
-    >>> NamedBranch.read({"name": "Gent", "mu_Pa": 900.0, "jm": 0.5, "eta_Pa_s": 1800.0}).branch().tau
-    2.0
-    """
-
-    named: NamedLaw
-    eta: float
-
-    @classmethod
-    def read(cls, data: Mapping[str, Any], path: str = "maxwell") -> NamedBranch:
-        """From a table of a file: that of a law, and `eta_Pa_s`; `InputError` for a law that cannot be a branch."""
-        if ETA.key not in data:
-            raise InputError(f"{path}.{ETA.key}", "missing", ETA.wanted)
-        named = NamedLaw.read({key: value for key, value in data.items() if key != ETA.key}, path)
-        made = cls(named, float(ETA.read(data[ETA.key], path)))  # type: ignore[arg-type]
-        try:
-            made.branch()
-        except InputError as error:
-            raise InputError(path, named.name, error.wanted) from None
-        return made
-
-    def branch(self) -> Maxwell:
-        """The branch."""
-        return Maxwell(self.named.law(), self.eta)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As a file has it."""
-        return {**self.named.to_dict(), ETA.key: self.eta}
-
-
-def _restored(name: str, values: tuple[tuple[str, Number], ...], source: str) -> NamedLaw:
-    place = source.rpartition(":")[0]
-    if place and ":" in name:
-        _laws_of(place, "material.path")
-    elif place:
-        register(place)
-    return NamedLaw(name, values)
-
-
-@lru_cache(maxsize=256)
-def _admitted(named: NamedLaw) -> tuple[str, ...]:
-    """What to know of a law of one's own; `InputError` where it is not admitted."""
-    name = named.name.rpartition(":")[2]
-    try:
-        law = named.law()
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(name, f"a class that raises {_said(error)}", "one that takes these parameters") from None
-    return tuple(admission.admit(law, name))

@@ -12,7 +12,8 @@ from ngbrain.materials import CATALOGUE, HolzapfelGasserOgden, Prony, RelaxingOg
 from ngbrain.materials.catalogue import Published, suggest
 from ngbrain.materials.families import is_neo_hooke, shear_modulus, stiffen
 from ngbrain.materials.fibre import Fibre
-from ngbrain.materials.registry import REGISTRY, NamedBranch, NamedLaw, from_folder
+from ngbrain.materials.named import NamedBranch, NamedLaw, from_folder
+from ngbrain.materials.registry import REGISTRY
 from ngbrain.materials.viscous import viscous
 
 if TYPE_CHECKING:

@@ -12,9 +12,10 @@ import pytest
 
 from ngbrain.cli import main
 from ngbrain.errors import InputError
-from ngbrain.materials import HolzapfelGasserOgden, registry
+from ngbrain.materials import HolzapfelGasserOgden, named, registry
 from ngbrain.materials.admission import admit
-from ngbrain.materials.registry import REGISTRY, NamedLaw
+from ngbrain.materials.named import NamedLaw
+from ngbrain.materials.registry import REGISTRY
 from ngbrain.scene import Scene
 
 FILE = '''
@@ -64,7 +65,7 @@ BY_PATH, BY_NAME = 'path = "laws/mine.py:Quartic", mu_Pa = 900.0', 'name = "Quar
 def unknown(monkeypatch):
     """What a test registers or runs is forgotten."""
     monkeypatch.setattr(registry, "_loaded", {})
-    registry._admitted.cache_clear()
+    named._admitted.cache_clear()
     before = dict(REGISTRY)
     yield
     REGISTRY.clear()

@@ -12,7 +12,8 @@ from ngbrain.ladder.bodies import Bench, solve
 from ngbrain.ladder.rungs import axes_of, cheapest
 from ngbrain.materials import Demiray, Gent, HolzapfelGasserOgden, Maxwell, Ogden, Prony, Viscous, lab
 from ngbrain.materials.families import shear_modulus
-from ngbrain.materials.registry import REGISTRY, LawEntry, NamedLaw
+from ngbrain.materials.named import NamedLaw
+from ngbrain.materials.registry import REGISTRY, LawEntry
 from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Quantity, Scene, Time, Tissue
 
 GIVEN = {

@@ -1,0 +1,172 @@
+"""A law as a scene has it: by its name in the registry or by its place, with the values of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ngbrain.errors import InputError, nearest
+from ngbrain.materials import admission
+from ngbrain.materials.base import Law
+from ngbrain.materials.flow import Maxwell
+from ngbrain.materials.registry import REGISTRY, LawEntry, Number, Parameter, entry_at, in_words, laws_of, register
+
+ETA = Parameter("eta", "Pa_s", 1e-6, 1e12)
+"""Of a branch, whatever its law is."""
+
+
+def from_folder(material: Any, folder: Path) -> Any:
+    """A material, or a list of them, as a file in a folder has it, with the path of its law as it is from here."""
+    if isinstance(material, list):
+        return [from_folder(each, folder) for each in material]
+    source = material.get("path") if isinstance(material, dict) else None
+    where = source.rpartition(":")[0] if isinstance(source, str) else ""
+    return {**material, "path": str(folder / str(source))} if where.endswith(".py") else material
+
+
+@dataclass(frozen=True)
+class NamedLaw:
+    """A law by its name in the registry, or by its place, with its parameters' values (SI).
+
+    Parameters
+    ----------
+    name : str
+        One of `REGISTRY`, or FILE.py:CLASS, package.module:CLASS.
+    values : tuple of (str, number or tuple)
+        The parameters given, in the order of the registry.
+
+    Examples
+    --------
+    >>> NamedLaw.read({"name": "Gent", "mu_Pa": 900.0, "jm": 0.5}).law()
+    Gent(mu=900.0, jm=0.5)
+    """
+
+    name: str
+    values: tuple[tuple[str, Number], ...]
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any], path: str = "material") -> NamedLaw:
+        """From a table of a file: `name`, or the `path` of a law of one's own, and its parameters with the unit in the key.
+
+        Raises `InputError` for a name that is none, a file that may not be run, a parameter that is missing, unknown or out of its
+        bounds, for values that the law itself refuses, and for a law of one's own that is not admitted.
+        """
+        name, source = data.get("name"), data.get("path")
+        if source is not None and name is not None:
+            raise InputError(f"{path}.path", repr(source), "this key or name, not both")
+        if source is not None:
+            entry = entry_at(str(source), path)
+            name = entry.source
+        elif not isinstance(name, str) or name not in REGISTRY:
+            found = "missing" if name is None else repr(name)
+            raise InputError(f"{path}.name", found, nearest(str(name or ""), list(REGISTRY)))
+        else:
+            entry = REGISTRY[name]
+        known = {parameter.key: parameter for parameter in entry.parameters}
+        if unknown := [key for key in data if key not in ("name", "path") and key not in known]:
+            raise InputError(f"{path}.{unknown[0]}", "not a known key", nearest(unknown[0], list(known)))
+        values = []
+        for key, parameter in known.items():
+            if key in data:
+                values.append((parameter.name, parameter.read(data[key], path)))
+            elif parameter.default is None:
+                raise InputError(f"{path}.{key}", "missing", parameter.wanted)
+        made = cls(str(name), tuple(values))
+        if not entry.is_own:
+            made.law()
+            return made
+        try:
+            _admitted(made)
+        except InputError as error:
+            raise InputError(f"{path}: {error.field}", error.value, error.wanted) from None
+        return made
+
+    @property
+    def entry(self) -> LawEntry:
+        """Of the registry, or of the file that was run."""
+        return entry_at(self.name, "material") if ":" in self.name else REGISTRY[self.name]
+
+    def law(self) -> Law:
+        """The law."""
+        return self.entry.make(**{name: list(v) if isinstance(v, tuple) else v for name, v in self.values})
+
+    @property
+    def cautions(self) -> list[str]:
+        """Where a law of one's own is not elliptic, or has no energy, in words."""
+        return list(_admitted(self)) if self.entry.is_own else []
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a file has it."""
+        keys = {parameter.name: parameter.key for parameter in self.entry.parameters}
+        shown = {keys[name]: list(v) if isinstance(v, tuple) else v for name, v in self.values}
+        return {"path" if ":" in self.name else "name": self.name, **shown}
+
+    def __reduce__(self) -> tuple[Any, ...]:  # another process has to run the file too
+        return _restored, (self.name, self.values, self.entry.source)
+
+
+@dataclass(frozen=True)
+class NamedBranch:
+    """A Maxwell branch: a law by its name or place, and a viscosity (Pa s).
+
+    Parameters
+    ----------
+    named : NamedLaw
+        Of the spring, an isotropic one.
+    eta : float
+        η (Pa s); the branch relaxes in η/μ at small strain.
+
+    Examples
+    --------
+    >>> NamedBranch.read({"name": "Gent", "mu_Pa": 900.0, "jm": 0.5, "eta_Pa_s": 1800.0}).branch().tau
+    2.0
+    """
+
+    named: NamedLaw
+    eta: float
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any], path: str = "maxwell") -> NamedBranch:
+        """From a table of a file: that of a law, and `eta_Pa_s`; `InputError` for a law that cannot be a branch."""
+        if ETA.key not in data:
+            raise InputError(f"{path}.{ETA.key}", "missing", ETA.wanted)
+        named = NamedLaw.read({key: value for key, value in data.items() if key != ETA.key}, path)
+        made = cls(named, float(ETA.read(data[ETA.key], path)))  # type: ignore[arg-type]
+        try:
+            made.branch()
+        except InputError as error:
+            raise InputError(path, named.name, error.wanted) from None
+        return made
+
+    def branch(self) -> Maxwell:
+        """The branch."""
+        return Maxwell(self.named.law(), self.eta)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a file has it."""
+        return {**self.named.to_dict(), ETA.key: self.eta}
+
+
+def _restored(name: str, values: tuple[tuple[str, Number], ...], source: str) -> NamedLaw:
+    place = source.rpartition(":")[0]
+    if place and ":" in name:
+        laws_of(place, "material.path")
+    elif place:
+        register(place)
+    return NamedLaw(name, values)
+
+
+@lru_cache(maxsize=256)
+def _admitted(named: NamedLaw) -> tuple[str, ...]:
+    """What to know of a law of one's own; `InputError` where it is not admitted."""
+    name = named.name.rpartition(":")[2]
+    try:
+        law = named.law()
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(name, f"a class that raises {in_words(error)}", "one that takes these parameters") from None
+    return tuple(admission.admit(law, name))
