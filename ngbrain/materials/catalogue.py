@@ -34,6 +34,9 @@ class Published:
     caution      what a scene's result says where it is used
     bulk         bulk modulus K (Pa), where the source has one
     poisson      Poisson's ratio, where the source has one
+    preconditioned   whether samples were loaded before they were measured, which softens them
+    pace         of an elastic law, what it is the law of: a sudden strain, a slow one, or one so slow that fluid has drained;
+                 laws that relax are of any pace
     """
 
     material: Law | Viscous
@@ -52,6 +55,8 @@ class Published:
     caution: str = ""
     bulk: float | None = None
     poisson: float | None = None
+    preconditioned: bool = False
+    pace: Literal["sudden", "slow", "drained"] = "slow"
 
     def law(self) -> Law | Viscous:
         """The material, ready for a solver."""
@@ -176,6 +181,7 @@ def _budday() -> list[Published]:
             protocol=f"{samples}: compression, tension and simple shear to 0.2",
             stretch=(0.9, 1.1),
             evidence="refit",
+            preconditioned=True,
             note="one fit to the averaged curves of all three modes, each scaled by its peak",
         )
         for region, (mu, alpha) in _BUDDAY_REFITS.items()
@@ -196,6 +202,7 @@ def _budday() -> list[Published]:
                         protocol=f"{samples}: {mode}",
                         stretch=stretch,
                         evidence="transcription",
+                        preconditioned=True,
                         note=f"fits {mode} alone",
                         caution=locks,
                     )
@@ -247,6 +254,7 @@ def _soft() -> list[Published]:
             stretch=(0.7, 1.0),
             evidence="transcription",
             note="incompressible; DOI and range recalled",
+            pace="sudden",
             caution="the law of a sudden strain alone; c₁₀ < 0: not stable in every deformation",
         ),
         Published(
@@ -263,6 +271,7 @@ def _soft() -> list[Published]:
             evidence="transcription",
             convention="W = Σ μ/α (Σ λ^α - 3) with μ = 1044, 1183 Pa, α = 4.309, 7.736; initial shear modulus Σ μα/2",
             note="the range is a cautious guess, DOI recalled",
+            pace="drained",
             caution="the drained skeleton, without the fluid that bears fast loads",
         ),
         Published(

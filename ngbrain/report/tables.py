@@ -282,7 +282,7 @@ def band(given: Mapping[str, Any], status: Mapping[str, str]) -> list[tuple[str,
     ]
     moduli = given.get("published_moduli_Pa") or {}
     for name, value in sorted((given.get("peak_pressure_by_modulus_mmHg") or {}).items(), key=lambda item: item[1]):
-        rows.append((f"as stiff as {name.split(':')[0]}", f"{number(moduli.get(name))} Pa", value))
+        rows.append((f"as stiff as {name}", f"{number(moduli.get(name))} Pa", value))
     return rows
 
 

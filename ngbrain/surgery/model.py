@@ -184,6 +184,10 @@ class Model:
             raise InputError("tissue", f"not given for {', '.join(bare)}", "a tissue for every region of the head")
         return found
 
+    def tissue(self, name: str) -> Tissue:
+        """The scene's for one of the names that tissue is counted by."""
+        return next(tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, name))
+
     def parts(self, order: int | None = None) -> dict[str, Part]:
         """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
         mixtures = self.head.mixtures(self.mesh, order or self.scene.mesh.order)

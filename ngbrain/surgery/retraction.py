@@ -167,7 +167,7 @@ def _of_checks(
 ) -> dict[str, Any]:
     """The part that grows with them."""
     scene = model.scene
-    factors = [modulus / band.modulus_near_site(model, runs) for modulus in band.published_moduli().values()]
+    factors = band.near_site(model, runs).factors.values()
     errors = worth.errors(worth.hold(scene, found, checked), checked, factors, scene.patient)
     driven = {p.name: runs[p.name] for p in scene.protocols if p.kind != "force"}  # whose way the moduli do not change
     return {

@@ -118,6 +118,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "beyond_fit_ml": 6.31,
             "modulus_near_site_Pa": 1500.0,
             "published_moduli_Pa": {"somebody1999:brain": 750.0},
+            "published_rule": ["published for white matter", "recalled numbers are left out"],
+            "published_left_out": {"nobody2000:brain": "recalled"},
+            "published_mean_factor": 0.5,
+            "published_sd_factor": 1.4,
+            "tissue_near_site": "white",
             "peak_pressure_by_modulus_mmHg": {"somebody1999:brain": 73.02},
             "peak_pressure_range_mmHg": [60.0, 146.04],
             "discretisation_error_mmHg": {"half the time step": 7.3, "one order more": None},
@@ -304,7 +309,9 @@ def test_the_page_has_every_protocol_and_the_numbers(page: str) -> None:
     assert "continuous 21.5 mmHg 16 min at least as harmful as 20 mmHg (1 of 6 rats) intermittent none 16 min" in text
     assert "counted in rats, an even pressure for 15 minutes" in text and "infarcts in 1 of 6 at 20 mmHg," in text
     assert not re.search(r"probability (of|at)|\d to \d+(\.\d)? %", text)  # six rats at 20 mmHg decide nothing
-    assert "as stiff as somebody1999 750 Pa 73.0" in text
+    assert "as stiff as somebody1999:brain 750 Pa 73.0" in text
+    assert "stand here: published for white matter; recalled numbers are left out." in text
+    assert "0.50 times as stiff as the scene's" in text and "Left out: nobody2000:brain (recalled)." in text
     assert (
         "In all 60.0 to 146 mmHg. Beside that, the numerics: half the time step moves the peak as given by 7.3 mmHg."
         in text
