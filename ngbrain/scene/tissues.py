@@ -155,8 +155,8 @@ class Tissue(Section):
         )
         self._need(self.fibre is None or any(self.fibre), path, "fibre", "a direction: not all 0")
         if scene.cleft is not None:
-            wanted = "this key left out: an operation has geometry.stiffness_map"
-            self._need(self.shear_modulus_map is None, path, "shear_modulus_map", wanted)
+            both = self.shear_modulus_map is not None and scene.geometry.stiffness_map is not None
+            self._need(not both, path, "shear_modulus_map", "this key or geometry.stiffness_map, not both")
 
     def _check_moduli(self, path: str) -> None:
         mu, alpha, eta, tau = (getattr(self, name) or () for name in OWN)

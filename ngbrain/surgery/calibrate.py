@@ -118,6 +118,10 @@ class Retracted:
         if np.any(outside := ~inside(model.mesh, landmarks)):
             raise InputError("landmarks", f"{np.sum(outside)} outside of the mesh", "points in the head's tissue")
         names = tissues or [tissue.region for tissue in scene.tissues]
+        if mapped := [tissue.region for tissue in scene.tissues if tissue.shear_modulus_map and tissue.region in names]:
+            raise InputError(
+                "tissues", f"{mapped[0]}, which has a shear_modulus_map", "tissues whose level is not measured already"
+            )
         self.factors = {name: ngs.Parameter(1.0) for name in names}
         run = model.run(program, materials=model.scaled(self.factors))
         self.landmarks, self.times, self.protocol = landmarks, times, protocol

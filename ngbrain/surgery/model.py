@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import ngsolve as ngs
 import numpy as np
@@ -19,6 +20,8 @@ from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.transient.step_control import Control, ErrorControl
 from ngbrain.forward.transient.time_stepper import TimeStepper
 from ngbrain.image.directions import read_directions
+from ngbrain.image.maps import read_map
+from ngbrain.image.volume import Volume
 from ngbrain.ladder.maps import fibres
 from ngbrain.materials import Law, Viscous, mix
 from ngbrain.materials.base import Value
@@ -31,6 +34,7 @@ from ngbrain.scene import Scene, Tissue
 from ngbrain.surgery import relative
 from ngbrain.surgery.heads import Head, divide, head_of, present
 from ngbrain.surgery.protocols import Force, Protocol, continuous, intermittent, staged
+from ngbrain.surgery.relative import Mixtures
 from ngbrain.surgery.sampling import UNKNOWN, Part
 from ngbrain.surgery.tools import WALLS, RigidTool, tools_of
 from ngbrain.units import gf
@@ -143,9 +147,9 @@ class Model:
         order = order or self.scene.mesh.order
         mixtures = self.head.mixtures(self.mesh, order)
         tissues = self._tissues([name for shares in mixtures.values() for name in shares])
-        volume, ratio = self.head.stiffness, dict[str, ngs.GridFunction]()
-        if volume is not None:
-            ratio = relative.fields(volume, self.mesh, _counted(mixtures), order - 1)
+        ratio = dict[str, ngs.GridFunction]()
+        for volume, mapped in self._maps(mixtures):
+            ratio |= relative.fields(volume, self.mesh, mapped, order - 1)
         materials = {}
         for region, shares in mixtures.items():
             found = {name: where for name, where in present(self.mesh, region, shares).items() if where.any()}
@@ -162,17 +166,39 @@ class Model:
         return tissue.with_fibres(tissue.law(), fibres(directions, self.mesh, where))
 
     def stiffness_map(self) -> dict[str, dict[str, float]]:
-        """What the head's measured map of moduli does to each tissue (`relative.summary`); nothing where there is none."""
-        if self.head.stiffness is None:
-            return {}
-        order = self.scene.mesh.order
-        mixtures = _counted(self.head.mixtures(self.mesh, order))
-        return relative.summary(self.head.stiffness, self.mesh, mixtures, order - 1)
+        """What measured maps of moduli do to each tissue (`relative.summary`); nothing where there are none."""
+        order, found = self.scene.mesh.order, dict[str, dict[str, float]]()
+        for volume, mixtures in self._maps(self.head.mixtures(self.mesh, order)):
+            found |= relative.summary(volume, self.mesh, mixtures, order - 1)
+        return found
+
+    def _maps(self, mixtures: Mixtures) -> Iterator[tuple[Volume, Mixtures]]:
+        """Maps of moduli, the head's and those of single tissues, with the tissues that each is of."""
+        if self.head.stiffness is not None:
+            yield self.head.stiffness, _counted(mixtures)
+        for tissue in self.scene.tissues:
+            if tissue.shear_modulus_map is not None:
+                yield _read_moduli(tissue.shear_modulus_map), _of(tissue, mixtures)
+
+    @cached_property
+    def tissues(self) -> tuple[Tissue, ...]:
+        """The scene's; one with a map of moduli is as stiff as the mean of the map over it."""
+        if not any(tissue.shear_modulus_map for tissue in self.scene.tissues):
+            return self.scene.tissues
+        order, found = self.scene.mesh.order, []
+        mixtures = self.head.mixtures(self.mesh, order)
+        for tissue in self.scene.tissues:
+            mine = _of(tissue, mixtures)
+            if tissue.shear_modulus_map is not None and mine:
+                mean = relative.mean(_read_moduli(tissue.shear_modulus_map), self.mesh, mine, order - 1)
+                tissue = tissue.scaled(mean / tissue.initial_modulus)
+            found.append(tissue)
+        return tuple(found)
 
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
         """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
         found: dict[str, Tissue] = {}
-        for tissue in self.scene.tissues:
+        for tissue in self.tissues:
             mine = [name for name in names if re.fullmatch(tissue.region, name)]
             if not mine:
                 raise InputError("tissue region", repr(tissue.region), nearest(tissue.region, set(names)))
@@ -186,7 +212,7 @@ class Model:
 
     def tissue(self, name: str) -> Tissue:
         """The scene's for one of the names that tissue is counted by."""
-        return next(tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, name))
+        return next(tissue for tissue in self.tissues if re.fullmatch(tissue.region, name))
 
     def parts(self, order: int | None = None) -> dict[str, Part]:
         """Name → tissue that strain, stress and volumes are counted over, for a body of some order (the scene's)."""
@@ -214,7 +240,7 @@ class Model:
         """
         scene, opening = self.scene, self.scene.tool.travel
         drive = protocol.drive(opening) if isinstance(protocol, Force) else protocol.drive()
-        stiffest = max(tissue.initial_modulus for tissue in scene.tissues)
+        stiffest = max(tissue.initial_modulus for tissue in self.tissues)
         hard, soft = PENALTY * stiffest / opening, SOFTNESS * opening
         contacts = [
             Contact(wall, blade.distance(drive.parameter / len(self.blades)), hard, soft, MADE_UP, way=drive.parameter)
@@ -305,7 +331,20 @@ def _carried(blade: RigidTool, sharing: int) -> Moves:
     return lambda x, way: blade.moves(x, way / sharing)
 
 
-def _counted(mixtures: dict[str, dict[str, Value]]) -> dict[str, dict[str, Value]]:
+def _of(tissue: Tissue, mixtures: Mixtures) -> dict[str, dict[str, Value]]:
+    """A tissue's own share of the regions that it is in."""
+    found = {
+        region: {name: share for name, share in shares.items() if re.fullmatch(tissue.region, name)}
+        for region, shares in mixtures.items()
+    }
+    return {region: shares for region, shares in found.items() if shares}
+
+
+def _read_moduli(path: str) -> Volume:
+    return read_map(path, "shear moduli (Pa)")
+
+
+def _counted(mixtures: Mixtures) -> dict[str, Mapping[str, Value]]:
     """Without the ventricles."""
     return {region: shares for region, shares in mixtures.items() if re.fullmatch(TISSUE, region)}
 

@@ -32,10 +32,17 @@ def fields(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> di
     return {name: quadrature_field(space, ratio) for name, (ratio, *_) in _over(volume, mesh, mixtures, order).items()}
 
 
+def mean(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> float:
+    """The map's mean over the volume of all tissues that are given."""
+    over = _over(volume, mesh, mixtures, order).values()
+    amounts = [(values @ weight, weight.sum()) for _, weight, _, values in over]
+    return float(sum(amount for amount, _ in amounts) / sum(size for _, size in amounts))
+
+
 def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> dict[str, dict[str, float]]:
     """Tissue → 5th and 95th percentile of the ratio over its volume, and the share of its volume that was not measured."""
     found = {}
-    for name, (ratio, weight, known) in _over(volume, mesh, mixtures, order).items():
+    for name, (ratio, weight, known, _) in _over(volume, mesh, mixtures, order).items():
         order_of = np.argsort(ratio)
         share = np.cumsum(weight[order_of]) / weight.sum()
         p5, p95 = (float(ratio[order_of][np.searchsorted(share, each)]) for each in (0.05, 0.95))
@@ -45,8 +52,8 @@ def summary(volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int) -> d
 
 def _over(
     volume: Volume, mesh: ngs.Mesh, mixtures: Mixtures, order: int
-) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Tissue → ratio, volume (m³) and whether it was measured, of every quadrature point; volume is 0 outside of the tissue."""
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Tissue → ratio, volume (m³), 0 outside of it, whether it was measured, and value of every quadrature point."""
     space, points = quadrature_points(mesh, order)
     one = ngs.GridFunction(space)
     amount = ngs.LinearForm(space)  # its entries are the points' volumes
@@ -65,7 +72,7 @@ def _over(
         known[counted] = measured(volume, points[counted])
     values = sampled(volume, points)
     return {
-        name: (values / (values @ weight / weight.sum()), weight, known)
+        name: (values / (values @ weight / weight.sum()), weight, known, values)
         for name, weight in weights.items()
         if weight.any()
     }

@@ -160,6 +160,8 @@ def test_like_constants_are_named_and_the_others_left_out_for_a_reason():
     assert comparable("x", bovine, 0.1).left_out["laksari2012:brain"] == "of compression alone"
     small = comparable("cortex", Tissue(region="cortex", material="bennion2022:brain"), 10.0)
     assert "budday2017:cortex" in small.moduli and "griffiths2024:white_matter" not in {*small.moduli, *small.left_out}
+    hard = comparable("x", Tissue(region="x", material="mcelhaney1970:skull"), 10.0)
+    assert not hard.moduli and hard.left_out["griffiths2024:cortex"] == "measured to 10 % strain"
     far = comparable("grey", Tissue(region="grey", material="franceschini2006:brain"), 10.0)
     assert far.moduli and comparable("grey", Tissue(region="grey", mu=500.0), 10.0).moduli.keys() == far.moduli.keys()
 

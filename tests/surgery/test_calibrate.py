@@ -148,3 +148,10 @@ def test_operations_that_cannot_be_differentiated_are_refused(model, landmarks):
         calibrate(model, data, spread=1.0)
     with pytest.raises(InputError, match="factors above 0"):
         calibrate(model, data, start={"white": 0.0})
+
+
+def test_a_tissue_with_a_map_of_moduli_is_not_looked_for(model, landmarks):
+    first, *others = model.scene.tissues
+    mapped = replace(model.scene, tissues=(replace(first, shear_modulus_map="mu.nii"), *others))
+    with pytest.raises(InputError, match=f"tissues is {first.region}, which has a shear_modulus_map"):
+        Retracted(replace(model, scene=mapped), landmarks, TIMES, [first.region])

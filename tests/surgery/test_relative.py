@@ -77,6 +77,30 @@ def test_each_tissue_keeps_its_mean_and_varies_as_the_map_does():
     assert not model_of(None).stiffness_map()
 
 
+def test_a_map_of_moduli_is_that_of_a_tissue_itself(tmp_path):
+    """White matter has the moduli of its map, grey matter those of the scene; plausible or not is judged by the mean."""
+    write_nifti(tmp_path / "mu.nii.gz", stiffening(jump=1.0))
+    made = model_of(None)
+    grey, white = made.scene.tissues
+    mapped = replace(white, shear_modulus_map=str(tmp_path / "mu.nii.gz"))
+    model = replace(made, scene=replace(made.scene, tissues=(grey, mapped)))
+    found, x = moduli(model)
+    here = x[:, 0] < BORDER * SIDE
+    assert found[here] == pytest.approx(2500 * (1 + x[here, 2] / SIDE), rel=1e-6)
+    assert set(found[~here]) == {MODULI["grey"]}
+    assert (
+        model.parts()["white"].modulus == pytest.approx(2500 * 1.5, rel=1e-3) and model.tissue("white").mu == white.mu
+    )
+    assert model.scaled({"white": 2.0}).keys() == {"bar"} and model.stiffness_map().keys() == {"white"}
+    assert model.tissues[1].initial_modulus == model.parts()["white"].modulus and model.scene.tissues[1].scale is None
+    head = Geometry(kind="mni152", stiffness_map=str(tmp_path / "mu.nii.gz"))
+    scanned = replace(Scene.shipped("demo"), geometry=head)
+    with pytest.raises(
+        InputError, match=r"tissue#1\.shear_modulus_map is .*; wanted: this key or geometry.stiffness_map"
+    ):
+        replace(scanned, tissues=(replace(scanned.tissues[0], shear_modulus_map="mu.nii.gz"), *scanned.tissues[1:]))
+
+
 def test_the_mean_over_a_tissue_is_one():
     model = model_of(stiffening())
     order = model.scene.mesh.order
