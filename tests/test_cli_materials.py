@@ -20,7 +20,8 @@ def test_the_list_has_a_line_for_each_entry(capsys):
     heading, *lines = said(capsys).splitlines()
     assert heading.split("  ")[0] == "name" and len(lines) == len(CATALOGUE) + 3
     for line, entry in zip(lines, CATALOGUE.values(), strict=False):
-        name, law, tissue, modulus, left, doi = re.split(r"\s{2,}", line)
+        name, law, tissue, modulus, left, stretch, doi = re.split(r"\s{2,}", line)
+        assert tuple(map(float, stretch.split(" to "))) == pytest.approx(entry.stretch, rel=1e-5)
         assert (name, doi) == (entry.name, entry.doi) and law and tissue
         assert 1e3 * float(modulus) == pytest.approx(entry.initial_modulus, rel=5e-3)
         assert (left != "-") == entry.name.startswith(("griffiths", "miller"))

@@ -81,13 +81,15 @@ def laws() -> str:
 
 
 def listed(entries: list[Published]) -> str:
-    """A line each: name, law, tissue, shear modulus at once and in the end, source."""
-    rows = [("name", "law", "tissue", "μ₀ kPa", "μ∞ kPa", "DOI")]
+    """A line each: name, law, tissue, shear modulus at once and in the end, stretches of the data, source."""
+    rows = [("name", "law", "tissue", "μ₀ kPa", "μ∞ kPa", "stretch", "DOI")]
     for entry in entries:
         law = viscous(entry.law())
         left = _kPa(shear_modulus(law.equilibrium)) if law.branches else "-"
-        rows.append((entry.name, described(law), tissue(entry), _kPa(entry.initial_modulus), left, entry.doi))
-    widths = [max(len(row[i]) for row in rows) for i in range(5)]
+        least, most = entry.stretch
+        data = f"{least:g} to {most:g}"
+        rows.append((entry.name, described(law), tissue(entry), _kPa(entry.initial_modulus), left, data, entry.doi))
+    widths = [max(len(row[i]) for row in rows) for i in range(6)]
     lines = ["  ".join(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True)) for row in rows]
     return "\n".join(
         [
