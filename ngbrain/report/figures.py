@@ -151,8 +151,10 @@ def strain_slice(peak: State, scale: StrainScale) -> bytes:
         box = (-30, 1e3 * centre - 30)
         whole.add_patch(patches.Rectangle(box, 60, 60, fill=False, ec="#333333", lw=0.8, ls=(0, (4, 3)), zorder=9))
         plane.name_regions(whole)
-        x = 1e3 * peak.blades[0].across(peak.cleft.depth + 9e-3)
-        _say(near, peak.tool, (x, 1e3 * (peak.cleft.depth + 9e-3)), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
+        blade = peak.blades[0]
+        height = min(peak.cleft.depth + 9e-3, blade.top)
+        x = 1e3 * blade.across(height)
+        _say(near, peak.tool, (x, 1e3 * height), (x - 12, 1e3 * (peak.cleft.depth + 11e-3)))
         window = 1e3 * peak.craniotomy / 2
         _say(
             near,

@@ -57,8 +57,13 @@ class Drawn:
     @property
     def handle(self) -> Floats:
         """A point (m) near its upper end."""
-        height = float(self.tool.bounds(self.advance)[1][2]) - 0.1 * HANDLE
-        return self.cleft.target + height * self.cleft.out + self.across(height) * self.cleft.across
+        return self.cleft.target + self.top * self.cleft.out + self.across(self.top) * self.cleft.across
+
+    @property
+    def top(self) -> float:
+        """Its height (m), above the cleft's floor."""
+        low, high = (float(end[2]) for end in self.tool.bounds(self.advance))
+        return high - 0.1 * min(HANDLE, high - low)
 
     def profile(self) -> Floats:
         """Cut through its middle: (across, height) in m, (k, 2)."""
