@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,12 +65,13 @@ def named() -> dict[str, Case]:
         )
 
     ball = Geometry(kind="block", size=(0.06, 0.06, 0.04), lesion_centre=(0.0, 0.0, 0.02), lesion_radius=0.008)
-    soft, stiff = Tissue(poissons_ratio=0.49, mu=(1000.0,)), Tissue(poissons_ratio=0.49, region="lesion", mu=(5000.0,))
+    soft = Tissue(poissons_ratio=0.49, region="tissue", mu=(1000.0,))
+    stiff = Tissue(poissons_ratio=0.49, region="lesion", mu=(5000.0,))
     pressed_top = (FOOT, DisplacementBC(boundary="top", value=(0, 0, -0.002)))
     bar = Geometry(kind="block", size=(0.02, 0.02, 0.06))
     shaken = Geometry(kind="block", size=(0.06, 0.03, 0.06), lesion_radius=0.008, lesion_centre=(0, 0, 0.03))
     lossy = (
-        Tissue(poissons_ratio=0.49, mu=(3000.0,), loss_tangent=0.3),
+        Tissue(poissons_ratio=0.49, region="tissue", mu=(3000.0,), loss_tangent=0.3),
         Tissue(poissons_ratio=0.49, region="lesion", mu=(9000.0,), loss_tangent=0.3),
     )
     centre = Quantity(name="displacement", point=(0, 0, 0.03), direction=(1, 0, 0))
@@ -244,6 +245,7 @@ def drawn(seed: int) -> Case:
         )
         if lesion:
             modulus = float(tissue.initial_modulus * random.choice([0.3, 4.0]))
+            tissues[0] = replace(tissues[0], region="tissue")
             tissues.append(Tissue(poissons_ratio=0.49, region="lesion", mu=(modulus,)))
         given, quantity = (
             (FOOT, DisplacementBC(boundary="plate", value=(0, 0, -far))),

@@ -27,6 +27,7 @@ from typing import Any, ClassVar, Self
 
 from ngbrain.errors import InputError, nearest
 from ngbrain.expressions import WANTED, is_pattern
+from ngbrain.formulas import Formula
 from ngbrain.reading import read_text
 
 UNITS = {
@@ -39,6 +40,7 @@ UNITS = {
     "s": (1, "time in s"),
     "mmHg": (1, "pressure in mmHg"),
     "gf": (1, "force in gf"),
+    "deg": (1, "angle in degrees"),
 }
 """End of a key → how many of the unit are one SI unit (whole: then SI → unit → SI settles at once), and in words.
 
@@ -79,7 +81,7 @@ class Entry:
             values = [self.convert(value, path) for value in values]
         if self.table:
             values = [self.table.read(v, path if self.size else f"{path}#{i}") for i, v in enumerate(values, 1)]
-        values = [v / self.per_si if self.per_si else v for v in values]
+        values = [v / self.per_si if self.per_si and not isinstance(v, Formula) else v for v in values]
         return values[0] if self.size == 1 else tuple(values)
 
     def show(self, value: Any) -> Any:
@@ -87,6 +89,8 @@ class Entry:
         value = value.tolist() if hasattr(value, "tolist") else value
         if isinstance(value, (list, tuple)):
             return [self.show(item) for item in value]
+        if isinstance(value, Formula):
+            return value.text
         if isinstance(value, Section) or (self.convert and hasattr(value, "to_dict")):
             return value.to_dict()
         if not self.per_si or not _is_number(value):
@@ -109,6 +113,26 @@ def number(key: str, default: Any = MISSING, least: float | None = None, signed:
 
     bound = {} if signed else {"exclusiveMinimum": 0} if least is None else {"minimum": least}
     return _field(Entry(key, wanted, accept, per_si, size, kind={"type": "number", **bound}), default)
+
+
+def formula(key: str, default: Any, names: tuple[str, ...], about: str, size: int = 1) -> Any:
+    """A number in the key's unit, or a formula of some variables that gives one; `about` says in words of which."""
+    per_si, noun = next((value for unit, value in UNITS.items() if key.endswith(f"_{unit}")), (1, "number"))
+    wanted = f"a {noun}, or a formula of {about} for it" + ("" if size == 1 else f", in each of {size} places")
+
+    def convert(raw: Any, path: str) -> Any:
+        if not isinstance(raw, str):
+            return raw
+        try:
+            return Formula(raw.strip(), names)
+        except InputError as error:
+            raise InputError(path, brief(raw), error.wanted) from None
+
+    def accept(raw: Any) -> bool:
+        return _is_number(raw) or (isinstance(raw, str) and raw.isprintable() and raw.strip() != "")
+
+    kind = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+    return _field(Entry(key, wanted, accept, per_si, size, convert=convert, kind=kind), default)
 
 
 def whole(key: str, default: Any, low: int, high: int) -> Any:

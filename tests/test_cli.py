@@ -55,7 +55,11 @@ def no_run(monkeypatch):
             ["displacement_bc#1.boundary", "skull|wall.*", "wall_plus"],
         ),
         ('region = "white"', 'region = "whit"', ["whit", "white"]),
-        ('region = "white"', 'region = ".*e.*"', ["tissue region", ".*e.*", "cortex"]),
+        (
+            'region = "white"',
+            'region = ".*e.*"',
+            ["tissue#2.region", ".*e.*", "without cortex, which tissue#1 ('cortex') has"],
+        ),
         ('region = "white"', 'region = "[[:white:]]"', ["tissue region", "[[:white:]]", "'white'"]),
     ],
 )

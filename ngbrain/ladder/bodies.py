@@ -9,13 +9,15 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
 from ngbrain.forward.common.dirichlet import Support
-from ngbrain.forward.common.loads import Load, RigidFace, Traction, Weight
+from ngbrain.forward.common.loads import Load, Pressure, RigidFace, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.rigid_motions import check_held
 from ngbrain.forward.solid.inertia import Inertia
@@ -24,6 +26,8 @@ from ngbrain.forward.statics.load_path import LoadPath
 from ngbrain.forward.transient.time_stepper import run_load_history
 from ngbrain.image.directions import read_directions
 from ngbrain.image.volume import Volume
+from ngbrain.ladder import courses
+from ngbrain.ladder.courses import Course
 from ngbrain.ladder.edges import torn
 from ngbrain.ladder.levels import MeshLevel, OrderLevel, TimeLevel
 from ngbrain.ladder.local import SHARE, chosen, shares
@@ -74,6 +78,7 @@ class Bench:
         self._meshes = {"whole": Meshes(scene.geometry, size)} | ({"near": Meshes(part, size)} if part else {})
         self._cut = dict[tuple[str, bool, int], ngs.Mesh]()
         self._maps = dict[str, Volume]()
+        self._courses = WeakKeyDictionary[Problem, Course]()
 
     def mesh(self, model: Model) -> ngs.Mesh:
         """The model's mesh. Raises `InputError` for the section of a scene that does not lie in it."""
@@ -139,9 +144,13 @@ class Bench:
         found = [tissue for tissue in self.scene.tissues if re.fullmatch(tissue.region, region)]
         if not found:
             raise InputError("tissue", f"none for region {region!r}", "one whose region matches it")
+        if len(found) > 1:
+            one, other = (self.scene.tissues.index(each) + 1 for each in found[:2])
+            what = f"{found[1].region!r}, which has region {region!r} as tissue#{one} ({found[0].region!r}) does"
+            raise InputError(f"tissue#{other}.region", what, "patterns of which one matches a region")
         if model.get("tissue") == "one":
             return self.tissue(self.largest, {})
-        return found[-1]
+        return found[0]
 
     def factor(self, region: str, model: Model) -> Value:
         """What the moduli of a region's tissue are multiplied by: its map over them, or the map's median over the region."""
@@ -166,15 +175,13 @@ class Bench:
 
     def _face(self, mesh: ngs.Mesh, bc: DisplacementBC) -> RigidFace:
         """What pushes a boundary. Raises `InputError` where it would have to push from within the body."""
-        by = along(bc.value, mesh.dim == 2)
+        by = along(tuple(float(each) for each in bc.value), mesh.dim == 2)  # type: ignore[arg-type]
         area, outward = (
             ngs.Integrate(value * ngs.ds(bc.boundary), mesh)
             for value in (ngs.CF(1), ngs.InnerProduct(ngs.CF(by), ngs.specialcf.normal(mesh.dim)))
         )
         if outward > -0.1 * area * math.hypot(*by):
-            raise InputError(
-                "displacement_bc.value_mm", [1e3 * each for each in bc.value], "into the body, of a frictionless face"
-            )
+            raise InputError("displacement_bc.value_mm", bc.shown("value"), "into the body, of a frictionless face")
         modulus = self.factor(self.largest, {}) * self.tissue(self.largest, {}).initial_modulus
         return RigidFace(bc.boundary, by, float(FIRM * modulus / area ** (1 / (mesh.dim - 1))))
 
@@ -187,11 +194,21 @@ class Bench:
 
     def static(self, model: Model, t: float) -> Problem:
         """The elastic body that stands for the model at time t: with moduli as they are then, where its time relaxes."""
-        return Problem(*self._parts(model, self._law(model, t)), element=form_of(model))
+        return self._driven(model, t, lambda part: (part * t, part))
 
     def relaxing(self, model: Model, t: float) -> Problem:
         """The body with its memory or its mass, with moduli as they are at t where it has no memory but its time relaxes."""
-        return Problem(*self._parts(model, self._law(model, t)), element=form_of(model))
+        return self._driven(model, t, lambda moment: (moment, min(moment / self.scene.time.ramp, 1.0)))
+
+    def course(self, body: Problem) -> Course:
+        """What is prescribed of one of its bodies, from moment to moment; of those at rest, of times in proportion to the load."""
+        return self._courses[body]
+
+    def _driven(self, model: Model, t: float, moment: Callable[[float], tuple[float, float]]) -> Problem:
+        course = Course(moment, model.get("space") == "plane")
+        body = Problem(*self._parts(model, self._law(model, t), course), element=form_of(model))
+        self._courses[body] = course
+        return course.drive(body)
 
     def _law(self, model: Model, t: float) -> Callable[[Viscous, Value], Law | Viscous]:
         """From a tissue's law and what its moduli are multiplied by to that of the model."""
@@ -222,12 +239,9 @@ class Bench:
         return time.ramp if when == "ramp" else time.end
 
     def _check_conditions(self, names: set[str]) -> None:
-        """Refuse displacements beyond the body, and two of them for one component of one boundary."""
+        """Refuse courses that make no sense, and two conditions for one component of one boundary."""
+        courses.check(self.scene, self._meshes["whole"].at(0, plane=False), self.sides)
         for i, bc in enumerate(self.scene.displacement_bcs, 1):
-            for value, side in zip(bc.value, self.sides, strict=True):
-                if not abs(value) < side:
-                    wanted = f"less than the body, {' x '.join(f'{1e3 * s:.4g}' for s in self.sides)} mm"
-                    raise InputError(f"displacement_bc#{i}.value_mm", [1e3 * each for each in bc.value], wanted)
             mine = {name for name in names if re.fullmatch(bc.boundary, name)}
             for j, other in enumerate(self.scene.displacement_bcs[: i - 1], 1):
                 shared = mine & {name for name in names if re.fullmatch(other.boundary, name)}
@@ -237,7 +251,7 @@ class Bench:
                     raise InputError(f"displacement_bc#{i}.boundary", found, f"one condition for {min(shared)!r}")
 
     def _parts(
-        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous]
+        self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: Course
     ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
@@ -251,7 +265,8 @@ class Bench:
         self._check_conditions(names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [
-            Traction(traction.boundary, along(traction.value, plane)) for traction in scene.tractions
+            *(Traction(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
+            *(Pressure(pressure.boundary, course.value(pressure.value)) for pressure in scene.pressures),
         ]
         for bc in scene.displacement_bcs:
             if not any(re.fullmatch(bc.boundary, name) for name in names):
@@ -261,8 +276,7 @@ class Bench:
             if bc.contact == "frictionless" and model.get("contact") == "all":
                 loads.append(self._face(mesh, bc))
                 continue
-            parts = [value if axis in bc.components else None for axis, value in zip("xyz", bc.value, strict=True)]
-            supports[bc.boundary] = tuple(parts[i] for i in ((0, 2) if plane else (0, 1, 2)))
+            supports[bc.boundary] = course.support(bc)
         if model.get("extent") == "near":
             supports |= {name: 0 for name in CUT if name in names}
         density = mesh.MaterialCF(weights)
@@ -344,7 +358,7 @@ def answers_of(questions: Sequence[Asked], states: Mapping[str, State]) -> Array
 
 def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str, State]:
     found: dict[str, State] = {}
-    alike = model.get("time", "instantaneous") == "instantaneous"
+    alike = model.get("time", "instantaneous") == "instantaneous" and not bench.scene.is_timed
     for when in dict.fromkeys(quantity.when for quantity in bench.questions):
         if found and alike:
             found[when] = next(iter(found.values()))
@@ -354,7 +368,7 @@ def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str,
             x = linear_state(body)
         else:
             close = near.get(when) or next(iter(found.values()), None)
-            LoadPath(body).solve(start=None if close is None else embedded(close, body, 1.0))
+            LoadPath(body, bench.course(body)).solve(start=None if close is None else embedded(close, body, 1.0))
             x = body.x
         found[when] = bench.state(model, body, x)
     return found
@@ -391,7 +405,8 @@ def _through_time(bench: Bench, model: Model) -> tuple[Array, Array, int]:
                     answers[i], scales[i] = answer(quantity, state), scale_of(quantity, state)
 
         times = _times(bench, model, last)
-        run_load_history(body, times, size * np.minimum(times / scene.time.ramp, 1.0), seen)
+        factors = size * np.minimum(times / scene.time.ramp, 1.0)
+        run_load_history(body, times, factors, seen, motion=bench.course(body))
         ndof = body.fes.ndof
     return answers, scales, ndof
 
@@ -401,6 +416,8 @@ def _times(bench: Bench, model: Model, last: float) -> Array:
     ramp = bench.scene.time.ramp
     hold, moving = last - ramp, model.get("inertia") == "all"
     count = max(RAMP, math.ceil(CROSSING * ramp / bench.crossing)) if moving else RAMP
+    if bench.scene.is_timed:
+        return courses.steps(bench.scene, last, RAMP, bench.crossing / CROSSING if moving else math.inf)
     grow = np.linspace(0, ramp, count + 1)
     if hold <= 1e-9 * ramp:
         return grow

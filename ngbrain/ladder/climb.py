@@ -130,6 +130,7 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
         try:
             keeper(richer)
             model = richer
+            refused.clear()  # what could not be solved in poorer elements may be in these
         except SolverError as error:
             refused |= dict.fromkeys(rung.taken[1:] or rung.taken, str(error))
     unjudged = {name: why for name, why in refused.items() if axes[name].above(model[name])}

@@ -6,8 +6,12 @@ import re
 from itertools import combinations
 
 import ngsolve as ngs
+import numpy as np
 
 from ngbrain.scene import DisplacementBC, Scene
+
+SAME = 1e-12
+"""Distance (m) that is rounding."""
 
 
 def torn(scene: Scene, mesh: ngs.Mesh) -> list[str]:
@@ -28,19 +32,29 @@ def torn(scene: Scene, mesh: ngs.Mesh) -> list[str]:
     found = []
     for one, other in combinations([bc for bc in scene.displacement_bcs if bc.contact == "bonded"], 2):
         felt = any(re.fullmatch(pattern, name) for pattern in asked for name in _names(mesh, one) | _names(mesh, other))
-        if felt and _apart(one, other) and _vertices(mesh, one) & _vertices(mesh, other):
+        if felt and _apart(one, other, _shared(mesh, one, other), scene.time.end):
             where = f"{one.boundary} and {other.boundary} meet at an edge and are held apart there"
             found.append(f"{where}: forces on them grow without end as elements get smaller")
     return found
 
 
-def _apart(one: DisplacementBC, other: DisplacementBC) -> bool:
-    shared = [axis for axis in one.components if axis in other.components]
-    return any(one.value["xyz".index(axis)] != other.value["xyz".index(axis)] for axis in shared)
+def _apart(one: DisplacementBC, other: DisplacementBC, points: np.ndarray, end: float) -> bool:
+    """Whether they take some points (n, 3) to different places."""
+    if not len(points):
+        return False
+    here, there = (bc.displacement(list(points.T), end, 1.0) for bc in (one, other))
+    shared = ["xyz".index(axis) for axis in one.components if axis in other.components]
+    return any(bool(np.any(np.abs(here[i] - there[i]) > SAME)) for i in shared)
 
 
 def _names(mesh: ngs.Mesh, bc: DisplacementBC) -> set[str]:
     return {name for name in mesh.GetBoundaries() if re.fullmatch(bc.boundary, name)}
+
+
+def _shared(mesh: ngs.Mesh, one: DisplacementBC, other: DisplacementBC) -> np.ndarray:
+    """Vertices on both (n, 3)."""
+    numbers = sorted(_vertices(mesh, one) & _vertices(mesh, other))
+    return np.array([mesh.vertices[number].point for number in numbers]).reshape(-1, 3)
 
 
 def _vertices(mesh: ngs.Mesh, bc: DisplacementBC) -> set[int]:

@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from ngbrain.errors import InputError, nearest
+from ngbrain.formulas import Formula
+from ngbrain.ladder.courses import pace
 from ngbrain.ladder.levels import (
     HALVINGS,
     AxisLevel,
@@ -27,7 +29,8 @@ from ngbrain.ladder.levels import (
     TissueLevel,
 )
 from ngbrain.ladder.pieces import CUT, OF_SECTION, near
-from ngbrain.scene import Scene
+from ngbrain.scene import Pressure, Scene, Traction
+from ngbrain.scene.conditions import Given
 
 Model = Mapping[str, str]
 """Axis → level."""
@@ -124,6 +127,10 @@ ELEMENTS = ("order", "mesh")
 """Axes that are no physics."""
 SLOW = 3.0
 """Crossings of a shear wave in whose time loads may grow without a word on inertia."""
+ACROSS = ("front", "back")
+"""Sides of a block that its section does not have."""
+SHORTER = ("top", "bottom")
+"""Sides of a block of which a region of interest has a part."""
 IN_PLANE = 1e-9
 """Part of a vector across the section that is rounding."""
 LONG, SOFT = 0.2, 300.0
@@ -172,7 +179,7 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
         "time": not any(law.branches for law in laws),
         "loss": not any(law.branches or tissue.loss_tangent for law, tissue in zip(laws, scene.tissues, strict=True)),
         "contact": all(bc.contact == "bonded" for bc in scene.displacement_bcs),
-        "inertia": not waves and scene.time.ramp > SLOW * _crossing(scene),
+        "inertia": not waves and min(scene.time.ramp, pace(scene, scene.time.end)) > SLOW * _crossing(scene),
         "space": scene.geometry.kind != "block" or beyond is not None,
         "extent": _uncuttable(scene) or bool(questions),
     }
@@ -187,7 +194,9 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
         least, last = (first, max(first + 1, min(last, most))) if name == "tissue" else (0, last)
         if name == "time" and not any(law.flowing for law in laws):  # hereditary branches are all there is
             last = min(last, axis.at(TimeLevel.PRONY) + 1)
-        if last - least > 1 or name in bounds or name in ("order", "mesh", "space"):
+        if name == "time" and scene.is_timed:  # moduli as they are at one moment stand for a ramp and a hold alone
+            least, last = axis.at(TimeLevel.PRONY), max(last, axis.at(TimeLevel.PRONY) + 1)
+        if last - least > 1 or (name == "time" and least) or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
     if scene.geometry.kind == "idealised":  # its curved elements cannot be cut one by one
         found["mesh"] = _whole_steps(found["mesh"])
@@ -246,13 +255,32 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
     """
     for question in questions:
         return f"what is asked, {question.label!r}, is of a body in space"
-    patterns = [each.boundary for each in scene.tractions]
+    loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
+    patterns = [each.boundary for each in loads]
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     for pattern in patterns:
-        if not any(re.fullmatch(pattern, name) for name in OF_SECTION):
-            return f"a section has no {pattern!r}"
-    vectors = [(f"the displacement of {bc.boundary!r}", bc.value) for bc in scene.displacement_bcs]
-    vectors += [(f"the traction on {traction.boundary!r}", traction.value) for traction in scene.tractions]
+        known = [name for name in (*OF_SECTION, *ACROSS) if re.fullmatch(pattern, name)]
+        if not known or set(known) & set(ACROSS):
+            return f"a section has no {known[-1] if known else pattern!r}"
+    for bc in scene.displacement_bcs:
+        if bc.axis and math.hypot(bc.axis[0], bc.axis[2]) > IN_PLANE * math.hypot(*bc.axis):
+            return f"the rotation of {bc.boundary!r} is not about y"
+    given: list[tuple[str, tuple[Given, ...]]] = [
+        *((f"the displacement of {bc.boundary!r}", bc.value) for bc in scene.displacement_bcs),
+        *((f"the traction on {traction.boundary!r}", traction.value) for traction in scene.tractions),
+        *((f"the pressure on {pressure.boundary!r}", (pressure.value, 0.0)) for pressure in scene.pressures),
+    ]
+    for name, parts in given:
+        if any(isinstance(part, Formula) and "y" in part.variables for part in parts):
+            return f"{name} varies along y"
+        if isinstance(parts[1], Formula):
+            return f"{name} has a part along y"
+    # Formulas along x and z count as nothing beside what there is along y.
+    vectors = [
+        (name, tuple(0.0 if isinstance(part, Formula) else part for part in parts))
+        for name, parts in given
+        if len(parts) == 3
+    ]
     vectors += [("gravity", scene.gravity.acceleration)] if scene.gravity else []
     asked = [quantity for quantity in scene.quantities if quantity.name != "strain"]
     vectors += [(f"what is asked, {quantity.label!r},", quantity.unit_vector) for quantity in asked]
@@ -274,11 +302,20 @@ def _uncuttable(scene: Scene) -> bool:
     part = near(scene.geometry)
     if part is None or scene.gravity is not None:
         return True
-    patterns = [each.boundary for each in scene.displacement_bcs] + [each.boundary for each in scene.tractions]
+    loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
+    patterns = [bc.boundary for bc in scene.displacement_bcs] + [load.boundary for load in loads]
+    uneven = [bc.boundary for bc in scene.displacement_bcs if not bc.is_even]
+    uneven += [load.boundary for load in loads if any(isinstance(each, Formula) for each in _parts(load))]
+    if any(re.fullmatch(pattern, side) for pattern in uneven for side in SHORTER):
+        return True  # what is given over all of a side is not what is given over a part of it
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     points = [quantity.point for quantity in scene.quantities if quantity.point]
     beyond = [point for point in points if any(abs(point[i]) > part.sides[i] / 2 for i in (0, 1))]
     return bool(beyond) or any(re.fullmatch(pattern, side) for pattern in patterns for side in CUT)
+
+
+def _parts(load: Traction | Pressure) -> tuple[Given, ...]:
+    return load.value if isinstance(load, Traction) else (load.value,)
 
 
 def cheapest(axes: Mapping[str, Axis]) -> dict[str, str]:

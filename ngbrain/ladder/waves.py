@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import ngsolve as ngs
 import numpy as np
@@ -11,12 +12,13 @@ import numpy as np
 from ngbrain.forward.harmonic.problem import Harmonic
 from ngbrain.forward.harmonic.wave import Wave
 from ngbrain.forward.observables.percentiles import weighted_percentile
+from ngbrain.ladder.courses import Course
 from ngbrain.ladder.quantities import along, point_in, within
 from ngbrain.ladder.rungs import Model
 from ngbrain.materials import Shearing
 from ngbrain.materials.base import Value
 from ngbrain.materials.families import relaxation_time, shear_modulus
-from ngbrain.scene import Quantity, Scene, Tissue
+from ngbrain.scene import DisplacementBC, Quantity, Scene, Tissue
 
 Array = np.ndarray
 PHASES = 16
@@ -59,14 +61,15 @@ def shaken(
     given = [g for g in scene.displacement_bcs if any(re.fullmatch(g.boundary, name) for name in mesh.GetBoundaries())]
     held = {axis: "|".join(g.boundary for g in given if axis in g.components) for axis in "xyz"}
     names = dict(zip("xy", "xz", strict=True)) if plane else dict(zip("xyz", "xyz", strict=True))
+    course = Course(lambda _: (0.0, 1.0), plane)
     body = Harmonic(
         mesh,
         Shearing(G),
         [
             Wave(
                 frequency if model["inertia"] == "all" else 0.0,
-                {g.boundary: along(g.value, plane) for g in given if any(g.value)},
-                {traction.boundary: along(traction.value, plane) for traction in scene.tractions},
+                {g.boundary: _moved(course, g) for g in given if any(g.value)},
+                {traction.boundary: course.vector(traction.value) for traction in scene.tractions},
             )
         ],
         bulk=factor * mesh.MaterialCF({name: each.bulk for name, (each, _) in regions.items()}),
@@ -76,6 +79,12 @@ def shaken(
     )
     (gfu,) = body.solve()
     return np.array([_amplitude(quantity, body, gfu, thickness) for quantity in scene.quantities]), body.fes.ndof
+
+
+def _moved(course: Course, bc: DisplacementBC) -> tuple[Any, ...]:
+    """Amplitude (m); 0 of what is free, which is not looked at."""
+    parts: Any = course.support(bc)
+    return tuple(0.0 if part is None else part for part in parts)
 
 
 def _amplitude(quantity: Quantity, body: Harmonic, gfu: ngs.GridFunction, thickness: float) -> float:

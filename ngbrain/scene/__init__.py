@@ -21,7 +21,7 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Document, Section, brief, entries, table, text
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.shapes import Ellipsoids
-from ngbrain.scene.conditions import DisplacementBC, Gravity, Traction
+from ngbrain.scene.conditions import DisplacementBC, Gravity, Pressure, Traction, follows
 from ngbrain.scene.geometry import Geometry, MeshSize
 from ngbrain.scene.operation import Cleft, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
@@ -35,6 +35,7 @@ __all__ = [
     "Gravity",
     "MeshSize",
     "Patient",
+    "Pressure",
     "Protocol",
     "Quantity",
     "Scene",
@@ -61,7 +62,7 @@ class Scene(Document):
         Materials by region.
     displacement_bcs
         Prescribed displacements. An operation without any is held at the skull.
-    tractions, gravity
+    tractions, pressures, gravity
         Loads of a body.
     cleft, tools, protocols, patient
         Of an operation; without protocols it is a continuous one.
@@ -92,6 +93,7 @@ class Scene(Document):
     tissues: tuple[Tissue, ...] = table(Tissue, size=0)
     displacement_bcs: tuple[DisplacementBC, ...] = table(DisplacementBC, (), size=0)
     tractions: tuple[Traction, ...] = table(Traction, (), size=0)
+    pressures: tuple[Pressure, ...] = table(Pressure, (), size=0)
     gravity: Gravity | None = table(Gravity, None)
     cleft: Cleft | None = table(Cleft, None)
     time: Time = table(Time, Time)
@@ -122,14 +124,14 @@ class Scene(Document):
                 self._need_table(getattr(self, name) == none, name, "given", wanted)
             wanted = "one or more tables [[quantity]]: what is asked of a body under loads"
             self._need_table(self.quantities, "quantities", "missing", wanted)
-            wanted = "a [[displacement_bc]], [[traction]] or [gravity]"
-            loaded = self.displacement_bcs or self.tractions or self.gravity
+            wanted = "a [[displacement_bc]], [[traction]], [[pressure]] or [gravity]"
+            loaded = self.displacement_bcs or self.tractions or self.pressures or self.gravity
             self._need_table(loaded, "displacement_bcs", "missing", wanted)
             wanted = "a [cleft] to go with the head of a person: under loads there are block, idealised and mesh"
             self._need_table(self.geometry.kind not in ("mni152", "scan"), "cleft", "missing", wanted)
             return
         self._need_table(self.geometry.is_head, "cleft", "given", "geometry.kind a head, to go with it")
-        for name in ("tractions", "gravity"):
+        for name in ("tractions", "pressures", "gravity"):
             self._need_table(
                 not getattr(self, name), name, "given", "this table left out: an operation does not have it yet"
             )
@@ -150,6 +152,14 @@ class Scene(Document):
     def is_operation(self) -> bool:
         """Whether a tool opens a cleft in it."""
         return self.cleft is not None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether a formula says of something where or how large it is at every moment."""
+        loads = [value for traction in self.tractions for value in traction.value]
+        return any(bc.is_timed for bc in self.displacement_bcs) or any(
+            map(follows, [*loads, *(pressure.value for pressure in self.pressures)])
+        )
 
     @property
     def operated(self) -> Cleft:

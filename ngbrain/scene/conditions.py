@@ -3,16 +3,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING, Any
 
-from ngbrain.fields import Section, choice, number, pattern
+from ngbrain.fields import Section, choice, formula, number, pattern
+from ngbrain.formulas import FUNCTIONS, Formula
 
 if TYPE_CHECKING:
     from ngbrain.scene import Scene
 
-MOST_TRACTION, MOST_ACCELERATION = 1e9, 1e5
-"""Pa; m/s²."""
+MOST_TRACTION, MOST_ACCELERATION, MOST_TURN = 1e9, 1e5, 720.0
+"""Pa; m/s²; degrees."""
+PLACE, ABOUT = ("x", "y", "z", "t"), "x, y, z (mm) and t (s)"
+"""Variables of a formula in space and time, and in words."""
+Given = float | Formula
+Functions = Mapping[str, Callable[..., Any]]
+
+
+def at_place(given: Given, place: Sequence[Any], t: Any, functions: Functions = FUNCTIONS) -> Any:
+    """What is given, in the unit of its key, at a place (m, of numbers, arrays or fields) and a time (s)."""
+    if not isinstance(given, Formula):
+        return given
+    x, y, z = (1e3 * each for each in place)
+    return given({"x": x, "y": y, "z": z, "t": t}, functions)
+
+
+def follows(given: Any) -> bool:
+    """Whether it is a formula of time, and so what it says at every moment: anything else grows with the loads."""
+    return isinstance(given, Formula) and "t" in given.variables
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,26 +44,42 @@ class DisplacementBC(Section):
     boundary
         A name or a regular expression.
     value
-        The displacement along x, y and z, which grows with the loads.
+        The displacement along x, y and z: of each a number, or a formula such as "0.1*x*sin(2*pi*t)" of the place at rest, x, y, z
+        in mm, and of time, t in s, that gives mm. Numbers and formulas without t grow with the loads; one of t is the displacement
+        at every moment, and 0 at t = 0.
     components
         Those that are prescribed, out of "xyz"; others are free.
     contact
         bonded: the boundary sticks to what holds or moves it; frictionless: a rigid face pushes it, along which it may slide and
         from which it may part; sliding: it slides along what holds it, and does not part.
+    rotation
+        Angle by which the boundary is turned as a rigid plate, before it is displaced by the value: a number, which grows with the
+        loads, or a formula of t.
+    axis
+        Direction of the rotation's axis, right-handed.
+    centre
+        A point on that axis; the origin by default.
     """
 
     KEY = "displacement_bc"
 
     boundary: str = pattern("boundary")
-    value: tuple[float, float, float] = number("value_mm", (0.0, 0.0, 0.0), signed=True, size=3)
+    value: tuple[Given, Given, Given] = formula("value_mm", (0.0, 0.0, 0.0), PLACE, ABOUT, size=3)
     components: str = choice("components", "xyz", ["x", "y", "z", "xy", "xz", "yz", "xyz"])
     contact: str = choice("contact", "bonded", ["bonded", "frictionless", "sliding"])
+    rotation: Given | None = formula("rotation_deg", None, ("t",), "t (s)")
+    axis: tuple[float, float, float] | None = number("axis", None, signed=True, size=3)
+    centre: tuple[float, float, float] | None = number("centre_mm", None, signed=True, size=3)
 
     def _check(self, path: str, scene: Scene) -> None:
+        self._check_rotation(path, scene)
         if scene.cleft is not None:
             wanted = "bonded or sliding: in an operation only the tool pushes"
             self._need(self.contact != "frictionless", path, "contact", wanted)
             self._need(not any(self.value), path, "value", "0 in each place: in an operation only the tool moves")
+            self._need(
+                self.rotation is None, path, "rotation", "this key left out: in an operation only the tool moves"
+            )
             self._need(self.components == "xyz", path, "components", "'xyz': in an operation all of them are held")
             return
         self._need(self.contact != "sliding", path, "contact", "bonded or frictionless, but in an operation")
@@ -52,7 +88,64 @@ class DisplacementBC(Section):
             self._need(
                 self.components == "xyz", path, "components", "'xyz': a rigid face's motion is known in all of them"
             )
+            self._need(self.is_even, path, "value", "numbers: a frictionless face moves straight")
             self._need(any(self.value), path, "value", "not 0 in each place: a frictionless face has to push")
+        in_time = scene.time.frequency is not None and any(map(follows, self.value))
+        self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
+
+    def _check_rotation(self, path: str, scene: Scene) -> None:
+        turns = self.rotation is not None
+        self._need((self.axis is None) != turns, path, "axis", "a direction to go with rotation_deg, and only with it")
+        self._need(self.centre is None or turns, path, "centre", "a point to go with rotation_deg, and only with it")
+        if not turns:
+            return
+        self._need(any(self.axis or ()), path, "axis", "a direction: not all 0")
+        self._need(scene.time.frequency is None, path, "rotation", "this key left out: of a wave there are amplitudes")
+        self._need(self.components == "xyz", path, "components", "'xyz': a turned boundary moves along all of them")
+        self._need(self.contact == "bonded", path, "contact", "'bonded': what turns a boundary sticks to it")
+        if not isinstance(self.rotation, Formula):
+            fits = 0 < abs(self.rotation or 0.0) <= MOST_TURN
+            self._need(fits, path, "rotation", f"an angle of at most {MOST_TURN:g} degrees, not 0")
+
+    @property
+    def is_even(self) -> bool:
+        """Whether it is the same all over the boundary, and grows with the loads."""
+        return self.rotation is None and not any(isinstance(each, Formula) for each in self.value)
+
+    @property
+    def has_course(self) -> bool:
+        """Whether it does not just grow with the loads."""
+        return self.rotation is not None or any(map(follows, self.value))
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether a formula says where it is at every moment."""
+        return any(map(follows, (self.rotation, *self.value)))
+
+    def displacement(self, place: Sequence[Any], t: Any, growth: Any, functions: Functions = FUNCTIONS) -> list[Any]:
+        """Along x, y and z (m), at a place at rest (m), when the loads have grown to a part of their size.
+
+        Of numbers, arrays, or fields with functions of these.
+        """
+        moved = [
+            1e-3 * at_place(each, place, t, functions) * (1.0 if follows(each) else growth)
+            if isinstance(each, Formula)
+            else each * growth
+            for each in self.value
+        ]
+        if self.rotation is None:
+            return moved
+        turn = self.rotation
+        angle = math.pi / 180 * (turn({"t": t}, functions) if isinstance(turn, Formula) else turn * growth)
+        if isinstance(turn, Formula) and not follows(turn):
+            angle = angle * growth
+        size = math.hypot(*(self.axis or ()))
+        k = [each / size for each in self.axis or ()]
+        r = [each - middle for each, middle in zip(place, self.centre or (0.0, 0.0, 0.0), strict=True)]
+        along = k[0] * r[0] + k[1] * r[1] + k[2] * r[2]
+        cross = [k[1] * r[2] - k[2] * r[1], k[2] * r[0] - k[0] * r[2], k[0] * r[1] - k[1] * r[0]]
+        half, sine = functions["sin"](angle / 2), functions["sin"](angle)  # 1 - cos without cancellation
+        return [u - 2 * half * half * (a - n * along) + sine * c for u, a, n, c in zip(moved, r, k, cross, strict=True)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,14 +157,40 @@ class Traction(Section):
     boundary
         A name or a regular expression.
     value
-        Force over area at rest (Pa) along x, y and z.
+        Force over area at rest (Pa) along x, y and z: of each a number or a formula, as of a displacement.
     """
 
     boundary: str = pattern("boundary")
-    value: tuple[float, float, float] = number("value_Pa", signed=True, size=3)
+    value: tuple[Given, Given, Given] = formula("value_Pa", MISSING, PLACE, ABOUT, size=3)
 
     def _check(self, path: str, scene: Scene) -> None:
-        self._need(max(map(abs, self.value)) <= MOST_TRACTION, path, "value", f"at most {MOST_TRACTION:g} Pa")
+        numbers = [abs(each) for each in self.value if not isinstance(each, Formula)]
+        self._need(max(numbers, default=0) <= MOST_TRACTION, path, "value", f"at most {MOST_TRACTION:g} Pa")
+        in_time = scene.time.frequency is not None and any(map(follows, self.value))
+        self._need(not in_time, path, "value", "numbers or formulas of x, y, z: of a wave they are amplitudes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure(Section):
+    """A pressure on the boundaries that match a pattern, as of a fluid: it follows them as they move and turn.
+
+    Parameters
+    ----------
+    boundary
+        A name or a regular expression.
+    value
+        Force over present area (Pa), into the body; less than 0 pulls. A number or a formula, as of a displacement.
+    """
+
+    boundary: str = pattern("boundary")
+    value: Given = formula("value_Pa", MISSING, PLACE, ABOUT)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        fits = isinstance(self.value, Formula) or abs(self.value) <= MOST_TRACTION
+        self._need(fits, path, "value", f"at most {MOST_TRACTION:g} Pa")
+        self._need(
+            scene.time.frequency is None, path, "value", "a [[traction]]: the pressure of a wave does not follow"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

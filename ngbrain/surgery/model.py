@@ -198,13 +198,16 @@ class Model:
     def _tissues(self, names: list[str]) -> dict[str, Tissue]:
         """Name → the scene's tissue for it; every name has one and every pattern is for some name."""
         found: dict[str, Tissue] = {}
-        for tissue in self.tissues:
+        for i, tissue in enumerate(self.tissues, 1):
             mine = [name for name in names if re.fullmatch(tissue.region, name)]
             if not mine:
                 raise InputError("tissue region", repr(tissue.region), nearest(tissue.region, set(names)))
             if twice := sorted({name for name in mine if name in found}):
-                wanted = f"a pattern without {', '.join(twice)}, which has a tissue already"
-                raise InputError("tissue region", repr(tissue.region), wanted)
+                other = found[twice[0]]
+                has = f"tissue#{self.tissues.index(other) + 1} ({other.region!r})"
+                raise InputError(
+                    f"tissue#{i}.region", repr(tissue.region), f"a pattern without {', '.join(twice)}, which {has} has"
+                )
             found |= dict.fromkeys(mine, tissue)
         if bare := sorted(set(names) - set(found)):
             raise InputError("tissue", f"not given for {', '.join(bare)}", "a tissue for every region of the head")
@@ -279,6 +282,7 @@ class Model:
     def _boundaries(self, contact: str) -> str:
         """Those of the scene's conditions of a kind; `InputError` for a pattern without any, and for two kinds on one."""
         names, kinds = sorted(set(self.mesh.GetBoundaries())), dict[str, str]()
+        owners = dict[str, int]()
         for i, bc in enumerate(self.scene.displacement_bcs, 1):
             mine = [name for name in names if re.fullmatch(bc.boundary, name)]
             if not mine:
@@ -287,8 +291,9 @@ class Model:
                 wanted = f"a pattern without {', '.join(pushed)}, which the tool pushes"
                 raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), wanted)
             if twice := [name for name in mine if name in kinds]:
-                wanted = f"one condition for {twice[0]!r}, which has one already"
+                wanted = f"one condition for {twice[0]!r}, which has displacement_bc#{owners[twice[0]]}"
                 raise InputError(f"displacement_bc#{i}.boundary", repr(bc.boundary), wanted)
+            owners |= dict.fromkeys(mine, i)
             kinds |= dict.fromkeys(mine, bc.contact)
         return "|".join(name for name, kind in kinds.items() if kind == contact)
 

@@ -88,7 +88,7 @@ def test_a_map_is_taken_where_it_is_worth_it_and_foretold(stiffening) -> None:
 def test_several_tissues_have_all_three_levels(stiffening) -> None:
     piece = replace(BAR, lesion_radius=0.005, lesion_centre=(0, 0, 0.03))
     scene = replace(pulled(stiffening), geometry=piece)
-    scene = replace(scene, tissues=(*scene.tissues, replace(scene.tissues[0], region="lesion")))
+    scene = replace(scene, tissues=tuple(replace(scene.tissues[0], region=name) for name in ("tissue", "lesion")))
     assert axes_of(scene)["tissue"].levels == ("one", "each", "map")
     bench = Bench(scene)
     assert bench.factor("lesion", {"tissue": "each"}) == pytest.approx(1750, rel=0.02)

@@ -303,8 +303,11 @@ def run_load_history(
     factors: Sequence[float] | Array,
     observe: Callable[[float], Any],
     newton: Newton | None = None,
+    motion: Motion | None = None,
 ) -> list[Any]:
     """From rest at times[0] through the times (s) with the load factor at each; what `observe` gives after every one.
+
+    `motion` says where what moves of its own is at every time.
 
     Steps are the caller's, and second order; one that fails is cut. Raises `InputError` and `ConvergenceError` as `TimeStepper`.
 
@@ -319,6 +322,6 @@ def run_load_history(
     """
     found: list[Any] = []
     loads = LoadHistory(times, factors)
-    stepper = TimeStepper(problem, None, GivenSteps(loads.times), newton=newton, loads=loads)
+    stepper = TimeStepper(problem, motion, GivenSteps(loads.times), newton=newton, loads=loads)
     stepper.run(lambda body, at, record: found.append(observe(at.t)) if at.rested else None)
     return found

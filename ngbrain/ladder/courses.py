@@ -1,0 +1,176 @@
+"""What is prescribed of a body at any moment: formulas of place and time, rotations, and what just grows with the loads.
+
+A `Problem` multiplies what is prescribed by its load factor, which grows with the loads. What follows a formula of time, or turns,
+is divided by that growth, so that the product is what the formula says.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.errors import InputError
+from ngbrain.forward.common.dirichlet import Support
+from ngbrain.forward.solid.problem import Problem
+from ngbrain.materials.base import Value
+from ngbrain.scene import DisplacementBC, Scene
+from ngbrain.scene.conditions import Given, at_place, follows
+
+FIELDS: Mapping[str, Callable[..., Any]] = {
+    **{name: getattr(ngs, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt")},
+    "abs": lambda x: ngs.IfPos(x, x, -x),
+    "tanh": lambda x: 1 - 2 / (1 + ngs.exp(2 * x)),
+    "min": lambda x, y: ngs.IfPos(x - y, y, x),
+    "max": lambda x, y: ngs.IfPos(x - y, x, y),
+}
+"""Functions of formulas, of coefficient functions."""
+BEGUN = 1e-9
+"""Growth of the loads at which they count as begun."""
+LONG, SAMPLES, MOMENTS = 0.2, 2001, 21
+"""Side (m) of a body that is no block; times at which a course's pace is read off, and at which it is checked."""
+GOLDEN = (5**0.5 - 1) / 2
+INSTANT = 1e-7
+"""Part of the whole time over which a speed is read off: between samples there may be many turns."""
+MOST = 5000
+"""Steps of time that a course may need."""
+
+
+class Course:
+    """How what is prescribed of a body goes, a `Motion`.
+
+    moment  what the controller goes by, such as a load factor ↦ time (s), and the part of their size that loads have then
+    plane   whether the body is the section y = 0
+    """
+
+    events = ()
+
+    def __init__(self, moment: Callable[[float], tuple[float, float]], plane: bool) -> None:
+        self._moment, self._plane, self._moves = moment, plane, False
+        self.time, self.growth = ngs.Parameter(0.0), ngs.Parameter(1.0)
+        self._problem: Problem | None = None
+        self.set(1.0)
+
+    @property
+    def place(self) -> tuple[Any, Any, Any]:
+        """Coordinates at rest, as fields."""
+        return (ngs.x, ngs.CF(0.0), ngs.y) if self._plane else (ngs.x, ngs.y, ngs.z)
+
+    def support(self, bc: DisplacementBC) -> Support:
+        """What a condition prescribes at full load."""
+        parts: list[Any] = list(bc.value)
+        if not bc.is_even:
+            self._moves |= bc.has_course
+            parts = [each / self.growth for each in bc.displacement(self.place, self.time, self.growth, FIELDS)]
+        parts = [part if axis in bc.components else None for axis, part in zip("xyz", parts, strict=True)]
+        return tuple(parts[i] for i in ((0, 2) if self._plane else (0, 1, 2)))
+
+    def value(self, given: Given) -> Value:
+        """A load's, at full size."""
+        found = at_place(given, self.place, self.time, FIELDS)
+        return found / self.growth if follows(given) else found
+
+    def vector(self, given: tuple[Given, ...]) -> tuple[Value, ...]:
+        """Its components that the body has."""
+        parts = [self.value(each) for each in given]
+        return (parts[0], parts[2]) if self._plane else tuple(parts)
+
+    def drive(self, problem: Problem) -> Problem:
+        """Prescribe it of a problem made with its supports and loads, as it is at the end."""
+        self._problem = problem
+        self.set(1.0)
+        return problem
+
+    def set(self, t: float) -> None:
+        """Prescribe what holds then."""
+        time, growth = self._moment(t)
+        self.time.Set(time)
+        self.growth.Set(max(growth, BEGUN))
+        if self._moves and self._problem is not None:
+            self._problem.prescribed = self._problem.supports.coefficients(self._problem.u.space)[0]
+        if self._problem is not None and not np.isfinite(self._problem.prescribed).all():
+            raise InputError("displacement_bc.value_mm", "not finite at some node", "numbers all over the boundary")
+
+    def travel(self, start: float, end: float) -> float:
+        """Of rigid bodies, of which it has none."""
+        return 0.0
+
+
+def pace(scene: Scene, until: float) -> float:
+    """In what time (s) the fastest of what follows a formula of time would come to its largest size; infinite without any."""
+    sides = np.array(scene.geometry.sides if scene.geometry.kind == "block" else (LONG,) * 3)
+    corners = np.array([(a, b, c) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (0, 1)]) * sides
+    place = list(np.vstack([corners, [(0, 0, sides[2] / 2)]]).T[:, :, None])
+    times = until * (np.arange(SAMPLES) * GOLDEN % 1)  # even ones meet what is periodic at the same phase
+
+    def courses(t: np.ndarray) -> list[Any]:
+        found = [bc.displacement(place, t, 1.0) for bc in scene.displacement_bcs if bc.is_timed]
+        found += [[at_place(each, place, t) for each in load.value if follows(each)] for load in scene.tractions]
+        found += [[at_place(load.value, place, t)] for load in scene.pressures if follows(load.value)]
+        return [part for course in found for part in course]
+
+    least = np.inf
+    with np.errstate(all="ignore"):
+        for now, then in zip(courses(times), courses(times + INSTANT * until), strict=True):
+            speed = np.abs(then - now).max() / (INSTANT * until)
+            if speed > 0:
+                least = min(least, float(np.abs(now).max() / speed))
+    return least
+
+
+def steps(scene: Scene, until: float, share: int, longest: float) -> np.ndarray:
+    """Even steps of time (s), one of them at the end of the ramp: a `share` of what moves fastest, and no longer than `longest`."""
+    ramp = scene.time.ramp
+    longest = min(longest, min(ramp, pace(scene, until)) / share)
+    if until / longest > MOST:
+        raise InputError("time.end_s", until, f"at most {MOST * longest:.3g}: {MOST} steps of what moves so fast")
+    grow = np.linspace(0, ramp, math.ceil(ramp / longest) + 1)
+    if until <= ramp * (1 + 1e-9):
+        return grow
+    return np.concatenate([grow, np.linspace(ramp, until, math.ceil((until - ramp) / longest) + 1)[1:]])
+
+
+def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
+    """Refuse what is not finite on its boundary, goes beyond the body or does not begin at rest."""
+    names = sorted(set(mesh.GetBoundaries()))
+    times = np.linspace(0, scene.time.end, MOMENTS)
+    growth = np.minimum(times / scene.time.ramp, 1)
+    for i, bc in enumerate(scene.displacement_bcs, 1):
+        place = _vertices(mesh, bc.boundary, names)
+        with np.errstate(all="ignore"):
+            moved = [np.broadcast_to(u, (len(place[0]), MOMENTS)) for u in bc.displacement(place, times, growth)]
+        key = f"displacement_bc#{i}.{'value_mm' if bc.rotation is None else 'rotation_deg'}"
+        shown = bc.shown("value" if bc.rotation is None else "rotation")
+        if not all(np.isfinite(u).all() for u in moved):
+            raise InputError(key, shown, f"numbers all over {bc.boundary!r}, at every moment")
+        if any(np.abs(u[:, 0]).max(initial=0) > 1e-9 for u in moved):
+            raise InputError(key, shown, "a formula of t that is 0 at t = 0: a body begins at rest")
+        if bc.rotation is None and not all(
+            np.abs(u).max(initial=0) < side for u, side in zip(moved, sides, strict=True)
+        ):
+            wanted = f"less than the body, {' x '.join(f'{1e3 * s:.4g}' for s in sides)} mm"
+            raise InputError(key, shown, wanted)
+    loads = [(f"traction#{i}", load) for i, load in enumerate(scene.tractions, 1)]
+    loads += [(f"pressure#{i}", load) for i, load in enumerate(scene.pressures, 1)]  # type: ignore[misc]
+    for name, load in loads:
+        place = _vertices(mesh, load.boundary, names)
+        for each in load.value if isinstance(load.value, tuple) else (load.value,):
+            with np.errstate(all="ignore"):
+                found = np.broadcast_to(at_place(each, place, times), (len(place[0]), MOMENTS))
+            if not np.isfinite(found).all():
+                raise InputError(f"{name}.value_Pa", load.shown("value"), f"numbers all over {load.boundary!r}")
+            if follows(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
+                wanted = "a formula of t that is 0 at t = 0: a body begins at rest"
+                raise InputError(f"{name}.value_Pa", load.shown("value"), wanted)
+
+
+def _vertices(mesh: ngs.Mesh, pattern: str, names: list[str]) -> list[np.ndarray]:
+    """x, y and z (m) of a boundary's vertices, each (n, 1)."""
+    if not any(re.fullmatch(pattern, name) for name in names):
+        return [np.zeros((0, 1))] * 3
+    numbers = sorted({vertex.nr for element in mesh.Boundaries(pattern).Elements() for vertex in element.vertices})
+    return list(np.array([mesh.vertices[number].point for number in numbers]).T[:, :, None])

@@ -1,0 +1,232 @@
+"""What is prescribed by formulas of place and time, by rotations, and pressures that follow: against closed forms."""
+
+from dataclasses import replace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+
+from ngbrain.errors import InputError
+from ngbrain.ladder import climb
+from ngbrain.ladder.bodies import Bench
+from ngbrain.ladder.courses import pace
+from ngbrain.ladder.rungs import axes_of, not_in_section
+from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction
+
+BLOCK = Geometry(kind="block", size=(0.02, 0.02, 0.02))
+FOOT = DisplacementBC(boundary="bottom")
+PLAIN = {"strain": "linear", "pressure": "none", "order": "2", "mesh": "0"}
+FORCE = Quantity(name="force", boundary="top", direction=(1, 0, 0), tolerance=0.02)
+
+
+def scene(*bcs, tissue=None, **more):
+    given = {
+        "geometry": BLOCK,
+        "tissues": (tissue or Tissue(mu=1000.0, poissons_ratio=0.3),),
+        "mesh": MeshSize(largest=0.02),
+        "displacement_bcs": bcs,
+        "time": Time(ramp=1.0, end=5.0),
+        "quantities": (FORCE,),
+    }
+    return Scene(**given | more)
+
+
+def answers(made, **levels):
+    return Bench(made).solve({**PLAIN, **levels}).answers
+
+
+def sheared(value, tissue=None, **more):
+    return scene(FOOT, DisplacementBC(boundary="top", value=(value, 0, 0)), tissue=tissue, **more)
+
+
+def test_a_formula_is_what_it_says():
+    """Of place on the whole boundary: an affine map is the solution, whose strain is known; numbers give the same bits."""
+    A = 0.1 * np.array([[0.1, 0.05, 0], [0, -0.05, 0.02], [0.03, 0, 0.04]])
+    rows = tuple(f"{a}*x + {b}*y + {c}*z" for a, b, c in A)
+    point = Quantity(name="displacement", point=(0.004, -0.002, 0.007), direction=(0, 0, 1))
+    made = scene(DisplacementBC(boundary=".*", value=rows), quantities=(Quantity(name="strain"), point))
+    F = np.eye(3) + A
+    strain = np.linalg.eigvalsh((F.T @ F - np.eye(3)) / 2)[-1]
+    assert answers(made, strain="finite", space="solid") == pytest.approx([strain, A[2] @ point.point], rel=1e-6)
+    for way in ("-0.5", "-t/10"):
+        other = sheared(way)
+        assert answers(other, space="plane") == pytest.approx(answers(sheared(-0.0005), space="plane"), rel=1e-9)
+
+
+@pytest.mark.parametrize("way", ["0.2*sin(t)", "0.2*min(t, 1)"])
+def test_relaxing_tissue_remembers_the_course(way):
+    """Linear tissue in shear has the convolution of the course with what relaxes: f = μ∞ γ(T) + μ₁ ∫ e^((s - T)/τ) γ' ds."""
+    elastic = answers(sheared(0.0002, Tissue(mu=1.0, bulk_to_shear_ratio=2000.0)), space="plane")[0]
+    tissue = Tissue(mu=(500.0, 500.0), tau=(2.0,), bulk_to_shear_ratio=2000.0)
+    found = answers(sheared(way, tissue), space="plane", time="prony")[0] / elastic
+    s = np.linspace(0, 5, 100_001)
+    course = np.sin(s) if "sin" in way else np.minimum(s, 1)
+    kernel = np.exp((s - 5) / 2)
+    convolved = np.sum((kernel[1:] + kernel[:-1]) / 2 * np.diff(course))
+    assert found == pytest.approx(500 * course[-1] + 500 * convolved, rel=2e-3)
+
+
+def test_each_moment_has_its_own_answer():
+    both = tuple(replace(FORCE, when=when) for when in ("end", "ramp"))
+    made = sheared("0.2*sin(t)", quantities=both)
+    unit = answers(sheared(0.0002), space="plane")[0]
+    assert answers(made, space="plane") / unit == pytest.approx(np.sin([5.0, 1.0]), rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def shaft(tmp_path_factory):
+    """A cylinder of radius and length 10 mm."""
+    body = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.01, h=0.01)
+    body.faces.Min(occ.Z).name, body.faces.Max(occ.Z).name = "bottom", "top"
+    body.mat("tissue")
+    file = tmp_path_factory.mktemp("shaft") / "shaft.vol"
+    occ.OCCGeometry(body).GenerateMesh(maxh=0.0035, parallel_meshing=False).Save(str(file))
+    return Geometry(kind="mesh", unit="m", file=str(file))
+
+
+def test_a_twisted_shaft_pushes_its_ends_apart(shaft):
+    """Poynting's effect: of Neo-Hooke N = -π/4 μ κ² a⁴ (Rivlin 1948), at any angle; a chord's corners make it less."""
+    tissue, turned = (
+        Tissue(mu=1000.0, bulk_to_shear_ratio=1e4),
+        DisplacementBC(boundary="top", rotation=60, axis=(0, 0, 2)),
+    )
+    along = Quantity(name="force", boundary="top", tolerance=0.1)
+    made = scene(FOOT, turned, tissue=tissue, geometry=shaft, quantities=(along,))
+    found = answers(made, strain="finite", pressure="unknown", order="1")[0]
+    assert found == pytest.approx(-np.pi / 4 * 1000 * np.radians(60) ** 2 * 0.01**2, rel=0.06)
+
+
+@pytest.mark.slow
+def test_the_ladder_sees_that_a_twist_is_finite(shaft):
+    """Small strains do not push at all; and what coarse locked elements cannot solve is tried again in better ones."""
+    turned = DisplacementBC(boundary="top", rotation=60, axis=(0, 0, 2))
+    along = Quantity(name="force", boundary="top", tolerance=0.1)
+    made = scene(FOOT, turned, tissue=Tissue(mu=1000.0, bulk_to_shear_ratio=1e4), geometry=shaft, quantities=(along,))
+    found = climb(made, {"mesh": "0"}).chosen
+    timed = replace(made, displacement_bcs=(FOOT, replace(turned, rotation="12*t")))
+    assert Bench(timed).solve(found.model).answers == pytest.approx(found.answers, rel=1e-6)
+    assert found.model["strain"] == "finite" and found.model["pressure"] == "unknown"
+    assert found.answers[0] == pytest.approx(-np.pi / 4 * 1000 * np.radians(60) ** 2 * 0.01**2, rel=0.1)
+
+
+def test_a_pressure_follows():
+    """All around, of a body on rollers: p on the area as it is then, J = 1 - p/K."""
+    rollers = [DisplacementBC(boundary=b, components=c) for b, c in (("bottom", "z"), ("left", "x"), ("front", "y"))]
+    asked = (
+        Quantity(name="force", boundary="bottom"),
+        Quantity(name="displacement", point=(0.01, 0.01, 0.02), direction=(1, 0, 0)),
+    )
+    made = scene(*rollers, pressures=[Pressure(boundary="top|right|back", value=300.0)], quantities=asked)
+    (force, moved), long = answers(made, strain="finite"), (1 - 300 / made.tissues[0].bulk) ** (1 / 3)
+    assert force == pytest.approx(300 * (0.02 * long) ** 2, rel=1e-6) and moved == pytest.approx(
+        0.02 * (long - 1), rel=1e-6
+    )
+    timed = replace(made, pressures=(Pressure(boundary="top|right|back", value="60*t"),))
+    assert answers(timed, strain="finite") == pytest.approx([force, moved], rel=1e-6)
+    dead = replace(made, pressures=(), tractions=(Traction(boundary="top", value=(0, 0, -300)),))
+    pushed = replace(made, pressures=(Pressure(boundary="top", value="300*(1 + 0*x)"),))
+    assert answers(pushed) == pytest.approx(answers(dead), rel=1e-3)  # of small strains they are alike
+
+
+@pytest.mark.parametrize(
+    ("bc", "said"),
+    [
+        ({"value": ("y", 0, 0)}, "varies along y"),
+        ({"value": (0, "x", 0)}, "has a part along y"),
+        ({"value": ("x*sin(t)", 0, "z")}, None),
+        ({"rotation": 5, "axis": (0, 1, 1)}, "is not about y"),
+        ({"rotation": "5*t", "axis": (0, -2, 0)}, None),
+    ],
+)
+def test_a_section_has_what_lies_in_it(bc, said):
+    made = scene(FOOT, DisplacementBC(boundary="top", **bc))
+    assert not_in_section(made) == (said and f"the {'rotation' if 'axis' in bc else 'displacement'} of 'top' {said}")
+    assert ("space" in axes_of(made)) == (said is None)
+
+
+def test_a_load_on_a_side_that_a_section_lacks_is_not_left_out():
+    made = scene(FOOT, tractions=(Traction(boundary="top|back", value=(1, 0, 0)),))
+    assert not_in_section(made) == "a section has no 'back'"
+
+
+def test_a_turned_section_goes_the_way_of_its_body():
+    turned = DisplacementBC(boundary="top", rotation=10, axis=(0, 1, 0), centre=(0, 0, 0.02))
+    asked = (Quantity(name="displacement", point=(0.008, 0, 0.018)),)
+    flat, solid = (
+        answers(scene(FOOT, turned, quantities=asked), strain="finite", space=space)[0] for space in ("plane", "solid")
+    )
+    assert flat == pytest.approx(solid, rel=0.1) and solid < -0.001
+
+
+def test_axes_of_what_goes_fast():
+    """Mass counts where a course is fast, whatever the ramp; and moduli of one moment stand for no course."""
+    stiff = Tissue(mu=(1000.0, 500.0), tau=(1.0,), bulk_to_shear_ratio=2000.0)
+    slow, fast = sheared("0.2*sin(t)", stiff), sheared("0.2*sin(2*pi*50*t)", stiff, time=Time(ramp=1.0, end=900.0))
+    assert pace(slow, 5.0) == pytest.approx(1, rel=1e-3) and pace(fast, 900.0) == pytest.approx(
+        1 / (100 * np.pi), rel=0.01
+    )
+    assert "inertia" not in axes_of(slow) and "inertia" in axes_of(fast)
+    assert axes_of(slow)["time"].levels == ("prony",)
+    assert axes_of(sheared(0.0002, stiff))["time"].levels == ("instantaneous", "relaxed", "prony")
+
+
+def test_a_region_of_interest_has_all_of_what_varies():
+    plate = Geometry(kind="block", size=(0.1, 0.1, 0.02), plate=(0.01, 0.01))
+    on = {
+        name: scene(FOOT, DisplacementBC(boundary=name, value=(0, 0, "0.1*x*t")), geometry=plate)
+        for name in ("top", "plate")
+    }
+    assert "extent" in axes_of(on["plate"]) and "extent" not in axes_of(on["top"])
+
+
+@pytest.mark.parametrize(
+    ("bcs", "said"),
+    [
+        ([{"value": ("0.2*cos(t)", 0, 0)}], "displacement_bc#2.value_mm .*0 at t = 0"),
+        ([{"value": ("100*x", 0, 0)}], "displacement_bc#2.value_mm .*less than the body, 20 x 20 x 20 mm"),
+        ([{"value": ("log(z - 100)", 0, 0)}], "displacement_bc#2.value_mm .*numbers all over 'top'"),
+        ([{"value": ("sqrt(abs(x)-10)", 0, 0)}], "numbers all over"),
+        ([{"rotation": "5 + t", "axis": (0, 1, 0)}], "displacement_bc#2.rotation_deg is 5 . t; wanted: .*0 at t = 0"),
+        (
+            [{}, {"value": (0.001, 0, 0), "components": "x"}],
+            "displacement_bc#3.* displacement_bc#2 .'top'. prescribes along x",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(bcs, said):
+    made = scene(FOOT, *(DisplacementBC(boundary="top", **bc) for bc in bcs))
+    with pytest.raises(InputError, match=said):
+        answers(made, space="solid")
+
+
+def test_loads_begin_at_rest_and_steps_end():
+    for load, said in (
+        ({"tractions": [Traction(boundary="top", value=(0, 0, "1 + t"))]}, "traction#1.value_Pa .*0 at t = 0"),
+        ({"pressures": [Pressure(boundary="top", value="1/(t - 5)")]}, "pressure#1.value_Pa .*numbers all over"),
+    ):
+        with pytest.raises(InputError, match=said):
+            answers(scene(FOOT, **load), space="solid")
+    relaxing = Tissue(mu=(500.0, 500.0), tau=(2.0,), poissons_ratio=0.3)
+    fast = sheared("0.2*sin(2*pi*50*t)", relaxing, time=Time(ramp=1.0, end=900.0))
+    with pytest.raises(InputError, match=r"time.end_s is 900.0; wanted: at most .*5000 steps of what moves so fast"):
+        answers(fast, time="prony", space="plane")
+
+
+def test_two_tissues_of_one_region_are_refused_by_name():
+    made = scene(FOOT, DisplacementBC(boundary="top", value=(1e-4, 0, 0)), tractions=())
+    made = replace(made, tissues=(Tissue(mu=1e3), Tissue(region="tis.*", mu=2e3)))
+    with pytest.raises(
+        InputError, match=r"tissue#2.region is 'tis.\*', which has region 'tissue' as tissue#1 \('.\*'\) does"
+    ):
+        answers(made, space="solid")
+
+
+def test_a_wave_has_amplitudes_of_place():
+    """Of a bar that is shaken along itself all over its boundary as a plane wave goes, the wave itself."""
+    moved = DisplacementBC(boundary=".*", value=("0.1*cos(0.1*z)", 0, 0))
+    asked = (Quantity(name="displacement", point=(0.0, 0.0, 0.01), direction=(1, 0, 0)),)
+    speed, k = 1.0, 100.0
+    made = scene(moved, tissue=Tissue(mu=1000.0, poissons_ratio=0.3, density=1000.0), time=Time(frequency=k * speed / (2 * np.pi)),
+                 quantities=asked)  # fmt: skip
+    found = Bench(made).solve({"inertia": "all", "order": "4", "mesh": "0", "space": "solid"}).answers[0]
+    assert found == pytest.approx(1e-4 * np.cos(1.0), rel=1e-3)
