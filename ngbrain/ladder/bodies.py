@@ -20,6 +20,8 @@ from ngbrain.forward.common.dirichlet import Support
 from ngbrain.forward.common.loads import Load, Pressure, RigidFace, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.common.rigid_motions import check_held
+from ngbrain.forward.contact.friction import Friction
+from ngbrain.forward.contact.rigid import Contact
 from ngbrain.forward.solid.inertia import Inertia
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.forward.statics.load_path import LoadPath
@@ -45,6 +47,7 @@ from ngbrain.ladder.quantities import (
     scale_of,
 )
 from ngbrain.ladder.rungs import Model, not_in_section
+from ngbrain.ladder.touching import touch, way
 from ngbrain.ladder.waves import shaken
 from ngbrain.materials import Viscous
 from ngbrain.materials.base import Law, Value
@@ -238,21 +241,9 @@ class Bench:
         time = self.scene.time
         return time.ramp if when == "ramp" else time.end
 
-    def _check_conditions(self, names: set[str]) -> None:
-        """Refuse courses that make no sense, and two conditions for one component of one boundary."""
-        courses.check(self.scene, self._meshes["whole"].at(0, plane=False), self.sides)
-        for i, bc in enumerate(self.scene.displacement_bcs, 1):
-            mine = {name for name in names if re.fullmatch(bc.boundary, name)}
-            for j, other in enumerate(self.scene.displacement_bcs[: i - 1], 1):
-                shared = mine & {name for name in names if re.fullmatch(other.boundary, name)}
-                axes = [axis for axis in bc.components if axis in other.components]
-                if shared and axes:
-                    found = f"{bc.boundary!r}, which displacement_bc#{j} ({other.boundary!r}) prescribes along {axes[0]} too"
-                    raise InputError(f"displacement_bc#{i}.boundary", found, f"one condition for {min(shared)!r}")
-
     def _parts(
         self, model: Model, law: Callable[[Viscous, Value], Law | Viscous], course: Course
-    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia]]:
+    ) -> tuple[ngs.Mesh, dict[str, Material], dict[str, Support], list[Load | Inertia], list[Contact | Friction]]:
         mesh, scene = self.mesh(model), self.scene
         plane, names = mesh.dim == 2, set(mesh.GetBoundaries())
         materials, weights = {}, {}
@@ -262,7 +253,8 @@ class Bench:
             if tissue.fibre_stiffness is not None and model.get("fibres") == "all":
                 own = tissue.with_fibres(own, self._fibre(tissue, mesh, region))
             materials[region], weights[region] = Material(law(own, factor), factor * tissue.bulk), tissue.rho
-        self._check_conditions(names)
+        courses.check(self.scene, self._meshes["whole"].at(0, plane=False), self.sides)
+        courses.check_apart(self.scene, names)
         supports: dict[str, Support] = {}
         loads: list[Load | Inertia] = [
             *(Traction(traction.boundary, course.vector(traction.value)) for traction in scene.tractions),
@@ -284,7 +276,15 @@ class Bench:
             loads.append(Inertia(density))
         if scene.gravity:
             loads.append(Weight(density * ngs.CF(along(scene.gravity.acceleration, plane))))
-        return mesh, materials, supports, loads
+        stiffest = max(self.tissue(region, model).initial_modulus for region in materials)
+        touches = [
+            each
+            for body in scene.contacts
+            for each in touch(
+                body, course, stiffest, way(body, scene.time.end, self.longest), model.get("friction") == "all"
+            )
+        ]
+        return mesh, materials, supports, loads, touches
 
 
 def remembers(model: Model) -> bool:
@@ -367,7 +367,8 @@ def _at_rest(bench: Bench, model: Model, near: Mapping[str, State]) -> dict[str,
         if model["strain"] == "linear":
             x = linear_state(body)
         else:
-            close = near.get(when) or next(iter(found.values()), None)
+            # From rest what touches a rigid body: how it has slid so far counts.
+            close = None if bench.scene.contacts else near.get(when) or next(iter(found.values()), None)
             LoadPath(body, bench.course(body)).solve(start=None if close is None else embedded(close, body, 1.0))
             x = body.x
         found[when] = bench.state(model, body, x)

@@ -50,15 +50,20 @@ class Course:
     events = ()
 
     def __init__(self, moment: Callable[[float], tuple[float, float]], plane: bool) -> None:
-        self._moment, self._plane, self._moves = moment, plane, False
+        self._moment, self.plane, self._moves = moment, plane, False
         self.time, self.growth = ngs.Parameter(0.0), ngs.Parameter(1.0)
         self._problem: Problem | None = None
         self.set(1.0)
 
     @property
+    def axes(self) -> tuple[int, ...]:
+        """Those of space that the body has."""
+        return (0, 2) if self.plane else (0, 1, 2)
+
+    @property
     def place(self) -> tuple[Any, Any, Any]:
         """Coordinates at rest, as fields."""
-        return (ngs.x, ngs.CF(0.0), ngs.y) if self._plane else (ngs.x, ngs.y, ngs.z)
+        return (ngs.x, ngs.CF(0.0), ngs.y) if self.plane else (ngs.x, ngs.y, ngs.z)
 
     def support(self, bc: DisplacementBC) -> Support:
         """What a condition prescribes at full load."""
@@ -67,7 +72,7 @@ class Course:
             self._moves |= bc.has_course
             parts = [each / self.growth for each in bc.displacement(self.place, self.time, self.growth, FIELDS)]
         parts = [part if axis in bc.components else None for axis, part in zip("xyz", parts, strict=True)]
-        return tuple(parts[i] for i in ((0, 2) if self._plane else (0, 1, 2)))
+        return tuple(parts[i] for i in self.axes)
 
     def value(self, given: Given) -> Value:
         """A load's, at full size."""
@@ -77,7 +82,7 @@ class Course:
     def vector(self, given: tuple[Given, ...]) -> tuple[Value, ...]:
         """Its components that the body has."""
         parts = [self.value(each) for each in given]
-        return (parts[0], parts[2]) if self._plane else tuple(parts)
+        return tuple(parts[i] for i in self.axes)
 
     def drive(self, problem: Problem) -> Problem:
         """Prescribe it of a problem made with its supports and loads, as it is at the end."""
@@ -111,6 +116,7 @@ def pace(scene: Scene, until: float) -> float:
         found = [bc.displacement(place, t, 1.0) for bc in scene.displacement_bcs if bc.is_timed]
         found += [[at_place(each, place, t) for each in load.value if follows(each)] for load in scene.tractions]
         found += [[at_place(load.value, place, t)] for load in scene.pressures if follows(load.value)]
+        found += [list(body.gone(t, 1.0)) for body in scene.contacts if body.is_timed]
         return [part for course in found for part in course]
 
     least = np.inf
@@ -154,6 +160,16 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
         ):
             wanted = f"less than the body, {' x '.join(f'{1e3 * s:.4g}' for s in sides)} mm"
             raise InputError(key, shown, wanted)
+    for i, body in enumerate(scene.contacts, 1):
+        with np.errstate(all="ignore"):
+            parts = [np.broadcast_to(part, MOMENTS) for part in body.gone(times, growth)]
+        if not np.isfinite(parts).all():
+            raise InputError(f"contact#{i}.travel_mm", body.shown("travel"), "numbers at every moment")
+        if any(abs(part[0]) > 1e-9 for part in parts):
+            wanted = "formulas of t that are 0 at t = 0: a body begins at rest"
+            raise InputError(f"contact#{i}.travel_mm", body.shown("travel"), wanted)
+        if body.boundary and not any(re.fullmatch(body.boundary, name) for name in names):
+            raise InputError(f"contact#{i}.boundary", repr(body.boundary), f"one of {', '.join(names)}")
     loads = [(f"traction#{i}", load) for i, load in enumerate(scene.tractions, 1)]
     loads += [(f"pressure#{i}", load) for i, load in enumerate(scene.pressures, 1)]  # type: ignore[misc]
     for name, load in loads:
@@ -166,6 +182,20 @@ def check(scene: Scene, mesh: ngs.Mesh, sides: tuple[float, ...]) -> None:
             if follows(each) and np.abs(found[:, 0]).max(initial=0) > 1e-9 * np.abs(found).max(initial=0):
                 wanted = "a formula of t that is 0 at t = 0: a body begins at rest"
                 raise InputError(f"{name}.value_Pa", load.shown("value"), wanted)
+
+
+def check_apart(scene: Scene, names: set[str]) -> None:
+    """Refuse two conditions for one component of one boundary."""
+    for i, bc in enumerate(scene.displacement_bcs, 1):
+        mine = {name for name in names if re.fullmatch(bc.boundary, name)}
+        for j, other in enumerate(scene.displacement_bcs[: i - 1], 1):
+            shared = mine & {name for name in names if re.fullmatch(other.boundary, name)}
+            axes = [axis for axis in bc.components if axis in other.components]
+            if shared and axes:
+                found = (
+                    f"{bc.boundary!r}, which displacement_bc#{j} ({other.boundary!r}) prescribes along {axes[0]} too"
+                )
+                raise InputError(f"displacement_bc#{i}.boundary", found, f"one condition for {min(shared)!r}")
 
 
 def _vertices(mesh: ngs.Mesh, pattern: str, names: list[str]) -> list[np.ndarray]:

@@ -109,6 +109,7 @@ AXES = {
             (2.0,),
         ),
         Axis("contact", tuple(PresenceLevel), ("that tissue slides and parts",), ("touching",), (2.0,)),
+        Axis("friction", tuple(PresenceLevel), ("friction",), ("coarse",), (2.0,)),
         Axis("extent", tuple(ExtentLevel), ("what lies around the region of interest",), ("roughly",), (2.0,)),
         Axis("space", tuple(SpaceLevel), ("what happens out of the plane",), ("roughly",), (20.0,)),
         Axis("order", tuple(OrderLevel)[:3], ("elements one order higher",) * 2, ("order",) * 2, (5.0, 5.0), 1.3),
@@ -178,6 +179,7 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
         "fibres": all(tissue.fibre_stiffness is None for tissue in scene.tissues),
         "time": not any(law.branches for law in laws),
         "loss": not any(law.branches or tissue.loss_tangent for law, tissue in zip(laws, scene.tissues, strict=True)),
+        "friction": not any(body.friction for body in scene.contacts),
         "contact": all(bc.contact == "bonded" for bc in scene.displacement_bcs),
         "inertia": not waves and min(scene.time.ramp, pace(scene, scene.time.end)) > SLOW * _crossing(scene),
         "space": scene.geometry.kind != "block" or beyond is not None,
@@ -198,9 +200,19 @@ def axes_of(scene: Scene, richest: Model | None = None, questions: Sequence[Labe
             least, last = axis.at(TimeLevel.PRONY), max(last, axis.at(TimeLevel.PRONY) + 1)
         if last - least > 1 or (name == "time" and least) or name in bounds or name in ("order", "mesh", "space"):
             found[name] = between(axis, least, last)
-    if scene.geometry.kind == "idealised":  # its curved elements cannot be cut one by one
+    if scene.geometry.kind == "idealised" or scene.contacts:  # curved elements cannot be cut one by one
         found["mesh"] = _whole_steps(found["mesh"])
+    if scene.contacts:
+        found = {name: _touching(axis) for name, axis in found.items() if name != "strain"}
+        found = {"strain": between(AXES["strain"], 1, 2), **found}
     return found
+
+
+def _touching(axis: Axis) -> Axis:
+    """The same of a body that a rigid one meets, which has no linear cousin: its steps are taken, elements as they are and others
+    on the largest ones.
+    """
+    return replace(axis, by=("solve" if axis.name in ELEMENTS else "coarse",) * len(axis.by))
 
 
 def check(of: str, model: Model, known: Mapping[str, Axis]) -> None:
@@ -256,12 +268,17 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
     for question in questions:
         return f"what is asked, {question.label!r}, is of a body in space"
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
-    patterns = [each.boundary for each in loads]
+    patterns = [load.boundary for load in loads] + [body.boundary for body in scene.contacts]
     patterns += [str(quantity.boundary) for quantity in scene.quantities if quantity.name == "force"]
     for pattern in patterns:
         known = [name for name in (*OF_SECTION, *ACROSS) if re.fullmatch(pattern, name)]
         if not known or set(known) & set(ACROSS):
             return f"a section has no {known[-1] if known else pattern!r}"
+    for body in scene.contacts:
+        x, y, z = body.direction or (0.0, 0.0, 0.0)
+        across = {"plane": abs(y), "cylinder": math.hypot(x, z), "ball": math.inf}[body.shape]
+        if across > IN_PLANE * math.hypot(x, y, z) or body.travel[1]:
+            return f"the {body.shape} on {body.boundary!r} is none of a section, or leaves it"
     for bc in scene.displacement_bcs:
         if bc.axis and math.hypot(bc.axis[0], bc.axis[2]) > IN_PLANE * math.hypot(*bc.axis):
             return f"the rotation of {bc.boundary!r} is not about y"
@@ -300,7 +317,7 @@ def not_in_section(scene: Scene, questions: Sequence[Labelled] = ()) -> str | No
 def _uncuttable(scene: Scene) -> bool:
     """Whether there is no region of interest, or a condition or a quantity lies beyond it."""
     part = near(scene.geometry)
-    if part is None or scene.gravity is not None:
+    if part is None or scene.gravity is not None or scene.contacts:
         return True
     loads: list[Traction | Pressure] = [*scene.tractions, *scene.pressures]
     patterns = [bc.boundary for bc in scene.displacement_bcs] + [load.boundary for load in loads]

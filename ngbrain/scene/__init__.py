@@ -4,7 +4,8 @@
 SI units inside; in TOML the unit is the end of the key (`width_mm`, `ramp_s`, `mu_Pa`): `ngbrain.fields` reads and writes.
 A part checks its own fields when it is made (also in Python), a `Scene` what is between fields and parts.
 
-`geometry` has the body and its meshes' sizes, `tissues` materials, `conditions` supports and loads, `operation` cleft, tool and
+`geometry` has the body and its meshes' sizes, `tissues` materials, `conditions` supports and loads, `contacts`
+rigid bodies, `operation` cleft, tool and
 patient, `protocols` time and the tool's motion, `quantities` what is asked, `result` what comes back.
 """
 
@@ -21,7 +22,8 @@ from ngbrain.errors import InputError, nearest
 from ngbrain.fields import Document, Section, brief, entries, table, text
 from ngbrain.materials.registry import reading
 from ngbrain.mesh.shapes import Ellipsoids
-from ngbrain.scene.conditions import DisplacementBC, Gravity, Pressure, Traction, follows
+from ngbrain.scene.conditions import DisplacementBC, Given, Gravity, Pressure, Traction, follows
+from ngbrain.scene.contacts import Contact
 from ngbrain.scene.geometry import Geometry, MeshSize
 from ngbrain.scene.operation import Cleft, Openable, Patient, Tool
 from ngbrain.scene.protocols import Protocol, Time
@@ -30,6 +32,7 @@ from ngbrain.scene.tissues import Tissue
 
 __all__ = [
     "Cleft",
+    "Contact",
     "DisplacementBC",
     "Geometry",
     "Gravity",
@@ -64,6 +67,8 @@ class Scene(Document):
         Prescribed displacements. An operation without any is held at the skull.
     tractions, pressures, gravity
         Loads of a body.
+    contacts
+        Rigid bodies that press on it.
     cleft, tools, protocols, patient
         Of an operation; without protocols it is a continuous one.
     time
@@ -95,6 +100,7 @@ class Scene(Document):
     tractions: tuple[Traction, ...] = table(Traction, (), size=0)
     pressures: tuple[Pressure, ...] = table(Pressure, (), size=0)
     gravity: Gravity | None = table(Gravity, None)
+    contacts: tuple[Contact, ...] = table(Contact, (), size=0)
     cleft: Cleft | None = table(Cleft, None)
     time: Time = table(Time, Time)
     tools: tuple[Tool, ...] = table(Tool, (), size=0)
@@ -124,14 +130,14 @@ class Scene(Document):
                 self._need_table(getattr(self, name) == none, name, "given", wanted)
             wanted = "one or more tables [[quantity]]: what is asked of a body under loads"
             self._need_table(self.quantities, "quantities", "missing", wanted)
-            wanted = "a [[displacement_bc]], [[traction]], [[pressure]] or [gravity]"
-            loaded = self.displacement_bcs or self.tractions or self.pressures or self.gravity
+            wanted = "a [[displacement_bc]], [[traction]], [[pressure]], [[contact]] or [gravity]"
+            loaded = self.displacement_bcs or self.tractions or self.pressures or self.contacts or self.gravity
             self._need_table(loaded, "displacement_bcs", "missing", wanted)
             wanted = "a [cleft] to go with the head of a person: under loads there are block, idealised and mesh"
             self._need_table(self.geometry.kind not in ("mni152", "scan"), "cleft", "missing", wanted)
             return
         self._need_table(self.geometry.is_head, "cleft", "given", "geometry.kind a head, to go with it")
-        for name in ("tractions", "pressures", "gravity"):
+        for name in ("tractions", "pressures", "contacts", "gravity"):
             self._need_table(
                 not getattr(self, name), name, "given", "this table left out: an operation does not have it yet"
             )
@@ -156,10 +162,10 @@ class Scene(Document):
     @property
     def is_timed(self) -> bool:
         """Whether a formula says of something where or how large it is at every moment."""
-        loads = [value for traction in self.tractions for value in traction.value]
-        return any(bc.is_timed for bc in self.displacement_bcs) or any(
-            map(follows, [*loads, *(pressure.value for pressure in self.pressures)])
-        )
+        loads: list[Given] = [value for traction in self.tractions for value in traction.value]
+        loads += [pressure.value for pressure in self.pressures]
+        moved = [bc.is_timed for bc in self.displacement_bcs] + [body.is_timed for body in self.contacts]
+        return any(moved) or any(map(follows, loads))
 
     @property
     def operated(self) -> Cleft:

@@ -11,7 +11,7 @@ from ngbrain.ladder import climb
 from ngbrain.ladder.bodies import Bench
 from ngbrain.ladder.courses import pace
 from ngbrain.ladder.rungs import axes_of, not_in_section
-from ngbrain.scene import DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction
+from ngbrain.scene import Contact, DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Time, Tissue, Traction
 
 BLOCK = Geometry(kind="block", size=(0.02, 0.02, 0.02))
 FOOT = DisplacementBC(boundary="bottom")
@@ -230,3 +230,86 @@ def test_a_wave_has_amplitudes_of_place():
                  quantities=asked)  # fmt: skip
     found = Bench(made).solve({"inertia": "all", "order": "4", "mesh": "0", "space": "solid"}).answers[0]
     assert found == pytest.approx(1e-4 * np.cos(1.0), rel=1e-3)
+
+
+ROLLERS = [DisplacementBC(boundary=b, components=c) for b, c in (("bottom", "z"), ("left", "x"), ("front", "y"))]
+PLANE = {"boundary": "top", "shape": "plane", "point": (0, 0, 0.021), "direction": (0, 0, -1)}
+
+
+def test_a_plane_presses_as_a_prescribed_displacement_does():
+    """Over a gap of 1 mm, on rollers: the block stays a block."""
+    asked = (Quantity(name="force", boundary="top"),)
+    pressed = scene(*ROLLERS, contacts=[Contact(**PLANE, travel=(0, 0, -0.003))], quantities=asked)
+    moved = scene(*ROLLERS, DisplacementBC(boundary="top", value=(0, 0, -0.002), components="z"), quantities=asked)
+    found, exact = (answers(made, strain="finite")[0] for made in (pressed, moved))
+    assert found == pytest.approx(exact, rel=2e-3) and exact < -0.1
+    timed = replace(pressed, contacts=(Contact(**PLANE, travel=(0, 0, "-3*t/5")),))
+    assert answers(timed, strain="finite")[0] == pytest.approx(found, rel=1e-6)
+    short = replace(pressed, contacts=(Contact(**PLANE, travel=(0, 0, -0.0009)),))
+    assert abs(answers(short, strain="finite")[0]) < 1e-12
+
+
+def test_what_slides_is_dragged_with_its_coefficient():
+    """A plane that goes down and then along: tangential over normal force is Coulomb's, once all of it slides."""
+    way = ("4*max(t - 1, 0)", 0, "-1 - min(t, 1)")
+    both = tuple(Quantity(name="force", boundary="top", direction=along) for along in ((1, 0, 0), (0, 0, 1)))
+    made = scene(
+        FOOT, contacts=[Contact(**PLANE, travel=way, friction=0.2)], time=Time(ramp=1.0, end=2.0), quantities=both
+    )
+    assert made.is_timed and "friction" in axes_of(made)
+    with pytest.raises(InputError, match=r"contact#1.travel_mm .*0 at t = 0"):
+        answers(made)
+    made = replace(made, contacts=(replace(made.contacts[0], travel=(way[0], 0, "-2*min(t, 1)")),))
+    along, down = answers(made, strain="finite", friction="all", space="plane")
+    assert along / -down == pytest.approx(0.2, rel=1e-3) and down < -0.05
+    along, down = answers(made, strain="finite", friction="none", space="plane")
+    assert abs(along) < 1e-6 * abs(down)
+
+
+@pytest.mark.slow
+def test_a_ball_presses_as_hertz_says():
+    """4/3 E* √R d^1.5 (Hertz 1882), of a half space; a block of ten contact radii is a little stiffer."""
+    block = Geometry(kind="block", size=(0.04, 0.04, 0.02), plate=(0.008, 0.008))
+    ball = Contact(boundary="plate", shape="ball", point=(0, 0, 0.04), radius=0.02, travel=(0, 0, -4e-4))
+    asked = (Quantity(name="force", boundary="plate"),)
+    made = scene(FOOT, geometry=block, mesh=MeshSize(largest=0.004), contacts=[ball], quantities=asked)
+    stiffness = 2 * 1000 / (1 - 0.3)
+    found = answers(made, strain="finite")[0]
+    assert found == pytest.approx(-4 / 3 * stiffness * 0.02**0.5 * 4e-4**1.5, rel=0.25)
+
+
+def test_the_ladder_climbs_what_touches():
+    made = scene(
+        FOOT, contacts=[Contact(**PLANE, travel=(0, 0, -0.0015))], quantities=(Quantity(name="force", boundary="top"),)
+    )
+    axes = axes_of(made)
+    assert axes["strain"].levels == ("finite",) and axes["mesh"].levels == ("0", "1", "2") and "extent" not in axes
+    found = climb(made, {"mesh": "1", "order": "2"}).chosen
+    best = answers(made, strain="finite", space="solid", order="3", mesh="1", pressure="unknown")[0]
+    assert abs(found.answers[0] / best - 1) < 0.05 and {each.how for each in found.estimates.values()} <= {
+        "solved",
+        "on the coarsest elements",
+    }
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (
+            {"shape": "ball", "point": (0, 0, 0.04), "radius": 0.02},
+            "the ball on 'top' is none of a section, or leaves it",
+        ),
+        ({"shape": "cylinder", "point": (0, 0, 0.04), "radius": 0.02, "direction": (0, 1, 0)}, None),
+        (
+            {"shape": "cylinder", "point": (0, 0, 0.04), "radius": 0.02, "direction": (1, 0, 0)},
+            "the cylinder on 'top' is none of",
+        ),
+        (
+            {"shape": "plane", "point": (0, 0, 0.04), "direction": (0, 0, -1), "travel": (0, 1e-3, 0)},
+            "the plane on 'top' is none",
+        ),
+    ],
+)
+def test_a_section_has_bodies_that_go_on_along_y(body, said):
+    found = not_in_section(scene(FOOT, contacts=[Contact(boundary="top", **body)]))
+    assert found is None if said is None else found.startswith(said)

@@ -67,7 +67,10 @@ def test_other_tissues_are_foretold_where_they_differ() -> None:
     scene = Scene(
         mesh=MeshSize(largest=0.02),
         geometry=piece,
-        tissues=(Tissue(poissons_ratio=0.49, region="tissue", mu=(1e3,)), Tissue(poissons_ratio=0.49, region="lesion", mu=(5e3,))),
+        tissues=(
+            Tissue(poissons_ratio=0.49, region="tissue", mu=(1e3,)),
+            Tissue(poissons_ratio=0.49, region="lesion", mu=(5e3,)),
+        ),
         displacement_bcs=SQUEEZED,
         quantities=FORCE,
     )
@@ -305,7 +308,10 @@ def test_a_section_is_doubted_where_finite_strains_change_more_than_leaving_it()
 def test_orders_are_judged_in_space_where_strains_are_asked_for() -> None:
     """What a section says of a ball's strains is a cylinder's; of forces it will do."""
     piece = Geometry(kind="block", size=(0.02, 0.02, 0.02), lesion_radius=0.005, lesion_centre=(0, 0, 0.01))
-    stuff = (Tissue(poissons_ratio=0.49, region="tissue", mu=(1e3,)), Tissue(poissons_ratio=0.49, region="lesion", mu=(5e3,)))
+    stuff = (
+        Tissue(poissons_ratio=0.49, region="tissue", mu=(1e3,)),
+        Tissue(poissons_ratio=0.49, region="lesion", mu=(5e3,)),
+    )
     for quantity, how in (
         (Quantity(name="strain", region="lesion", percentile=50), "residual weighted by adjoints"),
         (FORCE[0], "in the section"),

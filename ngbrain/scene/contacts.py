@@ -1,0 +1,76 @@
+# ruff: noqa: RUF009  (what the calls in class bodies return is a dataclasses.field)
+"""Rigid bodies that press on a boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass
+from typing import TYPE_CHECKING, Any
+
+from ngbrain.fields import Section, choice, formula, number, pattern
+from ngbrain.formulas import FUNCTIONS, Formula
+from ngbrain.scene.conditions import Given, follows
+
+if TYPE_CHECKING:
+    from ngbrain.scene import Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact(Section):
+    """A rigid body that the boundaries that match a pattern may meet, slide along and leave.
+
+    Parameters
+    ----------
+    boundary
+        A name or a regular expression.
+    shape
+        ball; cylinder, without ends; plane: what is behind a plane.
+    point
+        At first: the centre of a ball, a point on a cylinder's axis or on a plane.
+    direction
+        Of a cylinder's axis; of a plane its normal, from the rigid body to the tissue.
+    radius
+        Of a ball or a cylinder.
+    travel
+        How far the body goes along x, y and z: of each a number, which grows with the loads, or a formula of t, which says how far
+        it has gone at every moment.
+    friction
+        Coefficient of Coulomb's friction.
+    """
+
+    boundary: str = pattern("boundary")
+    shape: str = choice("shape", MISSING, ["ball", "cylinder", "plane"])
+    point: tuple[float, float, float] = number("point_mm", signed=True, size=3)
+    direction: tuple[float, float, float] | None = number("direction", None, signed=True, size=3)
+    radius: float | None = number("radius_mm", None)
+    travel: tuple[Given, Given, Given] = formula("travel_mm", (0.0, 0.0, 0.0), ("t",), "t (s)", size=3)
+    friction: float = number("friction", 0.0, least=0.0)
+
+    def _check(self, path: str, scene: Scene) -> None:
+        flat = self.shape == "plane"
+        self._need((self.radius is None) == flat, path, "radius", "a radius of a ball or a cylinder, and of no plane")
+        wanted = "a direction of a cylinder or a plane, and of no ball"
+        self._need((self.direction is None) == (self.shape == "ball"), path, "direction", wanted)
+        self._need(self.direction is None or any(self.direction), path, "direction", "a direction: not all 0")
+        self._need(self.friction <= 1, path, "friction", "at most 1: the largest tangential over the normal force")
+        self._need(scene.time.frequency is None, path, "shape", "no [[contact]] of a wave: its tissue does not part")
+        timed = [follows(each) for each in self.travel if each]
+        alike = not self.friction or all(timed) or not any(timed)
+        self._need(alike, path, "travel", "all numbers or all formulas of t, of what rubs")
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether a formula says where it is at every moment."""
+        return any(map(follows, self.travel))
+
+    def gone(
+        self, t: Any, growth: Any, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS
+    ) -> tuple[Any, Any, Any]:
+        """How far (m) along x, y and z at a time (s), when the loads have grown to a part of their size."""
+        x, y, z = (
+            1e-3 * each({"t": t}, functions) * (1.0 if follows(each) else growth)
+            if isinstance(each, Formula)
+            else each * growth
+            for each in self.travel
+        )
+        return x, y, z
