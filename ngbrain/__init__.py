@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ngbrain.scene import Scene
     from ngbrain.threads import set_threads
     from ngbrain.workflows.cohort import cohort
+    from ngbrain.workflows.preview import preview
     from ngbrain.workflows.simulate import simulate
 
 __version__ = version("ngbrain")
@@ -32,6 +33,7 @@ __all__ = [
     "__version__",
     "cohort",
     "datasets",
+    "preview",
     "set_threads",
     "simulate",
 ]
@@ -43,6 +45,7 @@ _HOME = {
     "Scene": "scene",
     "TimeStepper": "forward.transient.time_stepper",
     "cohort": "workflows.cohort",
+    "preview": "workflows.preview",
     "set_threads": "threads",
     "simulate": "workflows.simulate",
 }

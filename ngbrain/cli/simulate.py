@@ -32,6 +32,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _operate(_demo(arguments), arguments)
     scene = Scene.from_toml(arguments.scene)
     try:
+        if arguments.preview:
+            return _preview(scene, arguments)
         if scene.is_operation and (arguments.as_described or not scene.quantities):
             return _operate(scene, arguments)
         return _answer(scene, arguments)
@@ -45,6 +47,14 @@ def _demo(arguments: argparse.Namespace) -> Scene:
     name = "idealised" if arguments.head == "idealised" else "demo"
     scene = Scene.shipped(f"{name}_fast" if arguments.fast else name)
     return likewise(scene, arguments.image) if arguments.image else scene
+
+
+def _preview(scene: Scene, arguments: argparse.Namespace) -> int:
+    """The scene drawn, and nothing computed."""
+    from ngbrain.workflows.preview import preview
+
+    conclude(arguments.quiet, [f"preview: {preview(scene, arguments.output)}"], [])
+    return 0
 
 
 def _answer(scene: Scene, arguments: argparse.Namespace) -> int:

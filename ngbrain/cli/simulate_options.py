@@ -33,6 +33,11 @@ def add_simulate(verbs: Any) -> argparse.ArgumentParser:
         action="store_true",
         help="compute it as it is written, also where it asks quantities with tolerances",
     )
+    parser.add_argument(
+        "--preview",
+        action="store_true",
+        help="draw it and stop: geometry, regions, conditions, cleft and tool, in preview.html",
+    )
     return parser
 
 

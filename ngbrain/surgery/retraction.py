@@ -153,7 +153,7 @@ def _of_protocols(model: Model, runs: Runs, threads: int) -> dict[str, Any]:
         "threads": threads,
         "scene": scene.to_dict(),
         "head": model.head.describe(model.mesh) | ({"shear_modulus_map": mapped} if mapped else {}),
-        "geometry": _geometry(model),
+        "geometry": geometry(model),
         "model": answers.model(model, runs),
         "answers": found,
         "comparison": answers.comparison(runs, found),
@@ -250,7 +250,8 @@ def _write_pictures(path: Path, arrays: dict[str, np.ndarray]) -> None:
     atomic_write(path, lambda part: np.savez_compressed(part, **arrays))  # type: ignore[arg-type]
 
 
-def _geometry(model: Model) -> dict[str, Any]:
+def geometry(model: Model) -> dict[str, Any]:
+    """Where the cleft and the tool are, for pictures (m)."""
     cleft, blade = model.cleft, model.scene.tool
     return {
         "target_m": cleft.target.tolist(),

@@ -1,0 +1,231 @@
+"""A scene drawn before it is computed: what `simulate --preview` does."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import ngsolve as ngs
+import numpy as np
+
+from ngbrain.ladder.bodies import Bench
+from ngbrain.report import preview as page
+from ngbrain.report.blade import TOOLS, drawn
+from ngbrain.report.preview import Condition, Drawing, Solid
+from ngbrain.report.slices import ScanImage
+from ngbrain.scene import Contact, DisplacementBC, Scene
+from ngbrain.surgery.adequate import LARGEST
+from ngbrain.surgery.model import Model
+from ngbrain.surgery.retraction import geometry
+from ngbrain.units import to_ml
+
+ROUND = 48
+"""Points of a circle."""
+
+
+def preview(scene: Scene | str | Path, folder: str | Path) -> Path:
+    """Draw a scene: geometry, regions, conditions, cleft and tool, on three slices and in space. Nothing is solved.
+
+    Parameters
+    ----------
+    scene : Scene or path
+        What would be computed, or its file.
+    folder : path
+        Where `preview.html` goes, a page that opens alone.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        A scene that means nothing: what a run would refuse before it solves is refused here too.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ngbrain.scene import DisplacementBC, Geometry, Quantity, Tissue
+    >>> scene = Scene(
+    ...     geometry=Geometry(kind="block", size=(0.06, 0.06, 0.04)),
+    ...     tissues=[Tissue(mu=1000.0, poissons_ratio=0.3)],
+    ...     displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -1e-4))],
+    ...     quantities=[Quantity(name="force", boundary="top")],
+    ... )
+    >>> preview(scene, tempfile.mkdtemp()).name
+    'preview.html'
+    """
+    if not isinstance(scene, Scene):
+        scene = Scene.from_toml(scene)
+    drawing = _operation(scene) if scene.is_operation else _body(scene)
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return page.build(Path(folder) / "preview.html", drawing)
+
+
+def _body(scene: Scene) -> Drawing:
+    """Of a body under loads, on its coarsest elements; its conditions are checked by making the problem."""
+    bench = Bench(scene)
+    model = {"mesh": "0", "order": "1", "strain": "finite", "pressure": "none", "space": "solid"}
+    if scene.time.frequency is None:
+        bench.static(model, scene.time.end)
+    mesh = bench.mesh(model)
+    names = sorted(set(mesh.GetBoundaries()))
+    conditions = [_displacement(bc, names, scene) for bc in scene.displacement_bcs]
+    for traction in scene.tractions:
+        numbers = [each if isinstance(each, float) else math.nan for each in traction.value]
+        way = None if np.isnan(numbers).any() else np.array(numbers)
+        words = f"{_listed(traction.shown('value'))} Pa"
+        conditions.append(Condition("traction", words, _matching(traction.boundary, names), way))
+    for pressure in scene.pressures:
+        words = f"{pressure.shown('value')} Pa, into the body"
+        conditions.append(Condition("pressure", words, _matching(pressure.boundary, names)))
+    for body in scene.contacts:
+        words = f"{body.shape} that goes {_listed(body.shown('travel'))} mm, friction {body.friction:g}"
+        conditions.append(Condition("contact", words, _matching(body.boundary, names)))
+    solids = [_rigid(body, bench.longest, scene) for body in scene.contacts]
+    points = [quantity.point for quantity in scene.quantities if quantity.point]
+    parts = _parts(mesh)
+    focus = np.array(points[0]) if points else (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
+    head = scene.geometry.is_head
+    return Drawing(
+        scene.title, **parts, focus=focus, head=head, conditions=conditions, solids=solids,
+        tables=_tables(scene, mesh, conditions), warnings=scene.warnings,
+    )  # fmt: skip
+
+
+def _operation(scene: Scene) -> Drawing:
+    """Of an operation: the mesh on large elements, which takes seconds."""
+    coarse = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
+    model = Model.of(replace(scene, mesh=coarse))
+    model.materials(2)
+    names = sorted(set(model.mesh.GetBoundaries()))
+    conditions = [
+        Condition("held", "held", tuple(model.held.split("|"))) if model.held else None,
+        Condition("slides", "slides along what holds it", tuple(model.sliding.split("|"))) if model.sliding else None,
+        Condition("walls of the cleft", "what the tool pushes, and what faces it", _matching("wall_.*", names)),
+    ]
+    made, cleft = geometry(model)["blade"], model.cleft
+    at, end = (drawn(made, cleft, way) for way in (0.0, scene.tool.travel))
+    solids = []
+    for first, last in zip(at, end, strict=True):
+        points, triangles = first.solid()
+        solids.append(Solid(TOOLS[scene.tool.kind], points, triangles, last.solid()[0] - points))
+    arrays = model.head.pictures()
+    image = (
+        ScanImage(arrays["t1"], arrays["labels"], arrays["origin_m"].astype(float), float(arrays["spacing_m"]))
+        if arrays
+        else None
+    )
+    found = [each for each in conditions if each is not None]
+    return Drawing(
+        scene.title, **_parts(model.mesh), focus=cleft.target, head=True, conditions=found, solids=solids, image=image, coarse=True,
+        tables=_tables(scene, model.mesh, found), warnings=scene.warnings,
+    )  # fmt: skip
+
+
+def _parts(mesh: ngs.Mesh) -> dict[str, Any]:
+    """Points, tetrahedra, regions and faces, as copies: they outlive the mesh."""
+    made = mesh.ngmesh
+    solids, sides = made.Elements3D().NumPy(), made.Elements2D().NumPy()
+    names = mesh.GetMaterials()
+    region = np.array([names[index - 1] for index in solids["index"].tolist()])
+    triangles, numbers = sides["nodes"][:, :3].astype(int) - 1, sides["index"].copy()
+    labels = mesh.GetBoundaries()
+    faces = {
+        name: np.concatenate([triangles[numbers == i + 1] for i, each in enumerate(labels) if each == name])
+        for name in sorted(set(labels))
+    }
+    tets = solids["nodes"][:, :4].astype(int) - 1
+    return {"points": np.array(made.Coordinates()), "tets": tets, "region": region, "faces": faces}
+
+
+def _matching(pattern: str, names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in names if re.fullmatch(pattern, name))
+
+
+def _displacement(bc: DisplacementBC, names: Sequence[str], scene: Scene) -> Condition:
+    mine = _matching(bc.boundary, names)
+    along = "" if bc.components == "xyz" else f" along {', '.join(bc.components)}"
+    if bc.rotation is not None:
+        about = f"({_listed(bc.axis or ())}) through ({_listed(bc.shown('centre') or (0, 0, 0))}) mm"
+        words = f"turned by {bc.shown('rotation')}° about {about}"
+        return Condition("turned", words, mine)
+    if not any(bc.value):
+        return Condition("held", f"held{along}", mine)
+    way = bc.displacement([np.zeros(1)] * 3, scene.time.end, 1.0) if bc.is_even else None
+    moved = None if way is None else np.array([float(each) for each in way])
+    face = ", by a face along which it slides" if bc.contact == "frictionless" else ""
+    return Condition("moved", f"moved by {_listed(bc.shown('value'))} mm{along}{face}", mine, moved)
+
+
+def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
+    """A ball, a piece of a cylinder or of a plane."""
+    middle, r = np.array(body.point), body.radius or 0.0
+    angle = np.linspace(0, 2 * np.pi, ROUND, endpoint=False)
+    if body.shape == "ball":
+        heights = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)
+        rings = [
+            np.column_stack([np.cos(h) * np.cos(angle), np.cos(h) * np.sin(angle), np.full(ROUND, np.sin(h))])
+            for h in heights
+        ]
+        points = middle + r * np.concatenate(rings)
+    else:
+        axis = np.array(body.direction) / np.linalg.norm(np.array(body.direction))
+        one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        one, other = one / np.linalg.norm(one), np.cross(axis, one / np.linalg.norm(one))
+        wide = 0.6 * long if body.shape == "plane" else r
+        ring = wide * (np.cos(angle)[:, None] * one + np.sin(angle)[:, None] * other)
+        ends = (-0.03 * long, 0.0) if body.shape == "plane" else (-0.6 * long, 0.6 * long)
+        rings = [ring + h * axis for h in ends]
+        points = middle + np.concatenate(rings)
+    tris = []
+    for k in range(len(rings) - 1):
+        i, j = np.arange(ROUND), (np.arange(ROUND) + 1) % ROUND
+        a, b = k * ROUND, (k + 1) * ROUND
+        tris += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
+    for start in (0, (len(rings) - 1) * ROUND):
+        i = np.arange(2, ROUND)
+        tris.append(start + np.column_stack([0 * i, i - 1, i]))
+    end = np.array([float(each) for each in body.gone(scene.time.end, 1.0)])
+    return Solid(body.shape, points, np.concatenate(tris), np.broadcast_to(end, points.shape).copy())
+
+
+def _listed(values: Any) -> str:
+    return ", ".join(f"{each:g}" if isinstance(each, (int, float)) else str(each) for each in values)
+
+
+def _tables(scene: Scene, mesh: ngs.Mesh, conditions: Sequence[Condition]) -> dict[str, list[tuple[str, ...]]]:
+    """Regions, conditions, tool and times, and what is asked."""
+    regions = list[tuple[str, ...]]()
+    for tissue in scene.tissues:
+        name = tissue.material if isinstance(tissue.material, str) else type(tissue.law().equilibrium).__name__
+        relaxes = "relaxes" if tissue.law().branches else "elastic"
+        regions.append((tissue.region, f"{name}, initial modulus {tissue.initial_modulus:.4g} Pa", relaxes))
+    volumes = {name: to_ml(ngs.Integrate(ngs.CF(1) * ngs.dx(name), mesh)) for name in sorted(set(mesh.GetMaterials()))}
+    found: dict[str, list[tuple[str, ...]]] = {
+        "Tissues": regions,
+        "Regions of the mesh": [(name, f"{volume:.4g} ml") for name, volume in volumes.items()],
+        "What holds and moves it": [(", ".join(each.boundaries) or "no boundary", each.words) for each in conditions],
+    }
+    if scene.gravity:
+        found["What holds and moves it"].append(("everywhere", f"gravity {_listed(scene.gravity.acceleration)} m/s²"))
+    if scene.is_operation:
+        tool, cleft = scene.tool, scene.operated
+        found["Operation"] = [
+            ("cleft", f"{cleft.shown('width'):g} mm wide, {cleft.shown('gap'):g} mm between its walls"),
+            ("craniotomy", f"{cleft.shown('craniotomy_diameter'):g} mm"),
+            ("tool", f"{tool.kind}, {tool.shown('width'):g} mm wide, goes {tool.shown('travel'):g} mm"),
+            *((f"protocol {each.name}", each.kind) for each in scene.protocols),
+        ]
+    time = scene.time
+    wave = f"{time.frequency:g} Hz" if time.frequency else f"loads grow in {time.ramp:g} s, until {time.end:g} s"
+    found["Time and questions"] = [
+        ("time", wave),
+        *((quantity.label, f"tolerance {100 * quantity.tolerance:g} %") for quantity in scene.quantities),
+    ]
+    return found
