@@ -12,6 +12,15 @@ import ngsolve as ngs
 import numpy as np
 
 from ngbrain.errors import InputError
+from ngbrain.image import mni152, read_scan
+from ngbrain.image.labelmap import LabelMap
+from ngbrain.image.labelschemes import TISSUES
+from ngbrain.image.segment import WHITE
+from ngbrain.image.tissues import tissues
+from ngbrain.mesh.elements import centres
+from ngbrain.mesh.grading import Graded
+from ngbrain.mesh.outline import BRAIN
+from ngbrain.mesh.routes import meshed
 from ngbrain.mesh.shapes import Sizes, idealised_head
 from ngbrain.reading import check_regular, tried
 from ngbrain.scene import Geometry
@@ -27,6 +36,8 @@ OF_SECTION = ("left", "right", "bottom", "top", "plate", "wall_minus", "wall_plu
 """Boundaries that a block's section has too."""
 CUT = ("left", "right", "front", "back")
 """Sides of a block that a region of interest is held at."""
+GREY_MATTER, WHITE_MATTER = "grey", "white"
+"""Regions of a scanned brain."""
 REACH = 3.0
 """A region of interest reaches so many times as far from the middle as what is in it does."""
 WORTH = 0.8
@@ -89,7 +100,8 @@ class Meshes:
 
     def _halved(self, level: int, plane: bool) -> ngs.Mesh:
         if plane not in self._coarsest:
-            self._coarsest[plane] = _read(self.geometry) if self.geometry.kind == "mesh" else self._block(plane)
+            makers = {"mesh": lambda: _read(self.geometry), "block": lambda: self._block(plane)}
+            self._coarsest[plane] = makers.get(self.geometry.kind, lambda: scanned(self.geometry, self.size))()
         mesh = ngs.Mesh(self._coarsest[plane].Copy())
         for _ in range(level):
             mesh.Refine()
@@ -102,6 +114,26 @@ class Meshes:
         # In one thread: where others work too, those that wait take a hundred times as long as the mesh does.
         wanted = meshing.MeshingParameters(maxh=self.size, grading=FAR, optsteps3d=1, parallel_meshing=False)
         return occ.OCCGeometry(shape, dim=2 if plane else 3).GenerateMesh(wanted)
+
+
+def scanned(geometry: Geometry, size: float) -> meshing.Mesh:
+    """The head of a scan within its skull: regions grey, white and ventricles, as the middle of each element has it.
+
+    Sulcal fluid within the hull counts as grey matter, as in an operation. Finer meshes have the same regions: their elements are
+    parts of these.
+    """
+    scan = mni152() if geometry.kind == "mni152" else read_scan(str(geometry.image))
+    labels = tissues(scan).volume
+    mesh = meshed(LabelMap(labels, TISSUES), "hull", Graded(size, size)).mesh()
+    made = mesh.ngmesh.Copy()
+    numbers = {name: i for i, name in enumerate((GREY_MATTER, WHITE_MATTER, *mesh.GetMaterials()[1:]), 1)}
+    white = labels.at(centres(mesh), order=0) == WHITE
+    old = [mesh.GetMaterials()[index - 1] for index in np.asarray(made.Elements3D().NumPy()["index"]).tolist()]
+    for name, number in numbers.items():
+        made.SetMaterial(number, name)
+    for element, name, inside in zip(made.Elements3D(), old, white.tolist(), strict=True):
+        element.index = numbers[name if name != BRAIN else WHITE_MATTER if inside else GREY_MATTER]
+    return made
 
 
 def _read(geometry: Geometry) -> meshing.Mesh:

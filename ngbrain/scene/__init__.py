@@ -133,8 +133,6 @@ class Scene(Document):
             wanted = "a [[displacement_bc]], [[traction]], [[pressure]], [[contact]] or [gravity]"
             loaded = self.displacement_bcs or self.tractions or self.pressures or self.contacts or self.gravity
             self._need_table(loaded, "displacement_bcs", "missing", wanted)
-            wanted = "a [cleft] to go with the head of a person: under loads there are block, idealised and mesh"
-            self._need_table(self.geometry.kind not in ("mni152", "scan"), "cleft", "missing", wanted)
             return
         self._need_table(self.geometry.is_head, "cleft", "given", "geometry.kind a head, to go with it")
         for name in ("tractions", "pressures", "contacts", "gravity"):

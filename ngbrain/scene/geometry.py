@@ -24,7 +24,8 @@ class Geometry(Section):
     kind
         block: a box of tissue with its foot in the plane z = 0 and its middle at x = y = 0, of the region "tissue", with the
         boundaries left, right (x), front, back (y), bottom, top (z); idealised: a head of ellipsoids; mni152: the average brain
-        that nilearn brings along; scan: the head of a T1 image; mesh: a volume mesh with regions and boundaries of its own.
+        that nilearn brings along; scan: the head of a T1 image (both, under loads, of the regions grey, white and ventricles, with
+        the boundary skull); mesh: a volume mesh with regions and boundaries of its own.
     image
         Path of the T1 image (NIfTI) of a scan.
     file
@@ -82,6 +83,8 @@ class Geometry(Section):
         for name in ("plate", "lesion_radius", "lesion_centre", "slot"):
             fits = self.kind == "block" or getattr(self, name) is None
             self._need(fits, path, name, "this key left out: only a block has it")
+        wanted = "this key left out: a head under loads does not have it yet; a [[tissue]] has shear_modulus_map"
+        self._need(scene.cleft is not None or self.stiffness_map is None, path, "stiffness_map", wanted)
         mapped, space = self.stiffness_map is not None, self.stiffness_map_space is not None
         wanted = "this key left out: only the head of a person has a measured map"
         self._need(not mapped or self.kind in ("mni152", "scan"), path, "stiffness_map", wanted)

@@ -19,6 +19,7 @@ from ngbrain.report.preview import Condition, Drawing, Solid
 from ngbrain.report.slices import ScanImage
 from ngbrain.scene import Contact, DisplacementBC, Scene
 from ngbrain.surgery.adequate import LARGEST
+from ngbrain.surgery.heads import Head, head_of
 from ngbrain.surgery.model import Model
 from ngbrain.surgery.retraction import geometry
 from ngbrain.units import to_ml
@@ -92,8 +93,9 @@ def _body(scene: Scene) -> Drawing:
     parts = _parts(mesh)
     focus = np.array(points[0]) if points else (parts["points"].min(axis=0) + parts["points"].max(axis=0)) / 2
     head = scene.geometry.is_head
+    image = _image(head_of(scene.geometry)) if head else None
     return Drawing(
-        scene.title, **parts, focus=focus, head=head, conditions=conditions, solids=solids,
+        scene.title, **parts, focus=focus, head=head, conditions=conditions, solids=solids, image=image,
         tables=_tables(scene, mesh, conditions), warnings=scene.warnings,
     )  # fmt: skip
 
@@ -115,17 +117,20 @@ def _operation(scene: Scene) -> Drawing:
     for first, last in zip(at, end, strict=True):
         points, triangles = first.solid()
         solids.append(Solid(TOOLS[scene.tool.kind], points, triangles, last.solid()[0] - points))
-    arrays = model.head.pictures()
-    image = (
-        ScanImage(arrays["t1"], arrays["labels"], arrays["origin_m"].astype(float), float(arrays["spacing_m"]))
-        if arrays
-        else None
-    )
+    image = _image(model.head)
     found = [each for each in conditions if each is not None]
     return Drawing(
         scene.title, **_parts(model.mesh), focus=cleft.target, head=True, conditions=found, solids=solids, image=image, coarse=True,
         tables=_tables(scene, model.mesh, found), warnings=scene.warnings,
     )  # fmt: skip
+
+
+def _image(head: Head) -> ScanImage | None:
+    """The scan that a head was made of, if any."""
+    found = head.pictures()
+    if not found:
+        return None
+    return ScanImage(found["t1"], found["labels"], found["origin_m"].astype(float), float(found["spacing_m"]))
 
 
 def _parts(mesh: ngs.Mesh) -> dict[str, Any]:

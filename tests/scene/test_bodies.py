@@ -53,8 +53,8 @@ def test_a_file_is_read_in_its_units_and_written_back(tmp_path):
         ("plate_mm", "lesion_radius_mm = 3\nplate_mm", "geometry.lesion_centre_mm is missing"),
         (
             '"block"\nsize_mm = [60, 60, 40]\nplate_mm = [20, 20]',
-            '"mni152"',
-            "a .cleft. to go with the head of a person",
+            '"mni152"\nstiffness_map = "map.nii"',
+            "geometry.stiffness_map .* a head under loads does not have it yet",
         ),
         ("value_mm = [0, 0, -0.2]", "contact = 'frictionless'", "value_mm"),
         ("value_mm = [0, 0, -0.2]", "contact = 'sliding'", "contact"),
