@@ -241,7 +241,7 @@ def drawn(seed: int) -> Case:
             size=(0.06, 0.06, 0.04),
             plate=(width, width),
             lesion_radius=lesion,
-            lesion_centre=(0, 0, 0.017),
+            lesion_centre=(0, 0, 0.017) if lesion else None,
         )
         if lesion:
             modulus = float(tissue.initial_modulus * random.choice([0.3, 4.0]))

@@ -62,6 +62,11 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
     if arguments.resume:
         raise InputError("--resume", "given", "this option left out: a scene that asks quantities starts anew")
     folder: Path = arguments.output
+
+    def extend(found: dict[str, Any]) -> None:
+        """A model more: what is stopped leaves a report of what it has."""
+        page.build(folder / "report.html", found)
+
     with Progress(terminal(arguments.quiet)) as line, open_executor(arguments.executor) as executor:
         result = simulate(
             scene,
@@ -69,11 +74,12 @@ def _answer(scene: Scene, arguments: argparse.Namespace) -> int:
             as_described=arguments.as_described,
             threads=arguments.threads,
             tell=line.tell,
+            callback=extend,
             executor=executor,
         ).to_dict()
     for text in result["warnings"]:
         LOG.warning("warning: %s", text)
-    report = page.build(folder / "report.html", result)
+    report = folder / "report.html"
     doubts = [f"doubt: {flag}" for flag in result["flags"]]
     conclude(arguments.quiet, [*_answers(result), f"report: {report}"], doubts)
     if unknown := [each["quantity"] for each in result["answers"] if each["error_estimate"] is None]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ngsolve import ngsglobals
 
@@ -42,6 +43,7 @@ def solve(
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
+    callback: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
     """The answers that a scene asks for, by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -53,6 +55,8 @@ def solve(
     executor  who solves the models that estimates of a rung ask for, side by side (`parallel.run`): by default this process. Bodies
               at rest without memory are solved here in any case: estimates go on from their states
     questions  observables of one's own, asked beside what the scene asks
+    callback  called with the result as it is known after each rung; `result.json` is written then too, so that what is stopped
+              leaves what it has
 
     `answers` lists what was asked with value, unit (SI), tolerance and estimated error, the relative change that all steps left
     would make together; `model`; `left_out`: what the model lacks and how much that matters; `flags`: why the error may be larger
@@ -77,13 +81,14 @@ def solve(
         scene,
         folder,
         threads,
-        lambda: (
-            climb(scene, richest, tell, executor=executor, questions=questions)
+        lambda watch: (
+            climb(scene, richest, tell, executor=executor, questions=questions, watch=watch)
             if model is None
             else stand(scene, model, executor, questions)
         ),
         [AskedFor.of(quantity) for quantity in asked],
         _assumed_density(scene),
+        callback,
     )
 
 
@@ -99,16 +104,37 @@ def answered(
     scene: Scene,
     folder: str | Path | None,
     threads: int,
-    find: Callable[[], Climb],
+    find: Callable[[Callable[[Climb], Any]], Climb],
     questions: Sequence[AskedFor],
     warnings: Sequence[str] = (),
+    callback: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
-    """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own."""
+    """What `result.json` holds of the climb that is found, and written there; `warnings` beside the scene's own.
+
+    `find` is given what to call with a climb that is under way; the result so far is written then, and given to `callback`.
+    """
     started = time.perf_counter()
     ngsglobals.msg_level = 0
+
+    def written(found: Climb) -> dict[str, Any]:
+        result = _result(scene, threads, found, questions, warnings, time.perf_counter() - started)
+        if folder is not None:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            write_json(Path(folder) / "result.json", result)
+        if callback is not None:
+            callback(result)
+        return result
+
     with using(threads):
-        found = find()
-    result = {
+        found = find(written)
+    result = written(found)
+    return SceneResult(result, status=Status.CONVERGED, warnings=result["warnings"])
+
+
+def _result(
+    scene: Scene, threads: int, found: Climb, questions: Sequence[AskedFor], warnings: Sequence[str], seconds: float
+) -> dict[str, Any]:
+    return {
         "verb": "simulate",
         "title": scene.title,
         "versions": versions(),
@@ -117,9 +143,5 @@ def answered(
         "scene": scene.to_dict(),
         "warnings": [*scene.warnings, *warnings],
         **described(found, questions),
-        "time_s": time.perf_counter() - started,
+        "time_s": seconds,
     }
-    if folder is not None:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        write_json(Path(folder) / "result.json", result)
-    return SceneResult(result, status=Status.CONVERGED, warnings=result["warnings"])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,8 @@ TELLING, TURNED = 0.25, "finer elements changed the answer the other way than fo
 LOCKED = "elements lock without pressures of their own, in space more than in the section"
 CHEAP = 8.0
 """How many times as dear as one finer step both must be for that one to be tried by itself: as waves are, which are solved once."""
+UNDER_WAY = "a better model is under way, or was when this stopped"
+"""What is said of an answer that is not the last."""
 CHANCE = 0.5
 """Of the root of the sum of squares of changes: what is expected at least."""
 MOST = 1e3
@@ -100,18 +103,25 @@ def climb(
     keeper: Keeper | None = None,
     executor: parallel.AnyExecutor = None,
     questions: Sequence[Question] = (),
+    watch: Callable[[Climb], Any] = lambda _: None,
 ) -> Climb:
     """The models tried, the last of which is enough; `richest` bounds the axes. `SolverError` if the cheapest has no answer.
 
-    `questions` are asked beside the scene's own.
+    `questions` are asked beside the scene's own; `watch` is given what is known after each rung but the last.
     """
     asked: list[Asked] = [*scene.quantities, *questions]
     tolerances = np.array([quantity.tolerance for quantity in asked])
     axes = axes_of(scene, richest, questions)
-    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, tell)
+    return ascend(axes, keeper or Keeper(Bench(scene, questions), executor), tolerances, tell, watch)
 
 
-def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Callable[[Rung], None]) -> Climb:
+def ascend(
+    axes: Mapping[str, Axis],
+    keeper: Keeper,
+    tolerances: Array,
+    tell: Callable[[Rung], None],
+    watch: Callable[[Climb], Any] = lambda _: None,
+) -> Climb:
     """The same along any axes."""
     model, rungs, begun = cheapest(axes), list[Rung](), keeper.clock()
     refused: dict[str, str] = {}
@@ -126,6 +136,9 @@ def ascend(axes: Mapping[str, Axis], keeper: Keeper, tolerances: Array, tell: Ca
             break
         rung.taken = _next(open_axes, rung, tolerances)
         tell(rung)
+        watch(
+            Climb(dict(axes), status=Status.STOPPED, history=list(rungs), warnings=[UNDER_WAY, *_doubts(keeper, rung)])
+        )
         richer = {**model, **{name: _towards(axes[name], rung, tolerances) for name in rung.taken}}
         try:
             keeper(richer)

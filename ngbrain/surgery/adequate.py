@@ -96,6 +96,7 @@ def solve(
     threads: int = 1,
     tell: Callable[[Rung], None] = logged,
     executor: parallel.AnyExecutor = None,
+    callback: Callable[[dict[str, Any]], None] | None = None,
 ) -> SceneResult:
     """What an operation is asked (`Scene.quantities`), by the cheapest model that is good enough; it reads as `result.json` does.
 
@@ -116,8 +117,15 @@ def solve(
     tolerances = np.array([quantity.tolerance for quantity in operation.questions])
     asked = [AskedFor.of(quantity) for quantity in operation.questions]
     if model is None:
-        return answered(scene, folder, threads, lambda: ascend(axes, keeper, tolerances, tell), asked)
-    return answered(scene, folder, threads, lambda: stay(axes, keeper, model), asked)
+        return answered(
+            scene,
+            folder,
+            threads,
+            lambda watch: ascend(axes, keeper, tolerances, tell, watch),
+            asked,
+            callback=callback,
+        )
+    return answered(scene, folder, threads, lambda _: stay(axes, keeper, model), asked, callback=callback)
 
 
 class Operation:

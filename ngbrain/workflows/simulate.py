@@ -59,7 +59,8 @@ def simulate(
     tell : callable
         How far it has come: see `ngbrain.ladder.solve` and `ngbrain.surgery.retraction.solve`.
     callback : callable, optional
-        Called with the result's data when the protocols of an operation as described are done, and after each check.
+        Called with the result's data as far as it is known: when the protocols of an operation as described are done and after each
+        check, else after each model.
     executor : optional
         Who computes what is independent (`ngbrain.parallel`).
     questions : sequence of Question
@@ -103,10 +104,10 @@ def simulate(
     if scene.is_operation:
         if questions:
             raise InputError("questions", "given", "none: an operation has those of its own [[quantity]]")
-        return adequate.solve(scene, folder, model, richest, threads, tell, executor)
+        return adequate.solve(scene, folder, model, richest, threads, tell, executor, callback)
     if as_described:
         model = described(scene)
-    return ladder.solve(scene, folder, model, richest, threads, tell, executor, questions)
+    return ladder.solve(scene, folder, model, richest, threads, tell, executor, questions, callback)
 
 
 def described(scene: Scene) -> Model:

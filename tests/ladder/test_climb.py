@@ -1,5 +1,6 @@
 """The climb: it stops where it may, goes on where it must, and says what it left out."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
@@ -370,3 +371,27 @@ def test_an_axis_that_is_bounded_by_its_cheapest_level_stays_there() -> None:
     axes = axes_of(scene, {"pressure": "none", "strain": "linear"})
     assert axes["pressure"].levels == ("none",) and axes["strain"].levels == ("linear",)
     assert {**cheapest(axes), **richest(axes)}.items() >= {"pressure": "none", "strain": "linear"}.items()
+
+
+def test_what_is_stopped_leaves_what_it_has(tmp_path):
+    """After the first model its answers, its error and that another was under way are in the file."""
+    seen = []
+
+    def stop(result):
+        seen.append(result)
+        raise KeyboardInterrupt
+
+    scene = Scene(
+        geometry=Geometry(kind="block", size=(0.02, 0.02, 0.02)),
+        mesh=MeshSize(largest=0.02),
+        tissues=[Tissue(mu=1e3, poissons_ratio=0.3)],
+        displacement_bcs=[DisplacementBC(boundary="bottom"), DisplacementBC(boundary="top", value=(0, 0, -4e-3))],
+        quantities=[Quantity(name="force", boundary="top", tolerance=0.05)],
+    )
+    with pytest.raises(KeyboardInterrupt):
+        ngbrain.simulate(scene, tmp_path, callback=stop)
+    left = json.loads((tmp_path / "result.json").read_text())
+    assert left == json.loads(json.dumps(seen[0])) and len(left["rungs"]) == 1
+    assert left["answers"][0]["value"] < 0 and any("under way" in flag for flag in left["flags"])
+    whole = ngbrain.simulate(scene, tmp_path)
+    assert not any("under way" in flag for flag in whole["flags"]) and len(whole["rungs"]) > 1
