@@ -33,6 +33,8 @@ REGIONS = ("#F3DCC2", "#DDE6CF", "#CFE0F0", "#E8D3E8", "#F4F0B8", "#D5D5D5")
 FREE, TOOL, GHOST = "#EFE8DC", "#7A858C", "#B04A00"
 WIDE = 4.6
 """Inches of a picture, which a page shows side by side or, on a phone, one under the other."""
+STILL = 1e-4
+"""A way (m) that no arrow is drawn for: surfaces are found on grids."""
 VIEWS = ((0, 1, 2), (1, 0, 2), (2, 0, 1))
 """Axis that a slice is normal to, axis to its right (of a head to its left), axis upwards."""
 NAMES = ("Sagittal", "Coronal", "Axial")
@@ -56,12 +58,17 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A rigid body where it begins, and how far each of its points goes (m): a tool or an indenter."""
+    """A rigid body, a tool or an indenter: points (m) and triangles, where it begins and at its furthest."""
 
     name: str
     points: Floats
     triangles: Ints
-    end: Floats
+    last: tuple[Floats, Ints]
+
+    @property
+    def way(self) -> Floats:
+        """From its middle at first to its middle at its furthest (m); nothing of what widens."""
+        return np.asarray(_middle(self.last[0]) - _middle(self.points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +166,9 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
         look = {"colors": "#555555" if free else colour, "linewidths": 0.7 if free else 2.6, "capstyle": "round"}
         axes.add_collection(collections.LineCollection(lines, **look))
     for solid in drawing.solids:
-        for move, colour, dash in ((0 * solid.end, TOOL, "-"), (solid.end, GHOST, (0, (3, 2)))):
-            points = solid.points + move
-            lines = _lines(points, solid.triangles, points[:, normal] - drawing.focus[normal] - 1e-9, flat)
-            axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=1.6, linestyles=dash))
+        for points, tris, colour in ((solid.points, solid.triangles, TOOL), (*solid.last, GHOST)):
+            lines = _lines(points, tris, points[:, normal] - drawing.focus[normal] - 1e-9, flat)
+            axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=1.6))
     middle = (low + high) / 2
     x, y = (middle[axis] + size[axis] / 2 * np.array([-1, 1]) for axis in flat)
     axes.set(xlim=x[::-1] if drawing.head else x, ylim=y)
@@ -217,6 +223,11 @@ def _furnish(axes: Any, drawing: Drawing, across: int, up: int) -> None:
     axes.text(x, y + 0.015 * (d - c), f"{long:g} mm", ha="left", va="bottom", fontsize=12, color=ink)
 
 
+def _middle(points: Floats) -> Floats:
+    """Of the box around points."""
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+
 def _round(length: float) -> float:
     """1, 2 or 5 times a power of ten, no more than a length."""
     ten = 10.0 ** np.floor(np.log10(length))
@@ -259,9 +270,8 @@ def _space(drawing: Drawing) -> bytes:
         if each.way is not None and np.any(each.way):
             _arrow(axes, camera, drawing, each, reach)
     for solid in drawing.solids:
-        way = solid.end.mean(axis=0)
-        if np.linalg.norm(way) > 1e-9:  # what widens goes nowhere
-            _pointed(axes, camera, solid.points.mean(axis=0), way, reach, GHOST)
+        if np.linalg.norm(solid.way) > STILL:
+            _pointed(axes, camera, _middle(solid.points), solid.way, reach, GHOST)
     bar_mm(axes, _round(0.4e3 * reach))
     _axes(axes, camera, drawing.head, 1e3 * reach)
     return png(made)

@@ -14,9 +14,9 @@ import numpy as np
 
 from ngbrain.ladder.bodies import Bench
 from ngbrain.report import preview as page
-from ngbrain.report.blade import TOOLS, drawn
 from ngbrain.report.preview import Condition, Drawing, Solid
 from ngbrain.report.slices import ScanImage
+from ngbrain.report.tool import TOOLS, drawn
 from ngbrain.scene import Contact, DisplacementBC, Scene
 from ngbrain.surgery.adequate import LARGEST
 from ngbrain.surgery.heads import Head, head_of
@@ -116,7 +116,7 @@ def _operation(scene: Scene) -> Drawing:
     solids = []
     for first, last in zip(at, end, strict=True):
         points, triangles = first.solid()
-        solids.append(Solid(TOOLS[scene.tool.kind], points, triangles, last.solid()[0] - points))
+        solids.append(Solid(TOOLS[scene.tool.kind], points, triangles, last.solid()))
     image = _image(model.head)
     found = [each for each in conditions if each is not None]
     return Drawing(
@@ -197,7 +197,7 @@ def _rigid(body: Contact, long: float, scene: Scene) -> Solid:
         i = np.arange(2, ROUND)
         tris.append(start + np.column_stack([0 * i, i - 1, i]))
     end = np.array([float(each) for each in body.gone(scene.time.end, 1.0)])
-    return Solid(body.shape, points, np.concatenate(tris), np.broadcast_to(end, points.shape).copy())
+    return Solid(body.shape, points, np.concatenate(tris), (points + end, np.concatenate(tris)))
 
 
 def _listed(values: Any) -> str:
