@@ -168,7 +168,7 @@ def _slice(drawing: Drawing, normal: int, across: int, up: int) -> bytes:
     for solid in drawing.solids:
         for points, tris, colour in ((solid.points, solid.triangles, TOOL), (*solid.last, GHOST)):
             lines = _lines(points, tris, points[:, normal] - drawing.focus[normal] - 1e-9, flat)
-            axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=1.6))
+            axes.add_collection(collections.LineCollection(lines, colors=colour, linewidths=2.2, capstyle="round"))
     middle = (low + high) / 2
     x, y = (middle[axis] + size[axis] / 2 * np.array([-1, 1]) for axis in flat)
     axes.set(xlim=x[::-1] if drawing.head else x, ylim=y)

@@ -66,6 +66,20 @@ def test_relaxing_tissue_remembers_the_course(way):
     assert found == pytest.approx(500 * course[-1] + 500 * convolved, rel=2e-3)
 
 
+def test_a_load_by_a_formula_grows_as_it_says():
+    """100 t within a ramp of 1 s is what a load of 100 does: relaxing tissue remembers the way."""
+    tissue, time = Tissue(mu=(300.0, 700.0), tau=(0.3,), poissons_ratio=0.3), Time(ramp=1.0, end=1.0)
+    asked = (Quantity(name="displacement", point=(0, 0, 0.02), direction=(1, 0, 0)),)
+    pulled = [
+        scene(
+            FOOT, tissue=tissue, time=time, tractions=[Traction(boundary="top", value=(pull, 0, 0))], quantities=asked
+        )
+        for pull in (50.0, "50*t")
+    ]
+    one, other = (answers(made, space="plane", time="prony")[0] for made in pulled)
+    assert one == pytest.approx(other, rel=2e-3) and one > 1e-4  # in six steps and in seven
+
+
 def test_each_moment_has_its_own_answer():
     both = tuple(replace(FORCE, when=when) for when in ("end", "ramp"))
     made = sheared("0.2*sin(t)", quantities=both)
@@ -97,8 +111,26 @@ def test_a_twisted_shaft_pushes_its_ends_apart(shaft):
 
 
 @pytest.mark.slow
+def test_what_poor_elements_cannot_solve_is_tried_in_better_ones(tmp_path):
+    """Those of first order without pressures lock, and fold when they are twisted."""
+    body = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, r=0.01, h=0.02)
+    body.faces.Min(occ.Z).name, body.faces.Max(occ.Z).name = "bottom", "top"
+    occ.OCCGeometry(body).GenerateMesh(maxh=0.005, parallel_meshing=False).Save(str(tmp_path / "long.vol"))
+    made = scene(
+        FOOT,
+        DisplacementBC(boundary="top", rotation=60, axis=(0, 0, 2)),
+        tissue=Tissue(mu=1000.0, bulk_to_shear_ratio=1e4),
+        geometry=Geometry(kind="mesh", unit="m", file=str(tmp_path / "long.vol")),
+        quantities=(Quantity(name="force", boundary="top", tolerance=0.1),),
+    )
+    found = climb(made, {"mesh": "0"})
+    assert [rung.taken for rung in found.history[:3]] == [("strain",), ("pressure",), ("strain",)]
+    assert found.chosen.model["strain"] == "finite"
+
+
+@pytest.mark.slow
 def test_the_ladder_sees_that_a_twist_is_finite(shaft):
-    """Small strains do not push at all; and what coarse locked elements cannot solve is tried again in better ones."""
+    """Small strains do not push at all."""
     turned = DisplacementBC(boundary="top", rotation=60, axis=(0, 0, 2))
     along = Quantity(name="force", boundary="top", tolerance=0.1)
     made = scene(FOOT, turned, tissue=Tissue(mu=1000.0, bulk_to_shear_ratio=1e4), geometry=shaft, quantities=(along,))
@@ -313,3 +345,19 @@ def test_the_ladder_climbs_what_touches():
 def test_a_section_has_bodies_that_go_on_along_y(body, said):
     found = not_in_section(scene(FOOT, contacts=[Contact(boundary="top", **body)]))
     assert found is None if said is None else found.startswith(said)
+
+
+@pytest.mark.slow
+def test_a_body_that_is_turned_half_around_goes_around(shaft):
+    """Both ends by 180°, one 30° further: the same twist, and no way straight through the axis, where it would vanish."""
+    asked = (Quantity(name="force", boundary="top", tolerance=0.1),)
+
+    def twisted(foot, top):
+        ends = [
+            DisplacementBC(boundary=name, rotation=angle, axis=(0, 0, 1))
+            for name, angle in (("bottom", foot), ("top", top))
+        ]
+        made = scene(*ends, tissue=Tissue(mu=1000.0, poissons_ratio=0.4), geometry=shaft, quantities=asked)
+        return answers(made, strain="finite", order="1")[0]
+
+    assert twisted(180.0, 210.0) == pytest.approx(twisted(1e-9, 30.0), rel=1e-5)
