@@ -22,6 +22,7 @@ import ngsolve as ngs
 import numpy as np
 from _command import main
 from _front import figure
+from _optimisers import COLOURS, OPTIMISERS
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngbrain.adjoint.reduced import Reduced
@@ -29,10 +30,8 @@ from ngbrain.forward.common.material import Material
 from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Fields, Unknown
-from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 from ngbrain.inverse.regularise import smooth
 from ngbrain.inverse.weights import Discrepancy
 from ngbrain.materials import NeoHooke
@@ -41,7 +40,6 @@ Record = dict
 SIDE, SOFT, STIFF, BULK, START = 0.1, 1e3, 3e3, 5e4, 1.5e3
 CENTRE, RADIUS = (0.055, 0.05, 0.052), 0.022
 PRESSED, SHEARED = 0.15 * SIDE, 0.2 * SIDE
-METHODS = {"Levenberg-Marquardt": levenberg_marquardt, "L-BFGS": l_bfgs, "Newton-CG": newton_cg}
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ def inverted(block: Block, method: str, noise: float) -> Record:
     fields = Fields(model.theta, model.blocks, {"mu": Unknown(START)})
     reduced = Reduced(model, LeastSquares(data, sigma), fields, {"mu": smooth(mu.space, fields.start)}, {"mu": 10.0})
     begun = time.process_time()
-    found = METHODS[method](reduced, fields.start, Discrepancy())
+    found = OPTIMISERS[method](reduced, fields.start, Discrepancy())
     cpu = time.process_time() - begun
     mu.vec.FV().NumPy()[:] = fields.theta(found.x)
     away = ngs.CF((ngs.x, ngs.y, ngs.z)[: block.dim]) - ngs.CF(CENTRE[: block.dim])
@@ -168,8 +166,8 @@ def measure(quick: bool) -> list[Record]:
     """All methods in the plane at two noises and in space at one; there one of them on a finer mesh too."""
     plane = Block(2, 0.008, 6 if quick else 8, 6 if quick else 8)
     space = Block(3, 0.03 if quick else 0.022, 2 if quick else 3, 5 if quick else 6)
-    asked = [(plane, method, noise) for noise in ((0.01,) if quick else (0.01, 0.02)) for method in METHODS]
-    asked += [(space, method, 0.01) for method in list(METHODS)[: 1 if quick else 3]]
+    asked = [(plane, method, noise) for noise in ((0.01,) if quick else (0.01, 0.02)) for method in OPTIMISERS]
+    asked += [(space, method, 0.01) for method in list(OPTIMISERS)[: 1 if quick else None]]
     asked += [] if quick else [(Block(3, 0.02, 5, 8), "Levenberg-Marquardt", 0.01)]
     records = []
     for block, method, noise in asked:
@@ -181,12 +179,11 @@ def measure(quick: bool) -> list[Record]:
 def chart(records: list[Record], png: str) -> None:
     """Error against forward solves."""
     plt, made, axes = figure(9, 4.2, 2, sharey=True)
-    colours = dict(zip(METHODS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
     for axis, case in zip(axes, ("plane", "space"), strict=True):
         for r in (r for r in records if r["case"] == case):
             method, size = r["method"].removeprefix("ngbrain:"), str(r["unknowns"])
             filled = {"fillstyle": "full" if r["noise"] == 0.01 else "none"}
-            axis.plot(r["forwards"], r["error"], "o", color=colours[method], **filled)
+            axis.plot(r["forwards"], r["error"], "o", color=COLOURS[method], **filled)
             axis.annotate(
                 size, (r["forwards"], r["error"]), (0, 6), textcoords="offset points", ha="center", fontsize=6.5
             )
@@ -196,7 +193,7 @@ def chart(records: list[Record], png: str) -> None:
             xlim=(0, 380),
             ylim=(0, 0.4),
         )
-    for method, colour in colours.items():
+    for method, colour in COLOURS.items():
         axes[0].plot([], [], "o", color=colour, label=method)
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")
     axes[0].set_ylabel("relative error of μ")

@@ -25,7 +25,7 @@ from ngbrain.inverse.found import Found
 from ngbrain.inverse.gauss_newton import GaussNewton
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.phantoms import Inversion, Measured, Phantom
-from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
+from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
 
 Record = dict
 CASE = "CV-G"
@@ -148,6 +148,7 @@ DESCENTS = (
     ("ngbrain:LM", "uniform", of_start(levenberg_marquardt)),
     ("ngbrain:Newton-CG", "uniform", of_start(newton_cg)),
     ("ngbrain:L-BFGS", "uniform", of_start(l_bfgs)),
+    ("ngbrain:BFGS", "uniform", of_start(bfgs)),
 )
 
 
@@ -159,8 +160,8 @@ def chart(records: list[Record], png: str) -> None:
     styles = {}
     for k, method in enumerate(m for m in methods if m.startswith("ngbrain:")):
         styles[method] = {
-            "color": (*STRONG, "#000000")[k],
-            "marker": "oDsoDs"[k],
+            "color": (*STRONG, "#000000", "#CC79A7")[k],
+            "marker": "oDsoDsv"[k],
             "linestyle": "",
             "ms": 8,
             "zorder": 4,

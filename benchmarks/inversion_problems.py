@@ -34,6 +34,7 @@ import numpy as np
 from _command import main
 from _front import figure
 from _hanging import NOISE, SIDE, Hanging, meshed, rms
+from _optimisers import COLOURS, OPTIMISERS
 
 from ngbrain.adjoint.reduced import Reduced
 from ngbrain.errors import ConvergenceError
@@ -42,11 +43,9 @@ from ngbrain.forward.observables import Displacements, Force
 from ngbrain.forward.sensitivity.static_model import Case, StaticModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
-from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.misfit import LeastSquares
 from ngbrain.inverse.parameters import Bounded, Fields, Scaled, Unknown
 from ngbrain.inverse.posterior import Posterior
-from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 from ngbrain.inverse.regularise import ridge, smooth
 from ngbrain.inverse.weights import EvidenceOfNoise
 from ngbrain.materials import HolzapfelGasserOgden, Ogden
@@ -54,11 +53,7 @@ from ngbrain.materials import HolzapfelGasserOgden, Ogden
 Record = dict
 Array = np.ndarray
 OURS = "ngbrain:Levenberg-Marquardt"
-SEARCHES: dict[str, Callable[..., Found]] = {
-    OURS: levenberg_marquardt,
-    "ngbrain:Newton-CG": newton_cg,
-    "ngbrain:L-BFGS": l_bfgs,
-}
+SEARCHES: dict[str, Callable[..., Found]] = {f"ngbrain:{name}": search for name, search in OPTIMISERS.items()}
 
 
 def lattice(n: int, dim: int) -> Array:
@@ -243,7 +238,7 @@ def fibres(
 
 
 def searched(quick: bool) -> list[Record]:
-    """Each problem by three optimisers, and by the first with twice the noise; times in sets of equilibria from rest."""
+    """Each problem by all optimisers, and by the first with twice the noise; times in sets of equilibria from rest."""
     records = []
     for noise, methods in ((NOISE, list(SEARCHES)[: 1 if quick else None]), (2 * NOISE, [OURS])):
         of = Hanging(6, 16, noise=noise)
@@ -300,16 +295,16 @@ def chart(records: list[Record], png: str) -> None:
     plt, made, (shape, tissue, fibre, search) = figure(17, 4.2, 4)
     compared = [r for r in records if r.get("case") == "search"]
     records = [r for r in records if r.get("case") != "search"]
-    colours, names = ("#0072B2", "#009E73", "#D55E00"), list(dict.fromkeys(r["problem"] for r in compared))
+    colours, names = list(COLOURS.values()), list(dict.fromkeys(r["problem"] for r in compared))
     for r in compared:
         k, doubled = list(SEARCHES).index(r["method"]), r["noise"] > NOISE
-        where = names.index(r["problem"]) + 0.21 * (3 if doubled else k) - 0.32
+        where = names.index(r["problem"]) + 0.15 * (len(SEARCHES) if doubled else k) - 0.37
         method = r["method"].removeprefix("ngbrain:") + (f", {r['noise']:.0%} noise" if doubled else "")
         label = method if r["problem"] == names[0] else None
-        search.bar(where, r["sets"], 0.2, edgecolor=colours[k], color="none" if doubled else colours[k], label=label)
-        search.text(where, r["sets"] + 4, f"{r['error']:.1%}", ha="center", fontsize=6.5)
+        search.bar(where, r["sets"], 0.14, edgecolor=colours[k], color="none" if doubled else colours[k], label=label)
+        search.text(where, r["sets"] + 4, f"{r['error']:.1%}", ha="center", fontsize=5.5, rotation=90)
     search.set_xticks(range(len(names)), names)
-    search.set(title="three optimisers, with errors", ylabel="CPU time in sets of equilibria")
+    search.set(title="optimisers, with errors", ylabel="CPU time in sets of equilibria")
     search.legend(frameon=False, fontsize=7)
     rows = [r for r in records if r["problem"] == "unloaded shape"]
     rows = [r for r in rows if r["ndof"] == rows[-1]["ndof"]]

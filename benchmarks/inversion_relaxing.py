@@ -27,6 +27,7 @@ import ngsolve as ngs
 import numpy as np
 from _command import main
 from _front import figure
+from _optimisers import COLOURS, OPTIMISERS
 from netgen.occ import Box, Glue, OCCGeometry, X, Y, Z
 
 from ngbrain.errors import NgbrainError
@@ -37,7 +38,6 @@ from ngbrain.forward.sensitivity.transient.run_model import RunModel
 from ngbrain.forward.solid.problem import Problem
 from ngbrain.inverse.found import Found
 from ngbrain.inverse.parameters import Bounded, Transform, Unknown
-from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 from ngbrain.inverse.recover import Recovered, recover
 from ngbrain.materials import Law, Maxwell, NeoHooke, Prony, Viscous
 from ngbrain.surgery.protocols import Drive, Protocol
@@ -50,7 +50,7 @@ POINTS = SIDE * np.random.default_rng(3).uniform(0.15, 0.85, (8, 3))
 SEEN = np.concatenate([np.linspace(0.25, 1, 4), 1 + np.geomspace(0.2, 60, 20)])
 FINER = np.unique(np.concatenate([SEEN, np.linspace(0, 1, 17)[1:], 1 + np.geomspace(0.05, 60, 61)]))
 NOISE, SEEDS = (0.01, 0.02), 5
-OTHERS = {"l-bfgs": l_bfgs, "newton-cg": newton_cg}
+OTHERS = {name.lower(): search for name, search in OPTIMISERS.items() if name != "Levenberg-Marquardt"}
 OURS = "levenberg-marquardt"
 
 
@@ -256,7 +256,7 @@ def solved(name: str, finest: Grid, seeds: Mapping[tuple[Grid, float], int]) -> 
 SYMBOLS = {"mu": "μ", "fast": "g₁", "tau_fast": "τ₁", "slow": "g₂", "tau_slow": "τ₂"}
 SYMBOLS |= {"rest": "μ∞", "spring": "μ₁", "eta": "η", "low": "μ, low", "high": "μ, high"}
 LOOKS = {COARSE.name: ("#D55E00", "o", -0.17), FINE.name: ("#0072B2", "s", 0.17)}
-METHODS = {OURS: "#0072B2", "l-bfgs": "#E69F00", "newton-cg": "#009E73"}
+METHODS = {name.lower(): colour for name, colour in COLOURS.items()}
 
 
 def chart(records: list[Record], png: str) -> None:
@@ -283,10 +283,10 @@ def chart(records: list[Record], png: str) -> None:
         for i, r in enumerate(rows):
             if r is None:
                 continue
-            x = i + 0.27 * (k - 1)
-            third.bar(x, r["in_runs"], 0.25, color=colour, label=method if i == 0 else None)
+            x = i + 0.17 * (k - 2)
+            third.bar(x, r["in_runs"], 0.15, color=colour, label=method if i == 0 else None)
             text = f"{r['in_runs']:.0f}" if r["converged"] else f"{r['in_runs']:.0f}\nnot settled"
-            third.text(x, r["in_runs"], text, ha="center", va="bottom", fontsize=8)
+            third.text(x, r["in_runs"], text, ha="center", va="bottom", fontsize=6)
     third.set_xticks(range(len(PROBLEMS)), [name.replace(" ", "\n", 1) for name in PROBLEMS])
     third.set(ylabel="CPU time over that of a run", title=f"Cost, elements of {COARSE.name}")
     third.legend(fontsize=8)

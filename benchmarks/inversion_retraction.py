@@ -23,11 +23,11 @@ import ngsolve as ngs
 import numpy as np
 from _command import main
 from _front import figure
+from _optimisers import OPTIMISERS, OURS
 from scipy.special import ndtri
 
 from ngbrain.inverse.band import LEVEL
 from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
-from ngbrain.inverse.quasi_newton import l_bfgs, newton_cg
 from ngbrain.scene import Protocol, Scene
 from ngbrain.surgery.calibrate import SPREAD, Calibrated, Retracted, Search, Seen, calibrate
 from ngbrain.surgery.model import Model
@@ -36,8 +36,6 @@ Record = dict
 TRUTH = {"idealised_fast": {"cortex": 1.5, "white": 0.7}, "demo_fast": {"grey": 1.5, "white": 0.7}}
 OPENING, RAMP, ELAPSED, STAGES = 3e-3, 5.0, 60.0, (2.5, 5.0, 10.0, 25.0, 60.0)
 LANDMARKS, NEAR = 16, 0.02
-OURS = "Levenberg-Marquardt"
-SEARCHES = {OURS: levenberg_marquardt, "L-BFGS": l_bfgs, "Newton-CG": newton_cg}
 NOISE, FINER = (0.01, 0.02), 0.8
 SEEDS = 20
 
@@ -93,7 +91,7 @@ def record(
     retracted.run.at(retracted.run.theta)
     run, begun = time.process_time() - first, time.process_time()
     got: Calibrated = calibrate(
-        model, noisy(seen, noise), list(TRUTH[name]), search=search or SEARCHES[method], finer=False
+        model, noisy(seen, noise), list(TRUTH[name]), search=search or OPTIMISERS[method], finer=False
     )
     factors = {tissue: float(band.value) for tissue, band in got.factors.items()}
     ends = {tissue: [float(band.low), float(band.high)] for tissue, band in got.factors.items()}
@@ -144,7 +142,7 @@ def measure(quick: bool) -> list[Record]:
     """All heads; quick, one round on its own mesh while the blade opens."""
     if quick:
         (name, *_), stages = TRUTH, STAGES[:2]
-        model = Model.of(operation(name, 1.4, 0.3, stages[-1] + 1))
+        model = Model.of(operation(name, 1.4, 0.1, stages[-1] + 1))
         once = partial(levenberg_marquardt, rounds=1)
         return [record(name, model, observed(name, model, stages), NOISE[0], search=once)]
     records = []
@@ -154,7 +152,7 @@ def measure(quick: bool) -> list[Record]:
         for noise in NOISE[: 1 if name == "demo_fast" else None]:
             records.append(record(name, model, seen, noise))
         if name == "idealised_fast":
-            records += [record(name, model, seen, NOISE[0], method) for method in SEARCHES if method != OURS]
+            records += [record(name, model, seen, NOISE[0], method) for method in OPTIMISERS if method != OURS]
     return records
 
 

@@ -1,0 +1,19 @@
+"""The optimisers that every inverse problem is compared by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ngbrain.inverse.found import Found
+from ngbrain.inverse.levenberg_marquardt import gauss_newton, levenberg_marquardt
+from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
+
+OURS = "Levenberg-Marquardt"
+OPTIMISERS: dict[str, Callable[..., Found]] = {
+    OURS: levenberg_marquardt,
+    "Gauss-Newton": gauss_newton,
+    "BFGS": bfgs,
+    "L-BFGS": l_bfgs,
+    "Newton-CG": newton_cg,
+}
+COLOURS = dict(zip(OPTIMISERS, ("#0072B2", "#CC79A7", "#E69F00", "#D55E00", "#009E73"), strict=True))
