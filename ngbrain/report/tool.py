@@ -74,7 +74,8 @@ class Drawn:
         a, c = self._axes(FINE, (0, 2))
         at = np.stack([each.ravel() for each in np.meshgrid(a, [0.0], c, indexing="ij")], axis=1)
         grid = self.tool.signed(self.advance, at).reshape(len(a), len(c))
-        lines = require("contourpy", "report").contour_generator(a, c, grid.T).lines(0.0)
+        axes = require("matplotlib.figure", "report").Figure().subplots()
+        (lines,) = axes.contour(a, c, grid.T, [0.0]).allsegs
         return np.asarray(max(lines, key=len)) * [self._side, 1]
 
     def solid(self) -> tuple[Floats, Ints]:

@@ -11,7 +11,7 @@ from ngbrain.forward.common.loads import Pressure, Spring, Traction, Weight
 from ngbrain.forward.common.material import Material
 from ngbrain.forward.contact.force_control import GivenForce
 from ngbrain.forward.contact.friction import Friction
-from ngbrain.forward.contact.rigid import Contact
+from ngbrain.forward.contact.rigid import Contact, surface_rules
 from ngbrain.forward.contact.rigid import Sliding as Film
 from ngbrain.forward.observables import Displacements, Force, Functional, Ratio, region_volume
 from ngbrain.forward.sensitivity.transient.run_model import RunModel
@@ -88,7 +88,8 @@ def touching(of):
     """Which points of walls touch, and how deep, and which slide, at the end of every step."""
     found, body = [], of.body
     for _ in of.replay.forwards():
-        for contact, (_, points) in zip([c for c in body.contacts if isinstance(c, Contact)], body.gaps, strict=True):
+        for contact in (each for each in body.contacts if isinstance(each, Contact)):
+            points = body.mesh.MapToAllElements(surface_rules(body.mesh), body.mesh.Boundaries(contact.wall))
             depth = body.offset - contact.gap(body.u)
             found.append(ngs.IfPos(depth, ngs.IfPos(depth - contact.softness, 2.0, 1.0), 0.0)(points).ravel())
         for rub in body.friction.rubs:
