@@ -12,6 +12,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
+from ngbrain.errors import InputError
 from ngbrain.ladder.bodies import Bench
 from ngbrain.report import preview as page
 from ngbrain.report.preview import Condition, Drawing, Solid
@@ -101,9 +102,13 @@ def _body(scene: Scene) -> Drawing:
 
 
 def _operation(scene: Scene) -> Drawing:
-    """Of an operation: the mesh on large elements, which takes seconds."""
-    coarse = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
-    model = Model.of(replace(scene, mesh=coarse))
+    """Of an operation: the mesh on large elements, which takes seconds, or on its own where there is none so large."""
+    sizes = replace(scene.mesh, **{name: max(getattr(scene.mesh, name), size) for name, size in LARGEST.items()})
+    head, coarse = head_of(scene.geometry), True
+    try:
+        model = Model.of(replace(scene, mesh=sizes), head)
+    except InputError:  # whatever else is wrong is so again
+        model, coarse = Model.of(scene, head), False
     model.materials(2)
     names = sorted(set(model.mesh.GetBoundaries()))
     conditions = [
@@ -120,8 +125,8 @@ def _operation(scene: Scene) -> Drawing:
     image = _image(model.head)
     found = [each for each in conditions if each is not None]
     return Drawing(
-        scene.title, **_parts(model.mesh), focus=cleft.target, head=True, conditions=found, solids=solids, image=image, coarse=True,
-        tables=_tables(scene, model.mesh, found), warnings=scene.warnings,
+        scene.title, **_parts(model.mesh), focus=cleft.target, head=True, conditions=found, solids=solids, image=image,
+        coarse=coarse, tables=_tables(scene, model.mesh, found), warnings=scene.warnings,
     )  # fmt: skip
 
 

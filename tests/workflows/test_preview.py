@@ -15,7 +15,18 @@ from ngbrain import preview
 from ngbrain.cli import main
 from ngbrain.errors import InputError
 from ngbrain.report.preview import KINDS, TOOL
-from ngbrain.scene import Contact, DisplacementBC, Geometry, MeshSize, Pressure, Quantity, Scene, Tissue, Traction
+from ngbrain.scene import (
+    Cleft,
+    Contact,
+    DisplacementBC,
+    Geometry,
+    MeshSize,
+    Pressure,
+    Quantity,
+    Scene,
+    Tissue,
+    Traction,
+)
 
 FOOT = DisplacementBC(boundary="bottom")
 
@@ -100,3 +111,16 @@ def test_an_operation_is_drawn(tmp_path):
     page = preview(Scene.from_dict(data), tmp_path)
     assert seen(page, KINDS["walls of the cleft"], 2) > 1e-4 and seen(page, TOOL, 2) > 1e-4
     assert seen(page, KINDS["held"], 1) > 2e-3 and "at its furthest" in page.read_text()
+
+
+@pytest.mark.slow
+def test_where_large_elements_cannot_be_made_its_own_are_drawn(tmp_path):
+    """A wide cleft beside a large craniotomy's elements: Netgen gives up on the preview's sizes."""
+    scene = Scene(
+        geometry=Geometry(kind="idealised"),
+        mesh=MeshSize(wall=4e-3, craniotomy=10e-3, largest=30e-3),
+        tissues=[Tissue(region=".*", mu=1000.0)],
+        cleft=Cleft(target=(0.018, 0, 0.022), gap=6e-3, width=14e-3),
+    )
+    text = preview(scene, tmp_path).read_text()
+    assert "The mesh is drawn in large elements" not in text and "blade" in text
