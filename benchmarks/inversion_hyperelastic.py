@@ -190,7 +190,8 @@ def chart(records: list[Record], png: str) -> None:
         axis.set(
             title=f"{case}; hollow: 2 % noise; with unknowns",
             xlabel="CPU time in forward solves",
-            xlim=(0, 380),
+            xscale="log",
+            xlim=(7, 1000),
             ylim=(0, 0.4),
         )
     for method, colour in COLOURS.items():
