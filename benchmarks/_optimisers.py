@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from ngbrain.inverse.found import Found
-from ngbrain.inverse.levenberg_marquardt import gauss_newton, levenberg_marquardt
+from ngbrain.inverse.levenberg_marquardt import levenberg_marquardt
 from ngbrain.inverse.quasi_newton import bfgs, l_bfgs, newton_cg
 
 OURS = "Levenberg-Marquardt"
 OPTIMISERS: dict[str, Callable[..., Found]] = {
     OURS: levenberg_marquardt,
-    "Gauss-Newton": gauss_newton,
+    "Gauss-Newton": partial(levenberg_marquardt, first=1e-6),
     "BFGS": bfgs,
     "L-BFGS": l_bfgs,
     "Newton-CG": newton_cg,

@@ -16,7 +16,7 @@ Array = np.ndarray
 ROUGH, MOST = 1e-3, 200
 """Of the solutions by which traces are estimated."""
 FORGOTTEN = 2.0
-"""Fits of a small constant arrive by 2 and by 4, in 13 to 28 steps, by 16 none does; four Prony terms take a tenth fewer runs by 2
+"""Fits of a small constant arrive by 2 and by 4, in 16 to 28 steps, by 16 none does; four Prony terms take a sixth fewer runs by 2
 than by 1.
 """
 

@@ -27,8 +27,6 @@ DENSE = 2000
 """Unknowns up to which the Jacobian is a matrix."""
 FIRST = 1.0
 """Damping to begin with: in this metric as much as all regularisers."""
-NO_DAMPING = 1e-6
-"""So little that a step is that of Gauss and Newton; from there it grows sixfold with every second trial that fails."""
 SHORT, LONGEST = 1.0, 3.0
 """A step changes no unknown by more than the second, of logarithms a factor of 20, and one that no regulariser holds at first by no
 more than the other, a factor of e: else one of which data tell little is lost at once, and they tell nothing of it from there."""
@@ -37,26 +35,6 @@ ROUNDS = 60
 ROUGH, MOST = 0.01, 200
 """Of steps by conjugate gradients."""
 NOTHING = 1e-9
-
-
-def gauss_newton(
-    reduced: Reduced,
-    x: Array,
-    policy: Policy | None = None,
-    tell: Callable[[Iteration], None] = lambda _: None,
-    seed: int = 0,
-    *,
-    dense: int = DENSE,
-    rounds: int = ROUNDS,
-) -> Found:
-    """The same without damping, but for steps that do not lower J: those of Gauss and Newton, for any model.
-
-    >>> from ngbrain.inverse.phantoms import Phantom
-    >>> inversion = Phantom.named("CV-G", 9).measured(0.01).inversion()
-    >>> gauss_newton(inversion.reduced, inversion.start).level.ratio < 1.3
-    True
-    """
-    return levenberg_marquardt(reduced, x, policy, tell, seed, dense=dense, rounds=rounds, first=NO_DAMPING)
 
 
 def levenberg_marquardt(
@@ -73,7 +51,7 @@ def levenberg_marquardt(
     """From x down, the weights changed by `policy` after every step that falls.
 
     dense  unknowns up to which H is a matrix (one solve for each of them and each load); beyond, conjugate gradients
-    first  damping to begin with
+    first  damping to begin with; hardly any: steps of Gauss and Newton, damped where one does not lower J
 
     Raises `ConvergenceError` when no step from x lowers J.
 
