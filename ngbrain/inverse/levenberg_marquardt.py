@@ -25,8 +25,9 @@ from ngbrain.inverse.weights import Level, Policy
 Array = np.ndarray
 DENSE = 2000
 """Unknowns up to which the Jacobian is a matrix."""
-FIRST = 1.0
-"""Damping to begin with: in this metric as much as all regularisers."""
+FIRST, LIGHT = 1.0, 0.1
+"""Damping to begin with: in this metric as much as all regularisers; and a tenth of the mean curvature where none holds some
+unknown, whose steps are bounded anyway (relaxing bodies: 6 Jacobians for 9 and 17 for 18; by .01 the same)."""
 SHORT, LONGEST = 1.0, 3.0
 """A step changes no unknown by more than the second, of logarithms a factor of 20, and one that no regulariser holds at first by no
 more than the other, a factor of e: else one of which data tell little is lost at once, and they tell nothing of it from there."""
@@ -46,12 +47,13 @@ def levenberg_marquardt(
     *,
     dense: int = DENSE,
     rounds: int = ROUNDS,
-    first: float = FIRST,
+    first: float | None = None,
 ) -> Found:
     """From x down, the weights changed by `policy` after every step that falls.
 
     dense  unknowns up to which H is a matrix (one solve for each of them and each load); beyond, conjugate gradients
-    first  damping to begin with; hardly any: steps of Gauss and Newton, damped where one does not lower J
+    first  damping to begin with (None: `FIRST`, or `LIGHT` where no regulariser holds some unknown); hardly any: steps of Gauss
+           and Newton, damped where one does not lower J
 
     Raises `ConvergenceError` when no step from x lowers J.
 
@@ -63,10 +65,11 @@ def levenberg_marquardt(
     """
     ledger = Ledger(reduced, policy, tell, seed)
     history: list[Iteration] = []
-    point, settled, stuck, damping, longest = reduced.at(x), False, False, first, SHORT
-    metric: Metric | None = None
-    for _ in range(rounds):
-        metric = Metric.of(point, metric)
+    point, settled, stuck, longest = reduced.at(x), False, False, SHORT
+    metric = Metric.of(point)
+    damping = first if first is not None else LIGHT if metric.loose.any() else FIRST
+    for step_number in range(rounds):
+        metric = Metric.of(point, metric) if step_number else metric
         H: Curvature = Dense(point, metric) if len(x) <= dense else Curvature(point, metric)
         gradient = point.gradient()
         growth = 2.0

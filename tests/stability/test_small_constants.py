@@ -1,6 +1,6 @@
 """Constants of a law that start small: forces at a few stretches, noise of 1 %, the first guess (2000, 50) or (2000, 50, 500) Pa.
 
-Naive: steps that change a logarithm by up to 3, in the scale of where they stand: the small constant goes to nothing within a few
+Naive: steps that change a logarithm by up to 3, in the scale of where they stand, damped by as much at first: the small constant goes to nothing within a few
 steps, where data tell nothing of it, and the misfit ends over 1 000 times above the noise. Ours: a factor of e at first, and the
 largest scale so far: all are found, and the misfit is that of the noise.
 """
@@ -63,6 +63,7 @@ def fitted(truth):
 def test_naive_long_steps_lose_the_small_constant(truth, monkeypatch):
     monkeypatch.setattr(optimiser, "SHORT", optimiser.LONGEST)
     monkeypatch.setattr(optimiser, "bounded", lambda *_: optimiser.LONGEST)
+    monkeypatch.setattr(optimiser, "LIGHT", optimiser.FIRST)
     of = Metric.of
     monkeypatch.setattr(Metric, "of", staticmethod(lambda point, before=None: of(point)))
     try:
